@@ -1,0 +1,1 @@
+"""Proof that a scenario row is what it says."""

@@ -1,0 +1,1 @@
+"""Polylines, Frenet frames, footprints and overlap: pure functions on arrays."""

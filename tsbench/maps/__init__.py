@@ -1,0 +1,1 @@
+"""From an OSM extract to a pool of small SUMO networks."""

@@ -1,0 +1,84 @@
+"""A small road network as SUMO's *plain* elements: what a crop is cut into and what a scene edits.
+
+Source: SUMO documentation, "Networks / PlainXML"; shared between `maps.crop` (cuts), the scenario recipes
+(priorities, crossings, split edges) and `maps.netconvert` (builds the `.net.xml.gz`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PlainNode:
+    """A node: position in metres in the crop's own frame (x east, y north)."""
+
+    id: str
+    x: float
+    y: float
+    type: str = "priority"
+
+
+@dataclass(frozen=True, slots=True)
+class PlainLane:
+    """What differs on one lane (index 0 is the rightmost). `allow`/`disallow`: SUMO vClass lists, "" = default."""
+
+    index: int
+    width: float | None = None
+    speed: float | None = None
+    allow: str = ""
+    disallow: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PlainEdge:
+    """A directed edge; `shape` includes both end points, metres; `speed` m/s; `priority` as SUMO's."""
+
+    id: str
+    source: str
+    target: str
+    num_lanes: int
+    speed: float
+    priority: int
+    shape: tuple[Point, ...]
+    type: str = ""
+    name: str = ""
+    width: float | None = None
+    spread: str = "right"
+    allow: str = ""
+    disallow: str = ""
+    lanes: tuple[PlainLane, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PlainConnection:
+    """A lane-to-lane connection. An edge without any has none given: netconvert computes them."""
+
+    source: str
+    target: str
+    from_lane: int
+    to_lane: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlainCrossing:
+    """A pedestrian crossing over `edges` at `node`; width in metres."""
+
+    node: str
+    edges: tuple[str, ...]
+    width: float = 4.0
+    priority: bool = True
+
+
+@dataclass(frozen=True)
+class PlainNet:
+    """The elements of one small network. `place`: (lat, lon) of the origin; ids are those of the source network."""
+
+    nodes: tuple[PlainNode, ...]
+    edges: tuple[PlainEdge, ...]
+    connections: tuple[PlainConnection, ...]
+    crossings: tuple[PlainCrossing, ...] = ()
+    origin: Point = (0.0, 0.0)
+    attributes: dict[str, str] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""Metrics per episode, aggregation and intervals."""

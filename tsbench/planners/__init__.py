@@ -1,0 +1,1 @@
+"""The planner contract and the planners."""

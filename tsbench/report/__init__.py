@@ -1,0 +1,1 @@
+"""Tables, figures, bird's-eye views and video."""

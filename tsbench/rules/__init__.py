@@ -1,0 +1,1 @@
+"""One monitor per rule; three-valued verdicts with evidence."""

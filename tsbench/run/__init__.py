@@ -1,0 +1,1 @@
+"""Episodes, workers, records and resuming."""

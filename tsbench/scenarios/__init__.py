@@ -1,0 +1,1 @@
+"""Scenario rows, recipes, variants and the split."""

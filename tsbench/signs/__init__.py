@@ -1,0 +1,1 @@
+"""The sign catalogue, its SUMO annotations and its plates."""

@@ -1,0 +1,1 @@
+"""The simulation: SUMO, the ego vehicle, the world snapshot, navigation."""
