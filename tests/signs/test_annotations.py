@@ -1,0 +1,155 @@
+"""A plate written as a SUMO point of interest and read again is the same plate."""
+
+import math
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from lxml import etree
+
+from tsbench.errors import InputError
+from tsbench.signs.annotations import (
+    ALL_LANES,
+    ROLES,
+    SignInstance,
+    sign_to_poi,
+    signs_from_additional,
+    sumo_angle,
+)
+
+RESERVED = {"code", "value", "edge", "lane", "position_m", "heading", "role", "ends"}
+NAMES = st.text(string.ascii_letters + string.digits + "_-.#:", min_size=1, max_size=12)
+# What XML 1.0 can carry: no surrogates, no control characters but tab and newlines.
+TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Cn")), max_size=12)
+FLOATS = st.floats(-1e7, 1e7)
+SIGNS = st.builds(
+    SignInstance,
+    id=NAMES,
+    code=NAMES,
+    value=st.none() | FLOATS,
+    edge=NAMES,
+    lane=st.integers(ALL_LANES, 9),
+    position_m=st.floats(0, 1e5),
+    x=FLOATS,
+    y=FLOATS,
+    heading=st.floats(-10, 10),
+    role=st.sampled_from(ROLES),
+    ends=st.none(),
+    params=st.dictionaries(NAMES.filter(lambda key: key not in RESERVED), TEXTS, max_size=3),
+)
+
+
+def plate(**changes: object) -> SignInstance:
+    fields: dict[str, object] = {
+        "id": "target",
+        "code": "3.24",
+        "value": 40.0,
+        "edge": "-12#3",
+        "lane": ALL_LANES,
+        "position_m": 12.5,
+        "x": 3.0,
+        "y": -4.0,
+        "heading": 0.0,
+        "role": "target",
+    }
+    return SignInstance(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def additional(*signs: SignInstance) -> etree._Element:
+    root = etree.Element("additional")
+    root.extend(sign_to_poi(sign) for sign in signs)
+    return root
+
+
+@given(st.lists(SIGNS, max_size=4, unique_by=lambda sign: sign.id))
+def test_round_trip_through_text_is_exact(signs: list[SignInstance]) -> None:
+    text = etree.tostring(additional(*signs), encoding="utf-8")
+    assert signs_from_additional(etree.fromstring(text)) == tuple(signs)
+
+
+def test_an_end_plate_names_the_plate_it_ends() -> None:
+    end = plate(id="end", code="3.25", role="end", ends="target")
+    assert signs_from_additional(additional(plate(), end))[1].ends == "target"
+
+
+def test_points_of_interest_of_other_types_are_skipped() -> None:
+    root = additional(plate())
+    etree.SubElement(root, "poi", {"id": "cafe", "type": "amenity", "x": "0", "y": "0"})
+    assert [sign.id for sign in signs_from_additional(root)] == ["target"]
+
+
+@pytest.mark.parametrize(
+    ("heading", "angle"),
+    [(0.0, 90.0), (math.pi / 2, 0.0), (math.pi, 270.0), (-math.pi / 2, 180.0), (math.pi / 2 + 1e-18, 0.0)],
+)
+def test_sumo_angle_turns_clockwise_from_north(heading: float, angle: float) -> None:
+    assert sumo_angle(heading) == pytest.approx(angle)
+
+
+@given(st.floats(-100, 100))
+def test_sumo_angle_stays_in_its_range(heading: float) -> None:
+    assert 0.0 <= sumo_angle(heading) < 360.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"heading": math.nan}, "heading"),
+        ({"x": math.inf}, "x"),
+        ({"value": math.nan}, "value"),
+        ({"lane": -2}, "lane"),
+        ({"position_m": -0.1}, "position_m"),
+        ({"role": "main"}, "role"),
+        ({"id": ""}, "id"),
+        ({"params": {"edge": "other"}}, "params"),
+    ],
+)
+def test_an_impossible_plate_is_refused(change: dict[str, object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        plate(**change)
+
+
+def broken(key: str, text: str | None) -> etree._Element:
+    """A scene whose plate has one attribute or param set to a text, or removed with None."""
+    root = additional(plate())
+    poi = root[0]
+    if key in poi.attrib:
+        poi.attrib.pop(key) if text is None else poi.set(key, text)
+        return root
+    param = next(child for child in poi if child.get("key") == key)
+    poi.remove(param) if text is None else param.set("value", text)
+    return root
+
+
+@pytest.mark.parametrize("key", ["id", "x", "angle", "code", "edge", "lane", "position_m", "heading", "role"])
+@pytest.mark.parametrize("text", [None, "", "nan", "one\ntwo"])
+def test_a_damaged_plate_gives_one_line_with_file_and_place(key: str, text: str | None) -> None:
+    if key in ("id", "code", "edge") and text in ("nan", "one\ntwo"):
+        pytest.skip("any text is a name")
+    with pytest.raises(InputError, match=r"^scene\.add\.xml: sign .*") as caught:
+        signs_from_additional(broken(key, text), "scene.add.xml")
+    assert "\n" not in str(caught.value)
+
+
+def test_an_angle_that_contradicts_the_heading_is_refused() -> None:
+    with pytest.raises(InputError, match="contradicts"):
+        signs_from_additional(broken("angle", "12.0"))
+
+
+def test_two_plates_of_one_id_are_refused() -> None:
+    with pytest.raises(InputError, match="twice"):
+        signs_from_additional(additional(plate(), plate()))
+
+
+def test_a_param_given_twice_or_without_key_is_refused() -> None:
+    for attributes in ({"key": "code", "value": "2.4"}, {"value": "2.4"}):
+        root = additional(plate())
+        etree.SubElement(root[0], "param", attributes)
+        with pytest.raises(InputError, match="a param has"):
+            signs_from_additional(root)
+
+
+def test_an_end_plate_of_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match="not in the scene"):
+        signs_from_additional(additional(plate(role="end", ends="gone")))

@@ -1,0 +1,177 @@
+"""One plate in a scene: the SUMO point of interest that stands for it, written and read without loss.
+
+A plate is a `<poi type="sign">` of the scene's additional file, so that `sumo-gui` shows it as it is.
+Everything that a monitor or a planner needs stands in its `<param>` children; floats are written with `repr`,
+so a plate that is written and read again is equal to the one before.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from lxml import etree
+
+from tsbench.errors import InputError
+
+ALL_LANES = -1
+ROLES = ("target", "end", "context")
+
+_COLORS = {"target": "red", "end": "grey", "context": "orange"}
+_LAYER = "100"
+_RESERVED = frozenset({"code", "value", "edge", "lane", "position_m", "heading", "role", "ends"})
+_ANGLE_TOLERANCE_DEG = 0.01
+
+
+@dataclass(frozen=True)
+class SignInstance:
+    """One plate in one scene.
+
+    Attributes:
+        id: unique within the scene's additional file.
+        code: catalogue code, such as "3.24".
+        value: posted value in the sign's own unit (km/h), None where the sign carries none.
+        edge: SUMO edge whose traffic the plate addresses.
+        lane: SUMO lane index on that edge (0 = rightmost), ALL_LANES (-1) for every lane.
+        position_m: where the plate's line crosses the edge, metres from the start of its lanes.
+        x, y: where the post stands, metres in the network's frame.
+        heading: direction of travel of the traffic that the plate faces, rad, counter-clockwise from +x.
+        role: "target" (the scene's watched sign), "end" (closes the target's zone) or "context".
+        ends: id of the plate in the same scene that this one ends, else None.
+        params: further parameters of the point of interest; keys other than the ones above.
+    """
+
+    id: str
+    code: str
+    value: float | None
+    edge: str
+    lane: int
+    position_m: float
+    x: float
+    y: float
+    heading: float
+    role: str
+    ends: str | None = None
+    params: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        problem = _problem(self)
+        if problem is not None:
+            raise ValueError(f"sign {self.id!r}: {problem}")
+
+
+def _problem(sign: SignInstance) -> str | None:
+    """What makes a plate impossible, in words; None when it is well formed."""
+    numbers = {"position_m": sign.position_m, "x": sign.x, "y": sign.y, "heading": sign.heading}
+    if sign.value is not None:
+        numbers["value"] = sign.value
+    for name, number in numbers.items():
+        if not math.isfinite(number):
+            return f"{name}: {number} is not a finite number"
+    for name, text in (("id", sign.id), ("code", sign.code), ("edge", sign.edge)):
+        if not text:
+            return f"{name}: is empty"
+    if sign.lane < ALL_LANES:
+        return f"lane: {sign.lane} is below {ALL_LANES}"
+    if sign.position_m < 0:
+        return f"position_m: {sign.position_m} is negative"
+    if sign.role not in ROLES:
+        return f"role: {sign.role!r} is none of {', '.join(ROLES)}"
+    taken = sorted(_RESERVED & set(sign.params))
+    return f"params: {taken[0]!r} is a field of its own" if taken else None
+
+
+def sumo_angle(heading: float) -> float:
+    """SUMO's angle (degrees clockwise from north, 0 <= angle < 360) of a mathematical heading in rad."""
+    angle = (90.0 - math.degrees(heading)) % 360.0
+    return 0.0 if angle >= 360.0 else angle  # a tiny negative angle rounds up to 360 in the modulo
+
+
+def sign_to_poi(sign: SignInstance) -> etree._Element:
+    """The SUMO `<poi>` element of one plate.
+
+    Its `angle` turns the plate's picture so that its top points the way the traffic it faces travels.
+    """
+    poi = etree.Element("poi")
+    poi.set("id", sign.id)
+    poi.set("type", "sign")
+    poi.set("color", _COLORS[sign.role])
+    poi.set("layer", _LAYER)
+    poi.set("x", repr(float(sign.x)))
+    poi.set("y", repr(float(sign.y)))
+    poi.set("angle", repr(sumo_angle(sign.heading)))
+    params = {
+        "code": sign.code,
+        "value": None if sign.value is None else repr(float(sign.value)),
+        "edge": sign.edge,
+        "lane": str(sign.lane),
+        "position_m": repr(float(sign.position_m)),
+        "heading": repr(float(sign.heading)),
+        "role": sign.role,
+        "ends": sign.ends,
+    }
+    for key, text in (*params.items(), *sorted(sign.params.items())):
+        if text is not None:
+            etree.SubElement(poi, "param", {"key": key, "value": text})
+    return poi
+
+
+def signs_from_additional(root: etree._Element, source: str = "additional file") -> tuple[SignInstance, ...]:
+    """All plates of a scene, in the order of the file.
+
+    Args:
+        root: the root element of the parsed additional file; points of interest of other types are skipped.
+        source: name of the file for error messages.
+
+    Raises:
+        InputError: a plate lacks a parameter, has one that does not parse or that contradicts another, an id
+            occurs twice, or a plate ends one that is not there.
+    """
+    signs: dict[str, SignInstance] = {}
+    for poi in root.iterfind("poi"):
+        if poi.get("type") != "sign":
+            continue
+        sign = _sign_from_poi(poi, source)
+        if sign.id in signs:
+            raise InputError(f"{source}: sign {sign.id!r}: the id occurs twice")
+        signs[sign.id] = sign
+    for sign in signs.values():
+        if sign.ends is not None and sign.ends not in signs:
+            raise InputError(f"{source}: sign {sign.id!r}: ends {sign.ends!r}, which is not in the scene")
+    return tuple(signs.values())
+
+
+def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
+    where = f"{source}: sign {poi.get('id', '')!r}"
+    given: dict[str, str] = {}
+    for param in poi.iterfind("param"):
+        key = param.get("key")
+        if key is None or key in given:
+            raise InputError(f"{where}: a param has {'no key' if key is None else f'key {key!r} twice'}")
+        given[key] = param.get("value", "")
+    extra = {key: text for key, text in given.items() if key not in _RESERVED}
+    try:
+        sign = SignInstance(
+            id=poi.get("id", ""),
+            code=given["code"],
+            value=float(given["value"]) if "value" in given else None,
+            edge=given["edge"],
+            lane=int(given["lane"]),
+            position_m=float(given["position_m"]),
+            x=float(poi.attrib["x"]),
+            y=float(poi.attrib["y"]),
+            heading=float(given["heading"]),
+            role=given["role"],
+            ends=given.get("ends"),
+            params=extra,
+        )
+        angle = float(poi.attrib["angle"])
+    except KeyError as error:
+        raise InputError(f"{where}: {error.args[0]} is missing") from error
+    except ValueError as error:
+        raise InputError(
+            f"{source}: {error}" if str(error).startswith("sign ") else f"{where}: {error}"
+        ) from error
+    turned = (angle - sumo_angle(sign.heading) + 180.0) % 360.0 - 180.0
+    if not abs(turned) <= _ANGLE_TOLERANCE_DEG:
+        raise InputError(f"{where}: angle {angle} contradicts its heading of {sign.heading} rad")
+    return sign
