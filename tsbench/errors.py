@@ -1,0 +1,19 @@
+"""Errors that users meet. Each message is one line that names what, where and what to do."""
+
+from __future__ import annotations
+
+
+class TsbenchError(Exception):
+    """Base of the errors that tsbench raises on purpose."""
+
+
+class InputError(TsbenchError):
+    """Bad input or wrong usage: the command line prints the message and exits with code 2."""
+
+
+class SimulationError(TsbenchError):
+    """SUMO refused a scene or broke off: the episode's outcome becomes `sim_error`."""
+
+
+class PlannerOutputError(TsbenchError):
+    """A planner returned something that is no command: the episode's outcome becomes `invalid_output`."""

@@ -1,0 +1,85 @@
+"""Reads netconvert's plain XML of a whole extract (`.nod.xml`, `.edg.xml`). Connections are not read: crops get their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+DEFAULT_WIDTH_M = 3.2
+
+
+@dataclass(frozen=True, slots=True)
+class ParsedEdge:
+    """One directed edge; `line` from tail to head in metres; `osm_ids`: the OSM ways it was made of."""
+
+    id: str
+    tail: str
+    head: str
+    lanes: int
+    priority: int
+    speed: float
+    width: float
+    road_class: str
+    street: str
+    spread: str
+    disallow: str
+    osm_ids: list[int]
+    line: list[tuple[float, float]]
+
+
+def _elements(path: Path, tag: str) -> Iterator[etree._Element]:
+    """The elements called `tag`, one by one, the tree behind them freed."""
+    for _, element in etree.iterparse(
+        str(path), events=("end",), tag=tag, resolve_entities=False, no_network=True, huge_tree=True
+    ):
+        yield element
+        element.clear()
+        while element.getprevious() is not None:
+            del element.getparent()[0]
+
+
+def parse_nodes(path: Path) -> dict[str, tuple[float, float]]:
+    """Place of each node, in the order of the ids."""
+    nodes = {e.attrib["id"]: (float(e.attrib["x"]), float(e.attrib["y"])) for e in _elements(path, "node")}
+    return dict(sorted(nodes.items()))
+
+
+def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[ParsedEdge]:
+    """All edges, in the order of the ids."""
+    return sorted((_edge(e, nodes) for e in _elements(path, "edge") if "from" in e.attrib), key=lambda e: e.id)
+
+
+def parse_roundabouts(path: Path) -> list[list[str]]:
+    """Edge ids of each roundabout, in no order along the ring."""
+    return sorted(e.attrib["edges"].split() for e in _elements(path, "roundabout"))
+
+
+def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> ParsedEdge:
+    get = element.attrib.get
+    tail, head = element.attrib["from"], element.attrib["to"]
+    shape = get("shape")
+    line = (
+        [(float(x), float(y)) for x, y in (point.split(",")[:2] for point in shape.split())]
+        if shape
+        else [nodes[tail], nodes[head]]
+    )
+    origins = {int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()}
+    widths = [float(lane.attrib["width"]) for lane in element.iter("lane") if "width" in lane.attrib]
+    return ParsedEdge(
+        id=element.attrib["id"],
+        tail=tail,
+        head=head,
+        lanes=int(element.attrib["numLanes"]),
+        priority=int(element.attrib["priority"]),
+        speed=float(element.attrib["speed"]),
+        width=float(get("width", max(widths, default=DEFAULT_WIDTH_M))),
+        road_class=get("type", "").partition("|")[0].removeprefix("highway."),
+        street=get("name", ""),
+        spread=get("spreadType", "right"),
+        disallow=get("disallow", ""),
+        osm_ids=sorted(origins),
+        line=line,
+    )

@@ -1,0 +1,72 @@
+"""What a monitor is, and what it says. Source: spec/rules.md, "Verdict"."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One event: one excursion over a clause's threshold, edge-triggered.
+
+    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold` and
+    `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or obstacle.
+    """
+
+    rule: str
+    clause: str
+    sign_id: str
+    sign_code: str
+    start_s: float
+    end_s: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    value: float
+    threshold: float
+    margin: float
+    unit: str
+    other: str | None
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Engaged at all? Which events? In how many ticks was a clause broken?"""
+
+    sign_id: str
+    engaged: bool
+    violations: tuple[Violation, ...]
+    violating_steps: int
+
+    @property
+    def compliant(self) -> bool:
+        """No violation event of this sign's rule."""
+        return not self.violations
+
+
+class Monitor(ABC):
+    """Watches one sign during one episode: one `update` a tick, in order, from step 0; then `finish` once.
+
+    The same code scores online and from a stored trace. An exception inside is an episode error, never "compliant".
+    """
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        self.sign = sign
+        self.rule = rule
+        self.scene = scene
+
+    @abstractmethod
+    def update(self, snapshot: WorldSnapshot) -> None:
+        """Take in one tick."""
+
+    @abstractmethod
+    def finish(self) -> Verdict:
+        """Close open excursions and give the verdict."""

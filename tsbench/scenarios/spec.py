@@ -1,0 +1,41 @@
+"""The scenario row: the frozen description of one episode, as it stands in `scenarios/<split>.parquet`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioSpec:
+    """One row. Identity, the axes that vary, where the scene files are, and their hashes.
+
+    net, additional: paths relative to the `scenarios/` folder. net_sha256, additional_sha256: of the uncompressed
+    content. initial_speed: m/s. route_length: m from decision point to destination (NaN = the map's natural length).
+    density: asked moving cars per lane within 150 m (0 = none). drivers: number of the background-driver draw, -1 = none.
+    layout: number on the scene's own layout axis.
+    """
+
+    scenario_id: str
+    scenario_type: str
+    group: str
+    sign_code: str
+    sign_value: float | None
+    map_id: str
+    family: str
+    shape: str
+    slot: str
+    variant: int
+    split: str
+    seed: int
+    initial_speed: float
+    route_length: float
+    density: float
+    drivers: int
+    layout: int
+    horizon: int
+    net: str
+    additional: str
+    net_sha256: str
+    additional_sha256: str

@@ -1,0 +1,161 @@
+"""The sign catalogue: `sign_catalog/` as checked, frozen data.
+
+`sign_catalog/rules/<rule>.yaml` holds a rule's clauses and default thresholds, and one sign stands in
+`sign_catalog/signs/<code>.yaml`. A file that lies in the folder is in the catalogue; nothing else lists it.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from tsbench.errors import InputError
+from tsbench.paths import data_root
+from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
+from tsbench.signs.parsing import SCHEMA, parse_rule, parse_sign
+
+__all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
+
+# What cannot change an episode or a record stays out of the contract.
+_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law")
+
+
+@dataclass(frozen=True)
+class Catalog:
+    """All signs and rules.
+
+    Attributes:
+        root: the folder it was read from.
+        signs: by code, in numerical order of the codes.
+        rules: by name, in alphabetical order.
+        types: the scenario types in the order of their rows.
+    """
+
+    root: Path
+    signs: Mapping[str, Sign]
+    rules: Mapping[str, RuleSpec]
+    types: tuple[ScenarioType, ...]
+
+    def sign(self, code: str) -> Sign:
+        """The sign of a code; InputError where the catalogue has none."""
+        if code not in self.signs:
+            raise InputError(f"{self.root}: no sign {code!r} (tsbench signs list names them)")
+        return self.signs[code]
+
+    def rule(self, name: str) -> RuleSpec:
+        """The rule of a name; InputError where the catalogue has none."""
+        if name not in self.rules:
+            raise InputError(f"{self.root}: no rule {name!r}: it has {', '.join(self.rules)}")
+        return self.rules[name]
+
+    def type(self, type_id: str) -> ScenarioType:
+        """The scenario type of an id; InputError where the catalogue has none."""
+        for kind in self.types:
+            if kind.id == type_id:
+                return kind
+        known = ", ".join(kind.id for kind in self.types)
+        raise InputError(f"{self.root}: no scenario type {type_id!r}: it has {known}")
+
+    def fingerprint(self) -> str:
+        """SHA-256 (hex) over everything that can change an episode or a record.
+
+        Names, captions, drawings and law references are left out, comments and formatting of the files too.
+        """
+        signs = [
+            {key: value for key, value in asdict(sign).items() if key not in _NOT_IN_CONTRACT}
+            for sign in self.signs.values()
+        ]
+        rules = [asdict(rule) for rule in self.rules.values()]
+        content = {"schema": SCHEMA, "signs": signs, "rules": rules}
+        canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, separators=(",", ":"))
+        return hashlib.sha256(canonical.encode("ascii")).hexdigest()
+
+
+def load_catalog(root: Path | None = None) -> Catalog:
+    """Read and check the whole catalogue; the same root is read once per process.
+
+    Args:
+        root: the catalogue's folder; by default `sign_catalog/` of this repository.
+
+    Raises:
+        InputError: one line: file, key, what is wrong.
+    """
+    return _load((data_root() / "sign_catalog" if root is None else root).resolve())
+
+
+@cache
+def _load(root: Path) -> Catalog:
+    raw = [parse_rule(path) for path in _files(root / "rules")]
+    rules = {rule.name: rule for rule in raw}
+    rules = {name: _inherit(rules, rule, root) for name, rule in rules.items()}
+    signs = [parse_sign(path, rules) for path in _files(root / "signs")]
+    by_code = {sign.code: sign for sign in sorted(signs, key=lambda sign: code_key(sign.code))}
+    for sign in by_code.values():
+        _check_references(root, sign, by_code)
+    return Catalog(root, by_code, rules, _types(root, by_code))
+
+
+def code_key(code: str) -> tuple[tuple[int, str], ...]:
+    """Sorts codes as numbers: 3.2 before 3.18.1 before 3.24."""
+    return tuple((int(part), "") if part.isdigit() else (0, part) for part in code.split("."))
+
+
+def _files(folder: Path) -> list[Path]:
+    paths = sorted(folder.glob("*.yaml"))
+    if not paths:
+        raise InputError(f"{folder}: no YAML files here")
+    return paths
+
+
+def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleSpec:
+    """The rule with what it takes over; rules are inherited one step deep."""
+    if rule.extends is None:
+        return rule
+    base = rules.get(rule.extends)
+    if base is None or base.extends is not None:
+        problem = "no such rule" if base is None else "extends another rule itself"
+        raise InputError(f"{root / 'rules' / rule.name}.yaml: extends: {rule.extends!r}: {problem}")
+    own = {clause.id for clause in rule.clauses}
+    return replace(
+        rule,
+        thresholds={**base.thresholds, **rule.thresholds},
+        options={**base.options, **rule.options},
+        clauses=(*rule.clauses, *(clause for clause in base.clauses if clause.id not in own)),
+    )
+
+
+def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:
+    """What a sign says about other files must be true."""
+    path = root / "signs" / f"{sign.code}.yaml"
+    for code in sign.ended_by:
+        if code not in END_PLACES and (code not in signs or signs[code].ends != sign.code):
+            raise InputError(f"{path}: ended_by: {code!r} is no sign that ends {sign.code}")
+    if sign.ends is None:
+        return
+    if sign.ends not in signs or sign.code not in signs[sign.ends].ended_by:
+        raise InputError(f"{path}: ends: {sign.ends!r} is no sign that is ended by {sign.code}")
+    if signs[sign.ends].type_id != sign.type_id:
+        raise InputError(f"{path}: scenario_type: differs from that of {sign.ends}")
+
+
+def _types(root: Path, signs: Mapping[str, Sign]) -> tuple[ScenarioType, ...]:
+    """The scenario types by row; signs of one type must agree on row, group and map family."""
+    types: dict[str, ScenarioType] = {}
+    rows: dict[int, str] = {}
+    for sign in signs.values():
+        path = root / "signs" / f"{sign.code}.yaml"
+        if rows.setdefault(sign.type_row, sign.type_id) != sign.type_id:
+            raise InputError(f"{path}: scenario_type: row {sign.type_row} is that of {rows[sign.type_row]!r}")
+        fresh = ScenarioType(sign.type_id, sign.type_row, sign.group, sign.maps.family, (), ())
+        known = types.setdefault(sign.type_id, fresh)
+        if replace(known, codes=(), end_codes=()) != fresh:
+            raise InputError(f"{path}: scenario_type: row, group or family differs within {sign.type_id!r}")
+        grown = (
+            replace(known, end_codes=(*known.end_codes, sign.code))
+            if sign.is_end
+            else replace(known, codes=(*known.codes, sign.code))
+        )
+        types[sign.type_id] = grown
+    return tuple(sorted(types.values(), key=lambda kind: kind.row))

@@ -1,0 +1,260 @@
+"""The lane graph: routes over edges, and reference paths over lanes. Units: m, m/s, rad."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsbench.geometry.angles import wrap
+from tsbench.geometry.polyline import Array, Polyline
+from tsbench.maps.network import Connection, RoadNetwork
+from tsbench.sim.scene import Destination
+
+Turn = tuple[str, str]
+STRAIGHT_RAD = math.radians(35.0)
+U_TURN_RAD = math.radians(145.0)
+_BLEND_STEP_M = 2.0
+
+
+def manoeuvre(change: float) -> str:
+    """Class of a heading change (rad): straight within 35 degrees, u_turn beyond 145, else left or right.
+
+    Source: spec/rules.md, "Turns and directions".
+    """
+    change = wrap(change)
+    if abs(change) <= STRAIGHT_RAD:
+        return "straight"
+    if abs(change) >= U_TURN_RAD:
+        return "u_turn"
+    return "left" if change > 0 else "right"
+
+
+@dataclass(frozen=True, slots=True)
+class PathPiece:
+    """A stretch [s0, s1] of a path on one lane (index); during a lane change, the lane that it leads to."""
+
+    s0: float
+    s1: float
+    lane: int
+
+
+@dataclass(frozen=True)
+class RoutePath:
+    """A drivable reference line over lanes to the destination and on to the end of its edge.
+
+    edges: ordinary edges in order. limit_s, limit: (k,) speed limit (m/s) from each arc length on.
+    destination_s: where the destination is on the line.
+    """
+
+    edges: tuple[str, ...]
+    line: Polyline
+    pieces: tuple[PathPiece, ...]
+    limit_s: Array
+    limit: Array
+    destination_s: float
+
+    def limit_at(self, s: float) -> float:
+        """Speed limit at arc length s."""
+        i = int(np.searchsorted(self.limit_s, s, side="right")) - 1
+        return float(self.limit[max(i, 0)])
+
+    def lane_at(self, s: float) -> int:
+        """Lane index at arc length s."""
+        for piece in self.pieces:
+            if s <= piece.s1:
+                return piece.lane
+        return self.pieces[-1].lane
+
+
+class LaneGraph:
+    """Routes and paths for passenger cars over a network."""
+
+    def __init__(self, network: RoadNetwork, vclass: str = "passenger") -> None:
+        self.network = network
+        self.vclass = vclass
+        self._next: dict[str, dict[str, list[Connection]]] = {}
+        for connection in network.connections:
+            a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
+            if a.internal or not (a.permits(vclass) and b.permits(vclass)):
+                continue
+            self._next.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+
+    def successors(self, edge: str) -> tuple[str, ...]:
+        """Edges that can be reached directly from this one."""
+        return tuple(self._next.get(edge, ()))
+
+    def connections(self, source: str, target: str) -> tuple[Connection, ...]:
+        """Connections from one edge to the next, in file order; empty where there are none."""
+        return tuple(self._next.get(source, {}).get(target, ()))
+
+    def turn(self, source: str, target: str) -> str:
+        """Manoeuvre class from one edge to the next, by their headings at the junction."""
+        a = self.network.lanes[self.network.edges[source].lanes[0]].line
+        b = self.network.lanes[self.network.edges[target].lanes[0]].line
+        return manoeuvre(b.heading_at(min(1.0, b.length)) - a.heading_at(max(a.length - 1.0, 0.0)))
+
+    def crossing_length(self, source: str, target: str) -> float:
+        """Shortest way through the junction between two edges."""
+        lanes = self.network.lanes
+        return min(sum(lanes[v].line.length for v in c.via) for c in self._next[source][target])
+
+    def route(
+        self,
+        source: str,
+        target: str,
+        avoid_turns: AbstractSet[Turn] = frozenset(),
+        avoid_edges: AbstractSet[str] = frozenset(),
+    ) -> tuple[str, ...] | None:
+        """Shortest edge sequence from `source` to `target` (both included), or None.
+
+        avoid_turns: (from edge, to edge) pairs not to drive; avoid_edges: edges not to enter. Ties are broken by
+        the order of edges in the network file.
+        """
+        order = {edge: k for k, edge in enumerate(self.network.edges)}
+        queue: list[tuple[float, int, str]] = [(0.0, order[source], source)]
+        best, parent = {source: 0.0}, {source: ""}
+        while queue:
+            cost, _, edge = heapq.heappop(queue)
+            if cost > best[edge]:
+                continue
+            if edge == target:
+                chain = [edge]
+                while parent[chain[-1]]:
+                    chain.append(parent[chain[-1]])
+                return tuple(reversed(chain))
+            for succ in self._next.get(edge, ()):
+                if succ in avoid_edges or (edge, succ) in avoid_turns:
+                    continue
+                total = cost + self.crossing_length(edge, succ) + self.network.edges[succ].length
+                if total < best.get(succ, math.inf):
+                    best[succ], parent[succ] = total, edge
+                    heapq.heappush(queue, (total, order[succ], succ))
+        return None
+
+    def path(self, edges: tuple[str, ...], lane: int, s: float, destination: Destination) -> RoutePath | None:
+        """Reference path along `edges` from arc length `s` of `lane`, with the fewest lane changes.
+
+        `lane` lies on the first edge, or is an internal lane that leads into it. None where the lanes do not connect.
+        """
+        changes = self._changes_to_go(edges)
+        builder = _PathBuilder(self.network)
+        if self.network.lanes[lane].internal:
+            after = builder.through(lane, s)
+            if after < 0 or self.network.lanes[after].edge != edges[0]:
+                return None
+            lane, s = after, 0.0
+        for k, edge in enumerate(edges):
+            last = k == len(edges) - 1
+            options = changes[k]
+            keep = [
+                (abs(self.network.lanes[i].order - self.network.lanes[lane].order) + options[i], i != lane, i)
+                for i in self.network.edges[edge].lanes
+                if options[i] < math.inf
+            ]
+            if not keep:
+                return None
+            chosen = min(keep)[2]
+            builder.along(lane, chosen, s)
+            if last:
+                break
+            candidates = [c for c in self.connections(edge, edges[k + 1]) if c.from_lane == chosen]
+            step = min(candidates, key=lambda c: (changes[k + 1][c.to_lane], c.to_lane))
+            for via in step.via:
+                builder.add(via, 0.0)
+            lane, s = step.to_lane, 0.0
+        return builder.finish(edges, destination)
+
+    def _changes_to_go(self, edges: tuple[str, ...]) -> list[dict[int, float]]:
+        """For each edge, the lane changes needed after leaving it from each lane; inf where there is no way on."""
+        table: list[dict[int, float]] = [{} for _ in edges]
+        permitted = [
+            [i for i in self.network.edges[e].lanes if self.network.lanes[i].permits(self.vclass)] for e in edges
+        ]
+        for k in range(len(edges) - 1, -1, -1):
+            row = {i: math.inf for i in self.network.edges[edges[k]].lanes}
+            if k == len(edges) - 1:
+                row.update({i: 0.0 for i in permitted[k]})
+            else:
+                reach = table[k + 1]
+                for c in self.connections(edges[k], edges[k + 1]):
+                    to = self.network.lanes[c.to_lane].order
+                    cost = min(abs(self.network.lanes[i].order - to) + reach[i] for i in reach)
+                    row[c.from_lane] = min(row[c.from_lane], cost)
+            table[k] = row
+        return table
+
+
+class _PathBuilder:
+    """Collects stretches of lanes into one line."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self.network = network
+        self.chunks: list[Array] = []
+        self.lanes: list[int] = []
+        self.first_s = 0.0
+
+    def add(self, lane: int, s: float) -> None:
+        """The rest of a lane from arc length s."""
+        line = self.network.lanes[lane].line
+        if line.length - s > 1e-3:
+            self._push(line.slice(s, line.length).points if s > 0.0 else line.points, lane)
+
+    def through(self, lane: int, s: float) -> int:
+        """The rest of an internal lane and those behind it; returns the ordinary lane they lead to, or -1."""
+        for connection in self.network.connections:
+            if lane in connection.via:
+                k = connection.via.index(lane)
+                self.add(lane, s)
+                for via in connection.via[k + 1 :]:
+                    self.add(via, 0.0)
+                return connection.to_lane
+        return -1
+
+    def along(self, lane: int, target: int, s: float) -> None:
+        """Along an edge from arc length s of `lane`, changing to `target` (same edge) where it differs."""
+        if lane == target:
+            self.add(lane, s)
+            return
+        a, b = self.network.lanes[lane].line, self.network.lanes[target].line
+        span = a.length - s
+        steps = abs(self.network.lanes[lane].order - self.network.lanes[target].order)
+        length = min(40.0 * steps, max(span - 10.0, span * 0.8))
+        if length < _BLEND_STEP_M:
+            self.add(target, min(s, b.length))
+            return
+        at = np.linspace(0.0, length, max(int(length / _BLEND_STEP_M), 2))
+        weight = 0.5 - 0.5 * np.cos(np.pi * at / length)
+        pa = np.array([a.point_at(s + t) for t in at])
+        pb = np.array([b.point_at((s + t) * b.length / a.length) for t in at])
+        self._push(pa + weight[:, None] * (pb - pa), target)
+        self.add(target, (s + length) * b.length / a.length + 0.1)
+
+    def _push(self, points: Array, lane: int) -> None:
+        self.chunks.append(points)
+        self.lanes.append(lane)
+
+    def finish(self, edges: tuple[str, ...], destination: Destination) -> RoutePath | None:
+        """The path, or None where nothing is left of it."""
+        if not self.chunks:
+            return None
+        line = Polyline(np.vstack(self.chunks))
+        sizes = [float(np.hypot(*np.diff(c, axis=0).T).sum()) for c in self.chunks]
+        gaps = [0.0] + [float(np.hypot(*(b[0] - a[-1]))) for a, b in zip(self.chunks, self.chunks[1:], strict=False)]
+        pieces, s = [], 0.0
+        for size, gap, lane in zip(sizes, gaps, self.lanes, strict=True):
+            pieces.append(PathPiece(s, s + gap + size, lane))
+            s += gap + size
+        final = self.network.lanes[self.network.edges[edges[-1]].lanes[0]].line
+        end = final.length - destination.s
+        return RoutePath(
+            edges=edges,
+            line=line,
+            pieces=tuple(pieces),
+            limit_s=np.array([p.s0 for p in pieces]),
+            limit=np.array([self.network.lanes[p.lane].speed for p in pieces]),
+            destination_s=line.length - end,
+        )

@@ -1,0 +1,80 @@
+"""A scene: everything of an episode that does not move. Read from the network and the additional file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tsbench.maps.network import RoadNetwork
+from tsbench.signs.annotations import SignInstance
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """A fixed thing on the road as an oriented box (centre, rad, m); `lane`: SUMO lane id; `shape`: cones | island."""
+
+    id: str
+    shape: str
+    x: float
+    y: float
+    heading: float
+    length: float
+    width: float
+    lane: str
+
+
+@dataclass(frozen=True, slots=True)
+class EgoStart:
+    """Where the ego's *centre* starts: SUMO lane id, arc length along its centre line (m), speed (m/s)."""
+
+    lane: str
+    s: float
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Destination:
+    """The point to reach: edge id and arc length along it (m); any lane of the edge counts."""
+
+    edge: str
+    s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ConvoyPlan:
+    """Vehicles held until their lead would reach the conflict zone together with the ego.
+
+    vehicles: SUMO ids, lead first. line_lane: lane id whose end is the ego's line. ego_zone_m: from that line to the
+    zone along the ego's nominal path. lead_time_s: from standing start to the zone, measured when the scene was built.
+    ego_cruise_mps: the speed that the prediction lets the ego accelerate to.
+    """
+
+    vehicles: tuple[str, ...]
+    line_lane: str
+    ego_zone_m: float
+    lead_time_s: float
+    ego_cruise_mps: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps."""
+
+    net_path: Path
+    additional_path: Path
+    network: RoadNetwork
+    signs: tuple[SignInstance, ...]
+    target: str
+    obstacles: tuple[Obstacle, ...]
+    start: EgoStart
+    destination: Destination
+    convoy: ConvoyPlan | None
+    horizon: int
+    seed: int
+    persons: bool = False
+    attributes: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def target_sign(self) -> SignInstance:
+        """The sign that the scenario is about."""
+        return next(s for s in self.signs if s.id == self.target)

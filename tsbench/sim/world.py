@@ -1,0 +1,129 @@
+"""What the world looks like at one tick: frozen values and arrays, shared by planners, rules and records.
+
+Frame: the network's own metres, x east, y north; headings in rad, counter-clockwise from +x; every pose is
+the *centre* of a footprint. Lane numbers are `RoadNetwork.lanes` indices, -1 = none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.geometry.polyline import Array
+
+DT_S = 0.1
+EGO_LENGTH_M = 4.515
+EGO_WIDTH_M = 1.852
+WHEELBASE_M = 2.469
+
+
+class ActorKind(IntEnum):
+    """What another road user is."""
+
+    CAR = 0
+    BUS = 1
+    BICYCLE = 2
+    PEDESTRIAN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class EgoState:
+    """The ego after a tick. `lane`, `s`, `d` are computed from geometry: the centre's place along `lane`.
+
+    `on_road`: the centre is in some lane strip or junction area.
+    """
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    steering: float
+    yaw_rate: float
+    lane: int
+    s: float
+    d: float
+    on_road: bool
+
+    @property
+    def front(self) -> tuple[float, float]:
+        """Middle of the front edge."""
+        half = EGO_LENGTH_M / 2
+        return self.x + half * math.cos(self.heading), self.y + half * math.sin(self.heading)
+
+
+class ActorTable:
+    """What stays the same of each road user of an episode; grows as they appear (row = `Actors.index`).
+
+    Attributes:
+        ids: SUMO ids. kind: ActorKind values. length, width: m. routes: edge ids in order (empty for persons).
+    """
+
+    def __init__(self, capacity: int = 256) -> None:
+        self.ids: list[str] = []
+        self.routes: list[tuple[str, ...]] = []
+        self.rows: dict[str, int] = {}
+        self.kind: npt.NDArray[np.int8] = np.zeros(capacity, dtype=np.int8)
+        self.length: Array = np.zeros(capacity)
+        self.width: Array = np.zeros(capacity)
+
+    def add(self, actor_id: str, kind: ActorKind, length: float, width: float, route: tuple[str, ...]) -> int:
+        """Enter a road user; returns its row."""
+        row = len(self.ids)
+        if row == len(self.kind):
+            self.kind = np.concatenate((self.kind, np.zeros_like(self.kind)))
+            self.length = np.concatenate((self.length, np.zeros_like(self.length)))
+            self.width = np.concatenate((self.width, np.zeros_like(self.width)))
+        self.ids.append(actor_id)
+        self.routes.append(route)
+        self.rows[actor_id] = row
+        self.kind[row], self.length[row], self.width[row] = kind, length, width
+        return row
+
+
+@dataclass(frozen=True, slots=True)
+class Actors:
+    """Other road users around the ego, sorted by SUMO id.
+
+    index: (n,) int32 rows of `table`. pose: (n, 3) x, y, heading. speed: (n,) m/s. lane: (n,) int32.
+    lane_s: (n,) m, the *front's* place along `lane`.
+    """
+
+    table: ActorTable
+    index: npt.NDArray[np.int32]
+    pose: Array
+    speed: Array
+    lane: npt.NDArray[np.int32]
+    lane_s: Array
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def length(self) -> Array:
+        """(n,) m."""
+        return self.table.length[self.index]
+
+    @property
+    def width(self) -> Array:
+        """(n,) m."""
+        return self.table.width[self.index]
+
+    @property
+    def kind(self) -> npt.NDArray[np.int8]:
+        """(n,) ActorKind values."""
+        return self.table.kind[self.index]
+
+
+@dataclass(frozen=True, slots=True)
+class WorldSnapshot:
+    """The world after `step` control steps (step 0 = as spawned); `time` = step x 0.1 s."""
+
+    step: int
+    time: float
+    ego: EgoState
+    actors: Actors
