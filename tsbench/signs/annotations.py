@@ -29,7 +29,8 @@ class SignInstance:
     Attributes:
         id: unique within the scene's additional file.
         code: catalogue code, such as "3.24".
-        value: posted value in the sign's own unit (km/h), None where the sign carries none.
+        value: the number that the sign sets, printed or implied, in the sign's unit (km/h); None where it
+            sets none.
         edge: SUMO edge whose traffic the plate addresses.
         lane: SUMO lane index on that edge (0 = rightmost), ALL_LANES (-1) for every lane.
         position_m: where the plate's line crosses the edge, metres from the start of its lanes.

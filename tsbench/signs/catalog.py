@@ -45,7 +45,7 @@ class Catalog:
         return self.signs[code]
 
     def rule(self, name: str) -> RuleSpec:
-        """The rule of a name; InputError where the catalogue has none."""
+        """The rule of a name as bound to no sign; InputError where the catalogue has none."""
         if name not in self.rules:
             raise InputError(f"{self.root}: no rule {name!r}: it has {', '.join(self.rules)}")
         return self.rules[name]
@@ -59,7 +59,7 @@ class Catalog:
         raise InputError(f"{self.root}: no scenario type {type_id!r}: it has {known}")
 
     def fingerprint(self) -> str:
-        """SHA-256 (hex) over everything that can change an episode or a record.
+        """SHA-256 (hex) over everything that can change an episode or a record, bound rules included.
 
         Names, captions, drawings and law references are left out, comments and formatting of the files too.
         """
@@ -67,8 +67,7 @@ class Catalog:
             {key: value for key, value in asdict(sign).items() if key not in _NOT_IN_CONTRACT}
             for sign in self.signs.values()
         ]
-        rules = [asdict(rule) for rule in self.rules.values()]
-        content = {"schema": SCHEMA, "signs": signs, "rules": rules}
+        content = {"schema": SCHEMA, "signs": signs}
         canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode("ascii")).hexdigest()
 
@@ -122,6 +121,7 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleS
         rule,
         thresholds={**base.thresholds, **rule.thresholds},
         options={**base.options, **rule.options},
+        vocabulary={**base.vocabulary, **rule.vocabulary},
         clauses=(*rule.clauses, *(clause for clause in base.clauses if clause.id not in own)),
     )
 
@@ -129,12 +129,12 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleS
 def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:
     """What a sign says about other files must be true."""
     path = root / "signs" / f"{sign.code}.yaml"
-    for code in sign.ended_by:
+    for code in sign.rule.ended_by:
         if code not in END_PLACES and (code not in signs or signs[code].ends != sign.code):
             raise InputError(f"{path}: ended_by: {code!r} is no sign that ends {sign.code}")
     if sign.ends is None:
         return
-    if sign.ends not in signs or sign.code not in signs[sign.ends].ended_by:
+    if sign.ends not in signs or sign.code not in signs[sign.ends].rule.ended_by:
         raise InputError(f"{path}: ends: {sign.ends!r} is no sign that is ended by {sign.code}")
     if signs[sign.ends].type_id != sign.type_id:
         raise InputError(f"{path}: scenario_type: differs from that of {sign.ends}")

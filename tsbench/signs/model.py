@@ -75,23 +75,42 @@ class OptionSpec:
 
 @dataclass(frozen=True)
 class RuleSpec:
-    """What one monitor watches.
+    """What one monitor watches: all that it needs beside the plate in the scene.
+
+    A `Sign` carries its rule bound to it: with its own thresholds and options. The catalogue's rules are
+    unbound: they hold the defaults, and no `ended_by`.
 
     Attributes:
         name: such as "give_way"; names the monitor.
         extends: the rule whose thresholds, options and clauses it takes over, None where it stands alone.
         description: when the rule binds and what it asks, in a few sentences.
-        thresholds: default values; the unit is the end of the key (`gap_s`, `tolerance_kmh`).
-        options: the words that its signs choose from.
+        thresholds: by key; the unit is the end of the key (`gap_s`, `tolerance_kmh`).
+        options: chosen words by option; a bound rule has every option of its vocabulary.
+        vocabulary: what may be chosen.
         clauses: in the order of the file, inherited ones last.
+        ended_by: codes of end plates and words of END_PLACES; empty where nothing in a scene ends the sign.
     """
 
     name: str
     extends: str | None
     description: str
     thresholds: Mapping[str, float]
-    options: Mapping[str, OptionSpec]
+    options: Mapping[str, tuple[str, ...]]
+    vocabulary: Mapping[str, OptionSpec]
     clauses: tuple[Clause, ...]
+    ended_by: tuple[str, ...] = ()
+
+    @property
+    def ends_at_junction(self) -> bool:
+        """Whether the sign's zone is over at the next junction."""
+        return "junction" in self.ended_by
+
+    def option(self, name: str) -> str:
+        """The one word chosen for an option; ValueError where there are several."""
+        words = self.options[name]
+        if len(words) != 1:
+            raise ValueError(f"rule {self.name}: option {name} has {len(words)} words, not one")
+        return words[0]
 
     def clause(self, clause_id: str) -> Clause:
         """The clause of that id; KeyError where the rule has none."""
@@ -189,13 +208,10 @@ class Sign:
         type_id, type_row: the scenario type it belongs to, and that type's row in the table of types.
         is_end: it only closes the zone of `ends` and is no scenario's target.
         ends: code of the sign whose zone it closes, None for others.
-        ended_by: codes of end plates, and words of END_PLACES; empty where nothing in a scene ends it.
         drawing: file name of its SVG under `sign_catalog/plates/`.
         caption: short English text below the plate in figures.
         value: what it posts, None where it sets no number.
-        rule: name of the rule that judges it (for an end plate: the rule that reads it).
-        thresholds: the rule's thresholds with the sign's own values; unit at the end of each key.
-        options: the rule's options as chosen by the sign; every option is there.
+        rule: the rule that judges it, bound to the sign (for an end plate: the rule that reads it).
         placement, law, maps: see the classes.
     """
 
@@ -207,28 +223,13 @@ class Sign:
     type_row: int
     is_end: bool
     ends: str | None
-    ended_by: tuple[str, ...]
     drawing: str
     caption: str
     value: PostedValue | None
-    rule: str
-    thresholds: Mapping[str, float]
-    options: Mapping[str, tuple[str, ...]]
+    rule: RuleSpec
     placement: Placement
     law: Law
     maps: MapNeeds
-
-    @property
-    def ends_at_junction(self) -> bool:
-        """Whether the sign's zone is over at the next junction."""
-        return "junction" in self.ended_by
-
-    def option(self, name: str) -> str:
-        """The one word chosen for an option; ValueError where there are several."""
-        words = self.options[name]
-        if len(words) != 1:
-            raise ValueError(f"sign {self.code}: option {name} has {len(words)} words, not one")
-        return words[0]
 
     def effective_value(self, posted: float | None) -> float | None:
         """The number that binds drivers: the posted one, or the one that the sign implies.

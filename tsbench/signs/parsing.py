@@ -1,6 +1,7 @@
 """From a file of `sign_catalog/` to a `RuleSpec` or a `Sign`."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from tsbench.signs.model import (
@@ -41,13 +42,15 @@ def parse_rule(path: Path) -> RuleSpec:
         top.fail("rule", f"{name!r} stands in the file of {path.stem!r}")
     given = top.optional_fields("thresholds")
     options = top.optional_fields("options")
+    vocabulary = {key: _option(options.fields(key)) for key in options.names()}
     clauses = top.optional_fields("clauses")
     rule = RuleSpec(
         name=name,
         extends=top.text("extends") if top.has("extends") else None,
         description=top.text("description").strip(),
         thresholds={key: given.number(key) for key in given.names()},
-        options={key: _option(options.fields(key)) for key in options.names()},
+        options={key: spec.default for key, spec in vocabulary.items() if spec.default is not None},
+        vocabulary=vocabulary,
         clauses=tuple(_clause(key, clauses.fields(key)) for key in clauses.names()),
     )
     top.done()
@@ -77,20 +80,22 @@ def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
         type_row=kind.integer("row"),
         is_end=is_end,
         ends=top.text("ends") if is_end else None,
-        ended_by=() if is_end else top.texts("ended_by"),
         drawing=plate.text("drawing"),
         caption=plate.text("caption"),
         value=_value(top.fields("value")) if top.has("value") else None,
-        rule=rule.name,
-        thresholds=_thresholds(judged.optional_fields("thresholds"), rule),
-        options=_options(judged.optional_fields("options"), rule),
+        rule=replace(
+            rule,
+            thresholds=_thresholds(judged.optional_fields("thresholds"), rule),
+            options=_options(judged.optional_fields("options"), rule),
+            ended_by=() if is_end else top.texts("ended_by"),
+        ),
         placement=_placement(top.fields("placement")),
         law=_law(top.fields("law")),
         maps=_maps(top.fields("maps")),
     )
     for part in (names, kind, plate, judged, top):
         part.done()
-    for word in sign.ended_by:
+    for word in sign.rule.ended_by:
         if word not in END_PLACES and not word[0].isdigit():
             top.fail("ended_by", f"{word!r} is neither a code nor one of {', '.join(END_PLACES)}")
     return sign
@@ -143,12 +148,12 @@ def _thresholds(own: Fields, rule: RuleSpec) -> dict[str, float]:
 
 def _options(own: Fields, rule: RuleSpec) -> dict[str, tuple[str, ...]]:
     for key in own.names():
-        if key not in rule.options:
+        if key not in rule.vocabulary:
             own.fail(key, f"rule {rule.name} has no such option")
     chosen = {}
-    for key, spec in rule.options.items():
-        default = None if own.has(key) else spec.default
-        chosen[key] = own.words(key, spec.words) if default is None else default
+    for key, spec in rule.vocabulary.items():
+        given = own.has(key) or key not in rule.options
+        chosen[key] = own.words(key, spec.words) if given else rule.options[key]
         if spec.single and len(chosen[key]) != 1:
             own.fail(key, "must be one word")
     return chosen
