@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from tsbench.maps.network import RoadNetwork
@@ -46,7 +46,7 @@ class ConvoyPlan:
 
     vehicles: SUMO ids, lead first. line_lane: lane id whose end is the ego's line. ego_zone_m: from that line to the
     zone along the ego's nominal path. lead_time_s: from standing start to the zone, measured when the scene was built.
-    ego_cruise_mps: the speed that the prediction lets the ego accelerate to.
+    ego_cruise_mps, ego_turn_mps: what the prediction lets the ego accelerate to, and its speed at the line.
     """
 
     vehicles: tuple[str, ...]
@@ -54,11 +54,16 @@ class ConvoyPlan:
     ego_zone_m: float
     lead_time_s: float
     ego_cruise_mps: float
+    ego_turn_mps: float
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps."""
+    """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps.
+
+    route_hint: edges of the way that navigation gives at the start; compliant_hint: of an obedient way, where it
+    is another one. Both are for lint and pictures; no planner sees them.
+    """
 
     net_path: Path
     additional_path: Path
@@ -71,8 +76,8 @@ class Scene:
     convoy: ConvoyPlan | None
     horizon: int
     seed: int
-    persons: bool = False
-    attributes: dict[str, str] = field(default_factory=dict)
+    route_hint: tuple[str, ...] = ()
+    compliant_hint: tuple[str, ...] = ()
 
     @property
     def target_sign(self) -> SignInstance:

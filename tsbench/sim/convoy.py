@@ -1,0 +1,59 @@
+"""The convoy's release: once, when its lead would reach the conflict zone together with the ego.
+
+Source: spec/scenes.md, "Arrangement per family" (Junction). The prediction reads the ego's present place and speed
+only; planners never see the plan.
+"""
+
+from __future__ import annotations
+
+from tsbench.maps.network import RoadNetwork
+from tsbench.sim.scene import ConvoyPlan
+from tsbench.sim.world import EGO_LENGTH_M, EgoState
+
+RELEASE_AT_M = 12.0
+_ACCEL_MPS2 = 1.5
+_BRAKE_MPS2 = 2.0
+_STEP_S = 0.2
+_LONG_S = 60.0
+
+
+def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
+    """Seconds until the ego's front has gone `to_zone` metres, at most 60.
+
+    It accelerates to `cruise` and is down at `turn` (m/s) when it reaches the line, `to_line` metres ahead.
+    """
+    gone, time, v = 0.0, 0.0, speed
+    while gone < to_zone and time < _LONG_S:
+        room = max(to_line - gone, 0.0)
+        cap = (turn * turn + 2.0 * _BRAKE_MPS2 * room) ** 0.5
+        v = min(v + _ACCEL_MPS2 * _STEP_S, cruise, max(cap, 0.5))
+        gone += v * _STEP_S
+        time += _STEP_S
+    return time - (gone - to_zone) / max(v, 0.5)
+
+
+class ConvoyRelease:
+    """Decides the moment of release. `update` returns True once, at that tick."""
+
+    def __init__(self, plan: ConvoyPlan, network: RoadNetwork) -> None:
+        self.plan = plan
+        lane = network.lane(plan.line_lane)
+        self._edge = frozenset(network.edges[lane.edge].lanes)
+        self._length = lane.line.length
+        self._done = False
+
+    def update(self, ego: EgoState) -> bool:
+        """Is it time, and was it not before?"""
+        if self._done:
+            return False
+        if ego.lane in self._edge:
+            to_line = self._length - ego.s - EGO_LENGTH_M / 2
+            if to_line > RELEASE_AT_M:
+                plan = self.plan
+                eta = predicted_arrival(
+                    to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
+                )
+                if eta > plan.lead_time_s:
+                    return False
+        self._done = True
+        return True

@@ -1,0 +1,178 @@
+"""The additional file of a scene: what does not move in it, written as plain SUMO elements and read back.
+
+Plates are `<poi type="sign">` (signs.annotations); the ego's start, the destination and the convoy's plan are points
+of interest too, obstacles polygons, so that `sumo-gui -n NET -a ADDITIONAL` shows the scene as it is.
+Units: m, s, m/s, rad; floats are written with repr and come back exact.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.errors import InputError
+from tsbench.geometry.footprint import corners
+from tsbench.maps.network import RoadNetwork
+from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
+from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene
+
+EGO_ID = "ego"
+
+
+@dataclass(frozen=True)
+class SceneLayout:
+    """What a recipe decides, before it becomes elements: see `Scene` for the fields."""
+
+    signs: tuple[SignInstance, ...]
+    target: str
+    obstacles: tuple[Obstacle, ...]
+    start: EgoStart
+    destination: Destination
+    convoy: ConvoyPlan | None
+    route_hint: tuple[str, ...]
+    compliant_hint: tuple[str, ...] = ()
+
+
+def _poi(kind: str, x: float, y: float, color: str, params: dict[str, str]) -> etree._Element:
+    poi = etree.Element("poi", id=kind, type=kind, color=color, layer="90", x=repr(x), y=repr(y))
+    for key, value in params.items():
+        etree.SubElement(poi, "param", key=key, value=value)
+    return poi
+
+
+def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._Element]:
+    """The layout as SUMO elements, plates first."""
+    elements = [sign_to_poi(sign) for sign in layout.signs]
+    start, destination = layout.start, layout.destination
+    x, y = network.lane(start.lane).line.point_at(start.s)
+    params = {"lane": start.lane, "s": repr(start.s), "speed": repr(start.speed), "target": layout.target}
+    params["route"] = " ".join(layout.route_hint)
+    if layout.compliant_hint:
+        params["compliant"] = " ".join(layout.compliant_hint)
+    elements.append(_poi("start", x, y, "blue", params))
+    line = network.edge_lanes(destination.edge)[0].line
+    x, y = line.point_at(destination.s)
+    elements.append(_poi("destination", x, y, "green", {"edge": destination.edge, "s": repr(destination.s)}))
+    if layout.convoy is not None:
+        plan = layout.convoy
+        lane = network.lane(plan.line_lane)
+        x, y = lane.line.point_at(lane.line.length)
+        params = {
+            "vehicles": " ".join(plan.vehicles),
+            "line_lane": plan.line_lane,
+            "ego_zone_m": repr(plan.ego_zone_m),
+            "lead_time_s": repr(plan.lead_time_s),
+            "ego_cruise_mps": repr(plan.ego_cruise_mps),
+            "ego_turn_mps": repr(plan.ego_turn_mps),
+        }
+        elements.append(_poi("convoy", x, y, "cyan", params))
+    elements.extend(_obstacle_poly(o) for o in layout.obstacles)
+    return elements
+
+
+def _obstacle_poly(o: Obstacle) -> etree._Element:
+    shape = " ".join(f"{x:.3f},{y:.3f}" for x, y in corners(o.x, o.y, o.heading, o.length, o.width))
+    poly = etree.Element(
+        "poly", id=o.id, type="obstacle", color="orange", fill="true", layer="80", shape=shape
+    )  # fmt: skip
+    values = {"shape": o.shape, "lane": o.lane}
+    values |= {k: repr(getattr(o, k)) for k in ("x", "y", "heading", "length", "width")}
+    for key, value in values.items():
+        etree.SubElement(poly, "param", key=key, value=value)
+    return poly
+
+
+def read_additional(path: Path) -> etree._Element:
+    """The root element of an additional file (.xml or .xml.gz). Raises InputError."""
+    try:
+        raw = path.read_bytes()
+        data = gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw
+        root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such scene file") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read as a scene file ({error})") from None
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"{path}: line {error.lineno}: not a well-formed scene file ({error.msg})") from None
+    if root.tag != "additional":
+        raise InputError(f"{path}: line 1: <{root.tag}> is not a scene file (expected <additional>)")
+    return root
+
+
+def _params(element: etree._Element) -> dict[str, str]:
+    return {p.attrib["key"]: p.attrib["value"] for p in element.iterfind("param")}
+
+
+def read_layout(path: Path) -> SceneLayout:
+    """The layout of a scene file. Raises InputError naming the element that is missing or wrong."""
+    root = read_additional(path)
+    signs = signs_from_additional(root, str(path))
+    pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
+    try:
+        start, end = pois["start"], pois["destination"]
+        convoy = pois.get("convoy")
+        layout = SceneLayout(
+            signs=signs,
+            target=start["target"],
+            obstacles=tuple(
+                _obstacle(p.attrib["id"], _params(p)) for p in root.iterfind("poly") if p.get("type") == "obstacle"
+            ),
+            start=EgoStart(start["lane"], float(start["s"]), float(start["speed"])),
+            destination=Destination(end["edge"], float(end["s"])),
+            convoy=None if convoy is None else _convoy(convoy),
+            route_hint=tuple(start["route"].split()),
+            compliant_hint=tuple(start.get("compliant", "").split()),
+        )
+    except KeyError as error:
+        raise InputError(f"{path}: scene file lacks {error}") from None
+    except ValueError as error:
+        raise InputError(f"{path}: scene file: {error}") from None
+    if layout.target not in {s.id for s in signs}:
+        raise InputError(f"{path}: target sign {layout.target!r} is not in the scene file")
+    return layout
+
+
+def _obstacle(obstacle_id: str, p: dict[str, str]) -> Obstacle:
+    x, y, heading, length, width = (float(p[k]) for k in ("x", "y", "heading", "length", "width"))
+    return Obstacle(obstacle_id, p["shape"], x, y, heading, length, width, p["lane"])
+
+
+def _convoy(p: dict[str, str]) -> ConvoyPlan:
+    return ConvoyPlan(
+        vehicles=tuple(p["vehicles"].split()),
+        line_lane=p["line_lane"],
+        ego_zone_m=float(p["ego_zone_m"]),
+        lead_time_s=float(p["lead_time_s"]),
+        ego_cruise_mps=float(p["ego_cruise_mps"]),
+        ego_turn_mps=float(p["ego_turn_mps"]),
+    )
+
+
+def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None:
+    lanes = {"start": layout.start.lane}
+    if layout.convoy is not None:
+        lanes["convoy"] = layout.convoy.line_lane
+    for what, lane in lanes.items():
+        if lane not in network.lane_index:
+            raise InputError(f"{path}: {what}: no lane {lane!r} in the network")
+    edges = {"destination": layout.destination.edge} | {f"sign {s.id}": s.edge for s in layout.signs}
+    for what, edge in edges.items():
+        if edge not in network.edges:
+            raise InputError(f"{path}: {what}: no edge {edge!r} in the network")
+
+
+def scene_from_layout(
+    layout: SceneLayout, network: RoadNetwork, net_path: Path, additional_path: Path, horizon: int, seed: int
+) -> Scene:
+    """Network and layout as one scene. Raises InputError where the layout names a lane or edge that is not there."""
+    _check_places(layout, network, additional_path)
+    return Scene(
+        net_path=net_path, additional_path=additional_path, network=network, signs=layout.signs,
+        target=layout.target, obstacles=layout.obstacles, start=layout.start, destination=layout.destination,
+        convoy=layout.convoy, horizon=horizon, seed=seed, route_hint=layout.route_hint,
+        compliant_hint=layout.compliant_hint,
+    )  # fmt: skip
