@@ -20,17 +20,24 @@ U_TURN_RAD = math.radians(145.0)
 _BLEND_STEP_M = 2.0
 
 
-def manoeuvre(change: float) -> str:
+def manoeuvre(change: float, straight: float = STRAIGHT_RAD, u_turn: float = U_TURN_RAD) -> str:
     """Class of a heading change (rad): straight within 35 degrees, u_turn beyond 145, else left or right.
 
-    Source: spec/rules.md, "Turns and directions".
+    Source: spec/rules.md, "Turns and directions"; a monitor hands in the two bounds (rad) of the catalogue.
     """
     change = wrap(change)
-    if abs(change) <= STRAIGHT_RAD:
+    if abs(change) <= straight:
         return "straight"
-    if abs(change) >= U_TURN_RAD:
+    if abs(change) >= u_turn:
         return "u_turn"
     return "left" if change > 0 else "right"
+
+
+def heading_change(network: RoadNetwork, source: str, target: str) -> float:
+    """Change of heading (rad, left positive) from the end of one edge to the start of the next."""
+    a = network.lanes[network.edges[source].lanes[0]].line
+    b = network.lanes[network.edges[target].lanes[0]].line
+    return wrap(b.heading_at(min(1.0, b.length)) - a.heading_at(max(a.length - 1.0, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +100,7 @@ class LaneGraph:
 
     def turn(self, source: str, target: str) -> str:
         """Manoeuvre class from one edge to the next, by their headings at the junction."""
-        a = self.network.lanes[self.network.edges[source].lanes[0]].line
-        b = self.network.lanes[self.network.edges[target].lanes[0]].line
-        return manoeuvre(b.heading_at(min(1.0, b.length)) - a.heading_at(max(a.length - 1.0, 0.0)))
+        return manoeuvre(heading_change(self.network, source, target))
 
     def crossing_length(self, source: str, target: str) -> float:
         """Shortest way through the junction between two edges."""
