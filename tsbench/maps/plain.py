@@ -74,11 +74,15 @@ class PlainCrossing:
 
 @dataclass(frozen=True)
 class PlainNet:
-    """The elements of one small network. `place`: (lat, lon) of the origin; ids are those of the source network."""
+    """The elements of one small network. `origin`: (lat, lon) of (0, 0); ids are those of the source network.
+
+    `roundabouts`: the edge ids of each ring in driving order (netconvert then gives the ring right of way).
+    """
 
     nodes: tuple[PlainNode, ...]
     edges: tuple[PlainEdge, ...]
     connections: tuple[PlainConnection, ...]
     crossings: tuple[PlainCrossing, ...] = ()
+    roundabouts: tuple[tuple[str, ...], ...] = ()
     origin: Point = (0.0, 0.0)
     attributes: dict[str, str] = field(default_factory=dict)

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from lxml import etree
 
-DEFAULT_WIDTH_M = 3.2
+# Outside these a width is no lane's: netconvert halves a lane for a two-way road tagged lanes=1, mappers write curb to curb.
+WIDTH_RANGE_M = (2.75, 4.5)
+DEFAULT_WIDTH_M = 3.25
 
 
 @dataclass(frozen=True, slots=True)
 class ParsedEdge:
-    """One directed edge; `line` from tail to head in metres; `osm_ids`: the OSM ways it was made of."""
+    """One directed edge; `centred`: the line is its middle, else its left side; `line` from tail to head in metres; `osm_ids`: the OSM ways it was made of."""
 
     id: str
     tail: str
@@ -24,8 +26,7 @@ class ParsedEdge:
     width: float
     road_class: str
     street: str
-    spread: str
-    disallow: str
+    centred: bool
     osm_ids: list[int]
     line: list[tuple[float, float]]
 
@@ -68,6 +69,7 @@ def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> Par
     )
     origins = {int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()}
     widths = [float(lane.attrib["width"]) for lane in element.iter("lane") if "width" in lane.attrib]
+    width = float(get("width", max(widths, default=DEFAULT_WIDTH_M)))
     return ParsedEdge(
         id=element.attrib["id"],
         tail=tail,
@@ -75,11 +77,10 @@ def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> Par
         lanes=int(element.attrib["numLanes"]),
         priority=int(element.attrib["priority"]),
         speed=float(element.attrib["speed"]),
-        width=float(get("width", max(widths, default=DEFAULT_WIDTH_M))),
+        width=width if WIDTH_RANGE_M[0] <= width <= WIDTH_RANGE_M[1] else DEFAULT_WIDTH_M,
         road_class=get("type", "").partition("|")[0].removeprefix("highway."),
         street=get("name", ""),
-        spread=get("spreadType", "right"),
-        disallow=get("disallow", ""),
+        centred=get("spreadType", "right") == "center",
         osm_ids=sorted(origins),
         line=line,
     )

@@ -44,8 +44,7 @@ class SourceNetwork:
     width: Floats
     road_class: list[str]
     street: list[str]
-    spread: list[str]
-    disallow: list[str]
+    centred: npt.NDArray[np.bool_]
     osm_ids: list[list[int]]
     first: Ints
     points: Floats
@@ -171,8 +170,7 @@ def _convert(extract: Path) -> SourceNetwork:
         width=np.array([edge.width for edge in edges]),
         road_class=[edge.road_class for edge in edges],
         street=[edge.street for edge in edges],
-        spread=[edge.spread for edge in edges],
-        disallow=[edge.disallow for edge in edges],
+        centred=np.array([edge.centred for edge in edges]),
         osm_ids=[edge.osm_ids for edge in edges],
         first=np.concatenate([[0], np.cumsum(counts)]),
         points=np.concatenate([np.array(edge.line) for edge in edges]),
@@ -181,8 +179,8 @@ def _convert(extract: Path) -> SourceNetwork:
     )
 
 
-_EDGE_COLUMNS = ("tail", "head", "lanes", "priority", "speed", "width")
-_TEXT_COLUMNS = ("road_class", "street", "spread", "disallow")
+_EDGE_COLUMNS = ("tail", "head", "lanes", "priority", "speed", "width", "centred")
+_TEXT_COLUMNS = ("road_class", "street")
 
 
 def _write(source: SourceNetwork, path: Path) -> None:
@@ -211,7 +209,7 @@ def _read(path: Path) -> SourceNetwork:
     extra = json.loads(table.schema.metadata[b"tsbench"])
     line = table["line"].combine_chunks()
     text = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}
-    array = {name: table[name].to_numpy() for name in _EDGE_COLUMNS}
+    array = {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
     return SourceNetwork(
         name=extra["name"],
         node_ids=extra["nodes"],

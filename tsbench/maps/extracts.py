@@ -1,0 +1,46 @@
+"""What is known about the extracts: `sumo_nets/extracts.yaml`, the best tagged first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import yaml
+
+from tsbench.errors import InputError
+from tsbench.maps.paths import sumo_nets
+
+
+@dataclass(frozen=True)
+class Extract:
+    """An extract's name, its short code in map ids, and whether lanes and shapes are as surveyed."""
+
+    name: str
+    code: str
+    well_tagged: bool
+    rank: int
+
+
+@cache
+def known_extracts() -> dict[str, Extract]:
+    """The extracts that the repository knows, by name."""
+    path = sumo_nets() / "extracts.yaml"
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict) or content.get("schema") != 1:
+        raise InputError(f"{path}: expected `schema: 1`")
+    return {
+        entry["name"]: Extract(entry["name"], entry["code"], bool(entry["well_tagged"]), rank)
+        for rank, entry in enumerate(content["extracts"])
+    }
+
+
+def extract_info(name: str) -> Extract:
+    """A known extract, or an unknown one: well tagged, after the known well-tagged ones, its name as its code."""
+    known = known_extracts()
+    return known.get(name, Extract(name, name, True, len(known)))
+
+
+def by_preference(names: list[str]) -> list[str]:
+    """The names with well-tagged extracts first, in the file's order, then by name."""
+    infos = [extract_info(name) for name in names]
+    return [info.name for info in sorted(infos, key=lambda e: (not e.well_tagged, e.rank, e.name))]

@@ -1,0 +1,121 @@
+"""The pool of maps: one frozen row per map, kept in `sumo_nets/pool.parquet`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.errors import InputError
+
+SCHEMA_VERSION = 1
+FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
+SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
+
+
+@dataclass(frozen=True, slots=True)
+class PoolRow:
+    """One map of the pool. Metres, m/s, degrees; places in UTM 37 north, the same frame for all sources.
+
+    `shape`: T | X | ring | straight | curved. `slot` (dual path, else ""): prohibited and compliant manoeuvre.
+    `east`/`north`: middle of the crop's bounding box, `half_w`/`half_h`: half its sides. `lanes`: most per direction;
+    `lane_bucket`: that, 3 for more. `curvature`: chord over arc of the main line. `length_m`: corridor's length,
+    shortest arm, the ring's circumference, or the longer way. `detail`: the family's own fields, see docs/maps.md.
+    """
+
+    map_id: str
+    family: str
+    shape: str
+    slot: str
+    lat: float
+    lon: float
+    source: str
+    well_tagged: bool
+    osm_ids: tuple[int, ...]
+    junction_ids: tuple[str, ...]
+    east: float
+    north: float
+    half_w: float
+    half_h: float
+    lanes: int
+    lane_bucket: int
+    oneway: bool
+    curvature: float
+    length_m: float
+    speed_mps: float
+    road_class: str
+    detail: str
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """`detail`, parsed."""
+        parsed: dict[str, Any] = json.loads(self.detail)
+        return parsed
+
+
+POOL_SCHEMA = pa.schema(
+    [
+        *((name, pa.string()) for name in ("map_id", "family", "shape", "slot")),
+        *((name, pa.float64()) for name in ("lat", "lon")),
+        ("source", pa.string()),
+        ("well_tagged", pa.bool_()),
+        ("osm_ids", pa.list_(pa.int64())),
+        ("junction_ids", pa.list_(pa.string())),
+        *((name, pa.float64()) for name in ("east", "north", "half_w", "half_h")),
+        ("lanes", pa.int32()),
+        ("lane_bucket", pa.int32()),
+        ("oneway", pa.bool_()),
+        *((name, pa.float64()) for name in ("curvature", "length_m", "speed_mps")),
+        ("road_class", pa.string()),
+        ("detail", pa.string()),
+    ]
+)
+
+
+def map_id(family: str, code: str, *ids: str) -> str:
+    """A stable name such as `j-nwm-3f9a1c20`: family, extract, and a digest of the source's own ids."""
+    digest = hashlib.blake2b("\n".join(ids).encode(), digest_size=5).hexdigest()
+    return f"{family[0]}-{code}-{digest}"
+
+
+def write_pool(rows: Sequence[PoolRow], path: Path) -> None:
+    """Write the pool sorted by `map_id`: the same rows give the same bytes."""
+    ordered = sorted(rows, key=lambda row: row.map_id)
+    table = pa.Table.from_pylist([asdict(row) for row in ordered], schema=POOL_SCHEMA)
+    table = table.replace_schema_metadata(
+        {"tsbench_schema": str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(".part")
+    pq.write_table(table, half, compression="zstd", compression_level=12)
+    half.replace(path)
+
+
+def read_pool(path: Path) -> list[PoolRow]:
+    """All rows, sorted by `map_id`. Raises InputError for a file that is missing, broken or of another schema."""
+    if not path.is_file():
+        raise InputError(f"{path}: no pool index; `tsbench maps harvest --osm DIR` makes it")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as broken:
+        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(broken).split())})") from broken
+    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
+    missing = [name for name in POOL_SCHEMA.names if name not in table.schema.names]
+    if missing:
+        raise InputError(f"{path}: column '{missing[0]}' is missing")
+    columns = [table[name].to_pylist() for name in POOL_SCHEMA.names]
+    rows = []
+    for values in zip(*columns, strict=True):
+        record = dict(zip(POOL_SCHEMA.names, values, strict=True))
+        record["osm_ids"] = tuple(record["osm_ids"])
+        record["junction_ids"] = tuple(record["junction_ids"])
+        rows.append(PoolRow(**record))
+    return rows
