@@ -129,6 +129,8 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleS
 def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:
     """What a sign says about other files must be true."""
     path = root / "signs" / f"{sign.code}.yaml"
+    if not (root / "plates" / sign.drawing).is_file():
+        raise InputError(f"{path}: plate: drawing: no file {root / 'plates' / sign.drawing}")
     for code in sign.rule.ended_by:
         if code not in END_PLACES and (code not in signs or signs[code].ends != sign.code):
             raise InputError(f"{path}: ended_by: {code!r} is no sign that ends {sign.code}")
