@@ -1,0 +1,58 @@
+"""`tsbench signs` prints the catalogue and draws it."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from PIL import Image
+
+from tsbench.cli.signs import signs
+from tsbench.errors import InputError
+from tsbench.signs.catalog import load_catalog
+
+
+def call(*arguments: str) -> Result:
+    return CliRunner(env={"COLUMNS": "120"}).invoke(signs, arguments)
+
+
+def test_list_names_every_sign_and_type() -> None:
+    printed = call("list").output
+    for sign in load_catalog().signs.values():
+        assert sign.code in printed
+        assert sign.type_id in printed
+    assert "34 signs, 29 scenario types" in printed
+
+
+def test_list_keeps_type_ids_whole_on_a_narrow_terminal() -> None:
+    printed = CliRunner(env={"COLUMNS": "80"}).invoke(signs, ["list"]).output
+    assert "direction_straight_right" in printed
+
+
+@pytest.mark.parametrize("code", list(load_catalog().signs))
+def test_show_prints_facts_thresholds_and_clauses(code: str) -> None:
+    result = call("show", code)
+    sign = load_catalog().sign(code)
+    assert result.exit_code == 0
+    for text in (sign.name_ru, sign.name_en, "Appendix 1", "52290", "Annex 1", *sign.rule.thresholds):
+        assert text in result.output
+    for clause in sign.rule.clauses:
+        assert clause.id in result.output
+
+
+def test_show_of_an_unknown_code_is_bad_input() -> None:
+    assert isinstance(call("show", "9.9").exception, InputError)
+
+
+def test_sheet_draws_a_png(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "sheet.png"
+    assert call("sheet", "--out", str(path)).output.strip() == str(path)
+    with Image.open(path) as picture:
+        assert picture.format == "PNG"
+        assert picture.width > 1000
+        assert len(picture.getcolors(1 << 20) or []) > 50
+
+
+def test_a_sheet_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
+    assert isinstance(call("sheet", "--out", str(tmp_path / "sheet.jpg")).exception, InputError)
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    assert isinstance(call("sheet", "--out", str(tmp_path / "file" / "sheet.png")).exception, InputError)

@@ -1,0 +1,37 @@
+"""`tsbench signs`: the sign catalogue in words and pictures."""
+
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.listing import sign_page, sign_table
+
+
+@click.group()
+def signs() -> None:
+    """Traffic signs: list them, show one, draw them all."""
+
+
+@signs.command("list")
+def list_signs() -> None:
+    """Print all signs with their scenario types."""
+    Console().print(sign_table(load_catalog()))
+
+
+@signs.command("show")
+@click.argument("code")
+def show_sign(code: str) -> None:
+    """Print what the catalogue says about the sign CODE, such as 3.24."""
+    Console().print(sign_page(load_catalog().sign(code)))
+
+
+@signs.command("sheet")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG file to write.")
+def draw_sheet(out: Path) -> None:
+    """Draw all plates by group on one page."""
+    from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
+
+    save_sheet(load_catalog(), out)
+    click.echo(str(out))
