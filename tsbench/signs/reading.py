@@ -1,6 +1,5 @@
 """Reading a YAML file key by key, so that every problem is one line: file: key: what is wrong."""
 
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NoReturn
@@ -8,6 +7,8 @@ from typing import NoReturn
 import yaml
 
 from tsbench.errors import InputError
+
+_TOO_BIG = 1e300  # shuts out infinity, and whole numbers that no float can hold
 
 
 class _UniqueKeyLoader(yaml.CSafeLoader):
@@ -155,6 +156,6 @@ class Fields:
         return value
 
     def _as_number(self, key: str, value: object) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _TOO_BIG:
             self.fail(key, f"must be a number, not {value!r}")
         return float(value)
