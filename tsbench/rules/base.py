@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
-from tsbench.sim.scene import Scene
-from tsbench.sim.world import WorldSnapshot
+from tsbench.errors import InputError
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
     """One event: one excursion over a clause's threshold, edge-triggered.
 
-    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold` and
-    `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or obstacle.
+    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold`
+    and `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or
+    obstacle. The moment that decides is the start of the excursion; `value` is the worst of the excursion.
     """
 
     rule: str
@@ -55,18 +59,53 @@ class Verdict:
 class Monitor(ABC):
     """Watches one sign during one episode: one `update` a tick, in order, from step 0; then `finish` once.
 
-    The same code scores online and from a stored trace. An exception inside is an episode error, never "compliant".
+    The same code scores online and from a stored trace. An exception inside is an episode error, never
+    "compliant". `needs`: the plate's params without which the rule cannot be judged.
     """
+
+    needs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         self.sign = sign
         self.rule = rule
         self.scene = scene
 
-    @abstractmethod
     def update(self, snapshot: WorldSnapshot) -> None:
-        """Take in one tick."""
+        """Take in one tick. Raises ValueError for an ego that is nowhere: it can neither obey nor offend."""
+        require_finite(snapshot)
+        self.step(snapshot)
+
+    @abstractmethod
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """What the rule makes of one tick."""
 
     @abstractmethod
     def finish(self) -> Verdict:
         """Close open excursions and give the verdict."""
+
+    def param(self, key: str) -> str:
+        """A parameter of the plate; InputError where the scene's builder left it out."""
+        value = self.sign.params.get(key, "")
+        if not value:
+            raise InputError(
+                f"{self.scene.additional_path}: sign {self.sign.id!r}: param {key!r} is missing, "
+                f"rule {self.rule.name} needs it"
+            )
+        return value
+
+    def edges(self, key: str) -> tuple[str, ...]:
+        """The edges that a parameter lists; InputError where the network has no such edge."""
+        edges = tuple(self.param(key).split())
+        for edge in edges:
+            if edge not in self.scene.network.edges:
+                raise InputError(
+                    f"{self.scene.additional_path}: sign {self.sign.id!r}: param {key!r}: no edge {edge!r}"
+                )
+        return edges
+
+
+def require_finite(snapshot: WorldSnapshot) -> None:
+    """Raise ValueError where the ego's pose or speed is not finite."""
+    ego = snapshot.ego
+    if not math.isfinite(ego.x + ego.y + ego.heading + ego.speed):
+        raise ValueError(f"step {snapshot.step}: the ego's state is not finite ({ego})")

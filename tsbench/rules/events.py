@@ -1,0 +1,88 @@
+"""Events of one monitor: edge-triggered excursions with evidence. Source: spec/rules.md, "Verdict"."""
+
+from __future__ import annotations
+
+from tsbench.rules.base import Verdict, Violation
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.world import WorldSnapshot
+
+
+class EventLog:
+    """Collects the events of one plate, and apart from them the ticks in which a clause was broken."""
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec) -> None:
+        self._sign = sign
+        self._rule = rule
+        self._violations: list[Violation] = []
+        self._steps: set[int] = set()
+
+    def mark(self, step: int) -> None:
+        """A clause was broken at this tick."""
+        self._steps.add(step)
+
+    def event(
+        self,
+        clause_id: str,
+        start: WorldSnapshot,
+        end_s: float,
+        value: float,
+        threshold: float,
+        other: str | None = None,
+    ) -> None:
+        """Enter one event; its margin is the distance of `value` from `threshold`."""
+        clause = self._rule.clause(clause_id)
+        ego, margin = start.ego, abs(value - threshold)
+        self._violations.append(
+            Violation(
+                rule=self._rule.name, clause=clause_id, sign_id=self._sign.id, sign_code=self._sign.code,
+                start_s=start.time, end_s=end_s, x=ego.x, y=ego.y, heading=ego.heading, speed=ego.speed,
+                value=value, threshold=threshold, margin=margin, unit=clause.unit, other=other,
+                sentence=clause.sentence(
+                    sign_code=self._sign.code, time_s=start.time, value=value, threshold=threshold,
+                    margin=margin, other=other,
+                ),
+            )
+        )  # fmt: skip
+
+    def verdict(self, engaged: bool) -> Verdict:
+        """The verdict; a rule that was broken has bound the ego, whatever its decision window says."""
+        events = sorted(self._violations, key=lambda v: (v.start_s, v.clause, v.other or ""))
+        return Verdict(self._sign.id, engaged or bool(events), tuple(events), len(self._steps))
+
+
+class Excursion:
+    """The open excursion of one clause, from the first tick that breaks it to the last before one that does not.
+
+    The event gets the worst value; `smaller_is_worse` for clauses that set a minimum.
+    """
+
+    def __init__(self, log: EventLog, clause: str, smaller_is_worse: bool = False) -> None:
+        self._log = log
+        self._clause = clause
+        self._sign = -1.0 if smaller_is_worse else 1.0
+        self._start: WorldSnapshot | None = None
+        self._end_s = self._value = self._threshold = 0.0
+        self._other: str | None = None
+
+    @property
+    def open(self) -> bool:
+        """Is an excursion under way?"""
+        return self._start is not None
+
+    def broken(
+        self, snapshot: WorldSnapshot, value: float, threshold: float, other: str | None = None
+    ) -> None:
+        """The clause is broken at this tick."""
+        if self._start is None:
+            self._start, self._value, self._threshold, self._other = snapshot, value, threshold, other
+        elif self._sign * (value - self._value) > 0.0:
+            self._value = value
+        self._end_s = snapshot.time
+        self._log.mark(snapshot.step)
+
+    def close(self) -> None:
+        """The clause is kept at this tick, or the episode is over."""
+        if self._start is not None:
+            self._log.event(self._clause, self._start, self._end_s, self._value, self._threshold, self._other)
+            self._start = None

@@ -1,0 +1,114 @@
+"""Turns that a sign allows at a junction. Source: spec/rules.md, "Turns and directions". Degrees in evidence.
+
+Plate params: `junction`; `approach`, the signed edge into it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+from tsbench.errors import InputError
+from tsbench.geometry.angles import wrap
+from tsbench.maps.network import RoadNetwork
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.events import EventLog
+from tsbench.rules.lines import ApproachLine
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.lanegraph import heading_change, manoeuvre
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import EgoState, WorldSnapshot
+
+
+class Manoeuvre(Monitor):
+    """Armed on the approach, resolved on the first ordinary edge after the junction, at each pass."""
+
+    needs: ClassVar[tuple[str, ...]] = ("junction", "approach")
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        super().__init__(sign, rule, scene)
+        self.log = EventLog(sign, rule)
+        self._network = scene.network
+        approach, junction = self.edges("approach")[0], self.param("junction")
+        if scene.network.edges[approach].target != junction:
+            raise InputError(
+                f"{scene.additional_path}: sign {sign.id!r}: edge {approach!r} does not lead to junction "
+                f"{junction!r}"
+            )
+        self._line = ApproachLine(scene.network, approach)
+        # Heading change by edge entered, and +1 where it is driven in its own direction, -1 against it.
+        self._exits = _exits(scene.network, approach, junction)
+        self._straight = rule.thresholds["straight_deg"]
+        self._u_turn = rule.thresholds["u_turn_deg"]
+        self._allowed = rule.options["allowed"]
+        self._armed = self._passed = self._engaged = False
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        ego = snapshot.ego
+        if ego.lane in self._line.lanes:
+            self._armed = self._engaged = True
+            to_go = self._line.to_go(ego)
+            self._passed = to_go is not None and to_go < 0.0
+        elif self._armed and ego.lane >= 0:
+            self._behind(snapshot)
+
+    def _behind(self, snapshot: WorldSnapshot) -> None:
+        """The centre has left the approach's own lanes."""
+        ego = snapshot.ego
+        lane = self._network.lanes[ego.lane]
+        if lane.internal:
+            self._passed = True
+            return
+        if not self._passed:
+            # Beside the approach on the other side of its road, or turned round before the junction.
+            to_go = self._line.to_go(ego) if ego.lane in self._line.opposite else None
+            self._armed = to_go is not None
+            self._passed = to_go is not None and to_go < 0.0
+            return
+        found = self._exits.get(lane.edge)
+        if found is None:
+            self._armed = self._passed = False
+        elif found[1] * math.cos(ego.heading - lane.line.heading_at(ego.s)) > 0.0:
+            # Against this test: a corner of another arm's strip brushed in passing.
+            self._armed = self._passed = False
+            self._judge(snapshot, math.degrees(found[0]), ego)
+
+    def _judge(self, snapshot: WorldSnapshot, change: float, ego: EgoState) -> None:
+        kind = manoeuvre(math.radians(change), math.radians(self._straight), math.radians(self._u_turn))
+        self.resolved(snapshot, ego)
+        if kind in self._allowed:
+            return
+        # The bound of the class that the change lies beyond.
+        bound = self._u_turn if kind == "u_turn" else self._straight
+        threshold = -bound if change < 0.0 else bound
+        self.log.event("prohibited_manoeuvre", snapshot, snapshot.time, change, threshold)
+        self.log.mark(snapshot.step)
+
+    def resolved(self, snapshot: WorldSnapshot, ego: EgoState) -> None:
+        """The tick at which the ego has entered an arm; for rules that ask for more than the manoeuvre."""
+
+    def finish(self) -> Verdict:
+        """A passage that was not completed is no manoeuvre."""
+        return self.log.verdict(self._engaged)
+
+
+def _exits(network: RoadNetwork, approach: str, junction: str) -> dict[str, tuple[float, float]]:
+    """By ordinary edge of the junction: change of heading (rad) for an ego that leaves by it, and direction.
+
+    An arm's incoming edge counts too: who drives out on it has made the turn, on the wrong side.
+    """
+    out = {
+        e.id: (heading_change(network, approach, e.id), 1.0)
+        for e in network.edges.values()
+        if not e.internal and e.source == junction
+    }
+    own = network.edge_lanes(approach)[0].line
+    start = own.heading_at(max(own.length - 1.0, 0.0))
+    for e in network.edges.values():
+        if not e.internal and e.target == junction and e.id != approach and e.id not in out:
+            line = network.edge_lanes(e.id)[0].line
+            end = line.heading_at(max(line.length - 1.0, 0.0))
+            out[e.id] = (wrap(end + math.pi - start), -1.0)
+    return out

@@ -1,0 +1,69 @@
+"""Minimum speed in a zone. Source: spec/rules.md, "Speed". Speeds in km/h as on the plates."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.speed import KMH_PER_MPS
+from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import EGO_LENGTH_M, WorldSnapshot
+
+
+class MinSpeed(Monitor):
+    """Not slower than posted, less the tolerance, for longer than a moment, where the lane ahead is free.
+
+    The excursion begins with the first slow tick; it becomes an event once it has lasted.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        super().__init__(sign, rule, scene)
+        self._log = EventLog(sign, rule)
+        self._zone = Zone(self)
+        self._minimum = posted_kmh(self)
+        self._under = Excursion(self._log, "under_minimum", smaller_is_worse=True)
+        self._slow: list[WorldSnapshot] = []
+        self._engaged = False
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        t = self.rule.thresholds
+        past = self._zone.front(snapshot.ego)
+        if past is None or past < t["settle_distance_m"]:
+            self._end()
+            return
+        self._engaged = True
+        threshold = self._minimum - t["tolerance_kmh"]
+        if snapshot.ego.speed * KMH_PER_MPS >= threshold or self._held_up(snapshot):
+            self._end()
+            return
+        self._slow.append(snapshot)
+        if snapshot.time - self._slow[0].time > t["duration_s"] + 1e-9:
+            for tick in self._slow if not self._under.open else self._slow[-1:]:
+                self._under.broken(tick, tick.ego.speed * KMH_PER_MPS, threshold)
+
+    def _end(self) -> None:
+        self._under.close()
+        self._slow.clear()
+
+    def _held_up(self, snapshot: WorldSnapshot) -> bool:
+        """Does a leader slower than the minimum drive on the ego's lane within the distance of the rule?"""
+        t, ego, actors = self.rule.thresholds, snapshot.ego, snapshot.actors
+        reach = max(t["leader_min_m"], ego.speed**2 / t["leader_divisor_mps2"] + t["leader_margin_m"])
+        for k, lane in enumerate(actors.lane.tolist()):
+            if lane == ego.lane and float(actors.speed[k]) * KMH_PER_MPS < self._minimum:
+                gap = float(actors.lane_s[k]) - float(actors.length[k]) - ego.s - EGO_LENGTH_M / 2
+                if -EGO_LENGTH_M <= gap <= reach:
+                    return True
+        return False
+
+    def finish(self) -> Verdict:
+        """An excursion that is still open ends with the episode."""
+        self._end()
+        return self._log.verdict(self._engaged)

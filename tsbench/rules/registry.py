@@ -1,0 +1,58 @@
+"""Which monitor judges a rule, and the monitors of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from tsbench.errors import InputError
+from tsbench.rules.base import Monitor
+from tsbench.rules.detour import Detour
+from tsbench.rules.give_way import GiveWay
+from tsbench.rules.manoeuvre import Manoeuvre
+from tsbench.rules.min_speed import MinSpeed
+from tsbench.rules.speed import Speed
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import Catalog
+from tsbench.sim.scene import Scene
+
+MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
+    {
+        "give_way": GiveWay,
+        "speed": Speed,
+        "min_speed": MinSpeed,
+        "detour": Detour,
+        "manoeuvre": Manoeuvre,
+    }
+)
+
+
+def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
+    """The monitor of one plate; InputError for a rule that nobody judges or a plate that lacks a param."""
+    rule = catalog.sign(sign.code).rule
+    monitor = MONITORS.get(rule.name)
+    if monitor is None:
+        known = ", ".join(sorted(MONITORS))
+        raise InputError(
+            f"{scene.additional_path}: sign {sign.id!r}: no monitor for rule {rule.name!r}, only for {known}"
+        )
+    return monitor(sign, rule, scene)
+
+
+def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monitor, ...]]:
+    """The target's monitor, and those of the context plates that bind the ego.
+
+    A context plate with none of its rule's params speaks to other traffic and is scenery; so is one that no
+    monitor judges. End plates belong to the plate that they end.
+    """
+    others = tuple(
+        make_monitor(sign, catalog, scene)
+        for sign in scene.signs
+        if sign.role == "context" and sign.id != scene.target and _binds_ego(sign, catalog)
+    )
+    return make_monitor(scene.target_sign, catalog, scene), others
+
+
+def _binds_ego(sign: SignInstance, catalog: Catalog) -> bool:
+    monitor = MONITORS.get(catalog.sign(sign.code).rule.name)
+    return monitor is not None and any(key in sign.params for key in monitor.needs)

@@ -1,0 +1,48 @@
+"""Speed limits in a zone. Source: spec/rules.md, "Speed". Speeds in km/h here, as on the plates."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
+
+KMH_PER_MPS = 3.6
+
+
+class Speed(Monitor):
+    """Not faster than posted, plus the tolerance, while the ego's front is in the zone."""
+
+    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        super().__init__(sign, rule, scene)
+        self._log = EventLog(sign, rule)
+        self._zone = Zone(self)
+        self._threshold = posted_kmh(self) + rule.thresholds["tolerance_kmh"]
+        self._over = Excursion(self._log, "over_limit")
+        self._engaged = False
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        speed = snapshot.ego.speed * KMH_PER_MPS
+        over = speed > self._threshold
+        if self._engaged and not over:
+            self._over.close()
+            return
+        inside = self._zone.front(snapshot.ego) is not None
+        self._engaged = self._engaged or inside
+        if inside and over:
+            self._over.broken(snapshot, speed, self._threshold)
+        else:
+            self._over.close()
+
+    def finish(self) -> Verdict:
+        """An excursion that is still open ends with the episode."""
+        self._over.close()
+        return self._log.verdict(self._engaged)

@@ -1,0 +1,51 @@
+"""The zone of a plate along the road, from its own line to that of its end plate or the end of its last edge.
+
+Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next junction
+the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
+"""
+
+from __future__ import annotations
+
+from tsbench.errors import InputError
+from tsbench.rules.base import Monitor
+from tsbench.rules.lines import Road
+from tsbench.signs.annotations import SignInstance
+from tsbench.sim.world import EgoState
+
+
+class Zone:
+    """A stretch of road that a plate rules. start, end: m along `road`."""
+
+    def __init__(self, monitor: Monitor) -> None:
+        sign, scene = monitor.sign, monitor.scene
+        edges = monitor.edges("zone_edges")
+        where = f"{scene.additional_path}: sign {sign.id!r}"
+        if sign.edge != edges[0]:
+            raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {edges[0]!r}")
+        self.road = Road(scene.network, edges, sign.lane)
+        self.start = sign.position_m
+        self.end = self.road.length
+        plate = _end_plate(sign, scene.signs)
+        if plate is not None:
+            if plate.edge not in self.road.starts:
+                raise InputError(f"{where}: its end plate {plate.id!r} is not on an edge of its zone")
+            self.end = self.road.starts[plate.edge] + plate.position_m
+        if not self.start < self.end:
+            raise InputError(f"{where}: its zone ends before it starts")
+
+    def front(self, ego: EgoState) -> float | None:
+        """Metres of the ego's front past the plate's line; None where it is outside the zone."""
+        front = self.road.front(ego)
+        return front - self.start if front is not None and self.start < front <= self.end else None
+
+
+def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
+    """The plate that ends this one."""
+    return next((s for s in signs if s.ends == sign.id), None)
+
+
+def posted_kmh(monitor: Monitor) -> float:
+    """The number on the plate; InputError where a speed sign carries none."""
+    if monitor.sign.value is None:
+        raise InputError(f"{monitor.scene.additional_path}: sign {monitor.sign.id!r}: value is missing")
+    return monitor.sign.value
