@@ -9,15 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-
 from tsbench.geometry.polyline import Array
 from tsbench.maps.network import RoadNetwork
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Destination, Obstacle
 from tsbench.sim.world import Actors, EgoState
-from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import RuleSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,8 @@ class Control:
 class Trajectory:
     """Future poses that the harness's own tracker follows.
 
-    times: (k,) s from now, increasing, first > 0. poses: (k, 3) x, y, heading of the ego's centre in the world frame.
+    times: (k,) s from now, increasing, first > 0. poses: (k, 3) x, y, heading of the ego's centre in the
+    world frame.
     """
 
     times: Array
@@ -43,7 +43,8 @@ class Trajectory:
 class SignView:
     """A sign as a planner sees it. With masked signs, `code` is "" and `value` None: an anonymous object.
 
-    distance: m along the ego's heading-free straight line; edge, lane (order, -1 = all lanes) and position_m: where its line is.
+    distance: m from the ego's centre in a straight line; edge, lane (order, -1 = all lanes) and position_m:
+    where its line is.
     """
 
     code: str
@@ -98,12 +99,13 @@ class PlannerContext:
 
 @runtime_checkable
 class Planner(Protocol):
-    """What the runner calls. `privileged` planners are given `PlannerContext.privilege` and flagged in results."""
+    """What the runner calls.
+
+    A planner with `privileged = True` is given `PlannerContext.privilege` and flagged in results.
+    """
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode: drop all state of the one before."""
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """One command for the next 0.1 s."""
-
-

@@ -1,0 +1,144 @@
+"""What stands behind `--planner`: names, modules, files, functions, and every way to get it wrong."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tsbench.errors import InputError
+from tsbench.planners import registry
+from tsbench.planners.base import Planner
+
+GOOD = """
+from tsbench.planners.base import Control
+
+class Mine:
+    privileged = True
+    def reset(self, context): pass
+    def act(self, observation): return Control(0.0, 0.0)
+
+def steady(observation): return Control(1.0, 0.0)
+
+class NoAct:
+    def reset(self, context): pass
+
+class WrongAct:
+    def reset(self, context): pass
+    def act(self): pass
+
+class NeedsMore:
+    def __init__(self, what): pass
+    def reset(self, context): pass
+    def act(self, observation): pass
+
+def two(a, b): pass
+
+number = 3
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.py"
+    path.write_text(GOOD)
+    return path
+
+
+@pytest.mark.parametrize("name", registry.names())
+def test_every_registered_planner_loads(name: str) -> None:
+    loaded = registry.resolve(name)
+    assert loaded.name == loaded.spec == name
+    assert isinstance(loaded.factory(), Planner)
+    assert loaded.privileged is name.endswith("-e")
+
+
+def test_what_the_entry_says_is_what_the_class_says() -> None:
+    for name in registry.names():
+        made = registry.resolve(name).factory()
+        assert getattr(made, "privileged", False) == registry.entry(name).privileged
+        assert getattr(made, "sign_access", True) == registry.entry(name).sign_access
+
+
+def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_file = registry.resolve(f"{file}:Mine")
+    assert by_file.name == "Mine"
+    assert by_file.privileged
+    monkeypatch.chdir(file.parent)
+    assert registry.resolve("mine:Mine").name == "Mine"
+    function = registry.resolve(f"{file}:steady").factory()
+    assert isinstance(function, Planner)
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("idn", ["no such planner", "did you mean", "idm"]),
+        ("zzzz", ["no such planner", "registered are idm, idm-e"]),
+        ("no_such_package.thing:Class", ["there is no module no_such_package"]),
+        ("tsbench.planners.idm:Nope", ["has no Nope", "Idm"]),
+        ("missing.py:Mine", ["there is no file missing.py"]),
+        ("missing.py", ["name the class or function", "missing.py:MyPlanner"]),
+        (":Mine", ["expected a registered name"]),
+        ("tsbench.planners.idm:", ["expected a registered name"]),
+        ("{file}:NoAct", ["no method act"]),
+        ("{file}:WrongAct", ["act must take one argument (observation)"]),
+        ("{file}:NeedsMore", ["constructible without arguments"]),
+        ("{file}:two", ["function must take one argument"]),
+        ("{file}:number", ["a int is no planner"]),
+    ],
+)
+def test_every_mistake_is_one_line_that_says_what(spec: str, words: list[str], file: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        registry.resolve(spec.format(file=file))
+    message = str(caught.value)
+    assert "\n" not in message
+    assert all(word in message for word in words), message
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x = 1\nimport no_such_thing\n", ["no_such_thing", "line 2"]),
+        ("def f(:\n", ["SyntaxError", "line 1"]),
+        ("\n\n1 / 0\n", ["ZeroDivisionError", "line 3"]),
+        ("raise SystemExit(3)\n", ["SystemExit: 3", "line 1"]),
+        ("raise ValueError('a\\nb')\n", ["ValueError: a b", "line 1"]),
+    ],
+)
+def test_a_file_that_does_not_import_names_file_and_line(tmp_path: Path, text: str, words: list[str]) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        registry.resolve(f"{path}:Mine")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "does not import" in message
+    assert str(path) in message
+    assert all(word in message for word in words), message
+
+
+def test_a_module_whose_own_import_fails_names_the_line_of_the_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "outer_planner.py").write_text("import inner_planner\n")
+    (tmp_path / "inner_planner.py").write_text("\n\n\nimport really_absent\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"inner_planner\.py, line 4"):
+        registry.resolve("outer_planner:Mine")
+
+
+def test_listing_imports_no_planner() -> None:
+    code = (
+        "import sys\n"
+        "from tsbench.planners import registry\n"
+        "[registry.entry(name) for name in registry.names()]\n"
+        "print([m for m in ('tsbench.planners.idm', 'torch', 'libsumo', 'shapely') if m in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=dict(os.environ)
+    )
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,117 @@
+"""`idm`: the Intelligent Driver Model along the route; blind to signs and to what is about to cross.
+
+Source: Treiber, Hennecke, Helbing, "Congested traffic states in empirical observations and microscopic
+simulations", Phys. Rev. E 62, 1805 (2000). Units: m, s, m/s, rad.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.profile import PathSamples, speed_at, speed_profile
+from tsbench.planners.steering import follow
+from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.scene import Obstacle
+
+# The speed profile is read this far ahead in time, so that its braking is met and not only followed.
+_PREVIEW_S = 0.5
+_CLOSEST_M = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class IdmParameters:
+    """A driver.
+
+    speed_factor: desired speed over the road's limit. top_speed: desired speed at most (m/s). headway_s,
+    min_gap_m, accel, decel: T, s0, a, b of the model (s, m, m/s2). lateral: greatest lateral acceleration in
+    bends (m/s2). emergency: hardest braking (m/s2).
+    """
+
+    speed_factor: float = 1.0
+    top_speed: float = math.inf
+    headway_s: float = 1.5
+    min_gap_m: float = 2.0
+    accel: float = 1.5
+    decel: float = 2.5
+    lateral: float = 2.2
+    emergency: float = 6.0
+
+
+def free_road(v: float, desired: float, p: IdmParameters) -> float:
+    """Acceleration on an empty road: the model's (exponent 4) below the desired speed, proportional above."""
+    if v <= desired:
+        ratio = v / desired
+        return p.accel * (1.0 - ratio * ratio * ratio * ratio)
+    # The model's own term brakes with a x (v/v0)^4 there: far too hard for a limit that drops by half.
+    return max((desired - v) / _PREVIEW_S, -p.decel)
+
+
+def interaction(v: float, gap: float, lead: float, p: IdmParameters) -> float:
+    """Deceleration (>= 0) for something `gap` m ahead that moves on at `lead` m/s."""
+    approach = v * (v - lead) / (2.0 * math.sqrt(p.accel * p.decel))
+    wanted = p.min_gap_m + max(v * p.headway_s + approach, 0.0)
+    ratio = wanted / max(gap, _CLOSEST_M)
+    return p.accel * ratio * ratio
+
+
+class Idm:
+    """The planner. Deterministic: the same observations give the same commands."""
+
+    privileged = False
+    sign_access = False
+
+    def __init__(self, parameters: IdmParameters | None = None) -> None:
+        self.parameters = parameters or IdmParameters()
+        self._path: RoutePath | None = None
+        self._samples: PathSamples
+        self._speeds: list[float]
+        self._fixed: dict[str, float] = {}
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
+        del context
+        self._path = None
+
+    def act(self, observation: Observation) -> Control:
+        """One command for the next 0.1 s."""
+        route = observation.route
+        if route.path is not self._path:
+            self._prepare(route.path)
+        p, v, s = self.parameters, observation.ego.speed, route.s
+        acceleration = free_road(v, speed_at(self._speeds, s + _PREVIEW_S * v), p)
+        front = s + HALF_LENGTH_M
+        # Beyond the way to stop comfortably plus four seconds nothing weighs in.
+        reach = 15.0 + 4.0 * v + v * v / (2.0 * p.decel)
+        nearest = math.inf
+        for end, speed in moving_ahead(self._samples, s, reach, observation.actors):
+            nearest = min(nearest, acceleration - interaction(v, end - front, speed, p))
+        for obstacle in observation.obstacles:
+            end = self._obstacle(obstacle, s)
+            if end - front < reach and end + 10.0 > front:
+                nearest = min(nearest, acceleration - interaction(v, end - front, 0.0, p))
+        return Control(max(min(acceleration, nearest), -p.emergency), follow(route, observation.ego))
+
+    def _prepare(self, path: RoutePath) -> None:
+        """Everything that hangs on the path alone."""
+        p = self.parameters
+        self._path = path
+        self._samples = PathSamples(path)
+        self._speeds = speed_profile(
+            path,
+            self._samples,
+            lateral=p.lateral,
+            decel=0.8 * p.decel,
+            factor=p.speed_factor,
+            top=p.top_speed,
+        )
+        self._fixed = {}
+
+    def _obstacle(self, obstacle: Obstacle, s: float) -> float:
+        """Where an obstacle begins on the path (inf: not on it); looked up once, as it does not move."""
+        end = self._fixed.get(obstacle.id)
+        if end is None:
+            end = self._fixed[obstacle.id] = obstacle_ahead(self._samples, s, obstacle)
+        return end
