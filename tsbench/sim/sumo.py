@@ -27,6 +27,7 @@ CONVOY_PREFIX = "convoy"
 _VARS = [
     libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_LANE_ID, libsumo.VAR_LANEPOSITION,
 ]  # fmt: skip
+_SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
 _POSITION, _ANGLE, _SPEED, _LANE, _LANE_POS = _VARS
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _OPTIONS = [
@@ -63,7 +64,7 @@ class Simulation:
             else:
                 libsumo.start(["sumo", *options])
                 self._running = True
-        except (libsumo.TraCIException, RuntimeError) as error:
+        except _SUMO_ERRORS as error:
             self._running = False
             raise SimulationError(f"{additional}: SUMO does not load the scene ({error})") from error
         self._lane_index = network.lane_index
@@ -97,7 +98,7 @@ class Simulation:
         """Advance 0.1 s."""
         try:
             libsumo.simulationStep()
-        except (libsumo.TraCIException, RuntimeError) as error:
+        except _SUMO_ERRORS as error:
             raise SimulationError(f"SUMO broke off at {libsumo.simulation.getTime():.1f} s ({error})") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
@@ -118,9 +119,14 @@ class Simulation:
         """Give a held vehicle back to its own driver."""
         libsumo.vehicle.setSpeed(vehicle, -1.0)
 
-    def vehicles(self) -> tuple[str, ...]:
-        """Ids of all vehicles on the road, sorted."""
-        return tuple(sorted(libsumo.vehicle.getIDList()))
+    def fleet(self) -> list[tuple[str, str, float, float]]:
+        """All vehicles on the road, sorted by id: (id, lane id, front's place along it in m, speed in m/s)."""
+        v = libsumo.vehicle
+        return [(i, v.getLaneID(i), v.getLanePosition(i), v.getSpeed(i)) for i in sorted(v.getIDList())]
+
+    def distance_driven(self, vehicle: str) -> float:
+        """Metres since its departure, its start position included."""
+        return float(libsumo.vehicle.getDistance(vehicle))
 
     def _enter(self, vehicle: str) -> int:
         v = libsumo.vehicle

@@ -1,0 +1,84 @@
+"""Background drivers drawn from the nuPlan figures. Source: scenarios/nuplan_statistics.json (spec/simulation.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tsbench.paths import data_root
+
+DRIVERS_PER_DRAW = 12
+# Bodies by nuPlan's size classes: length, width in m.
+BODIES = {"s": (3.7, 1.65), "m": (4.5, 1.85), "l": (5.3, 2.0), "xl": (8.5, 2.4)}
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """One IDM driver: desired speed (m/s), a, b (m/s2), headway (s), standstill gap (m), body length and width (m)."""
+
+    speed: float
+    accel: float
+    decel: float
+    headway: float
+    gap: float
+    length: float
+    width: float
+
+
+@cache
+def statistics() -> dict[str, Any]:
+    """The published nuPlan figures."""
+    path = data_root() / "scenarios" / "nuplan_statistics.json"
+    loaded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return loaded
+
+
+def quantile_speed(share: float) -> float:
+    """Speed (m/s) of moving traffic at a share in [0, 1]: linear between the published quantiles."""
+    table = statistics()["speed_mps"]
+    at = [0.0, 0.05, 0.25, 0.5, 0.75, 0.85, 0.95, 0.99, 1.0]
+    names = ["p5", "p25", "p50", "p75", "p85", "p95", "p99"]
+    values = [0.5, *(float(table[n]) for n in names), float(table["p99"]) * 1.05]
+    return float(np.interp(share, at, values))
+
+
+def _lognormal(rng: np.random.Generator, median: float, mean: float, low: float, high: float) -> float:
+    sigma = math.sqrt(2.0 * math.log(mean / median))
+    return float(np.clip(median * math.exp(sigma * rng.standard_normal()), low, high))
+
+
+def draw_driver(rng: np.random.Generator) -> Driver:
+    """One driver.
+
+    Free-flow speed: the upper two thirds of moving speeds, because the lower ones are cars held up by others.
+    IDM's a and b are *largest* comfortable values: twice the published typical ones. The headway is what the published
+    median gap is at the published median speed.
+    """
+    stats = statistics()
+    acc, dec = stats["acceleration_mps2"], stats["deceleration_mps2"]
+    following = stats["following_distance_m"]
+    gap = float(rng.uniform(1.5, 3.0))
+    headway = (float(following["p50"]) - gap) / float(stats["speed_mps"]["p50"])
+    spread = float(following["mean"]) / float(following["p50"])
+    sizes = stats["size_mix"]
+    size = str(rng.choice(list(sizes), p=np.array(list(sizes.values())) / sum(sizes.values())))
+    length, width = BODIES[size]
+    return Driver(
+        speed=quantile_speed(float(rng.uniform(0.33, 1.0))),
+        accel=_lognormal(rng, 2 * float(acc["p50"]), 2 * float(acc["mean"]), 0.8, 2.8),
+        decel=_lognormal(rng, 2 * float(dec["p50"]), 2 * float(dec["mean"]), 1.0, 3.5),
+        headway=_lognormal(rng, headway, headway * spread, 0.8, 3.0),
+        gap=gap,
+        length=length,
+        width=width,
+    )
+
+
+def draw_drivers(rng: np.random.Generator) -> tuple[Driver, ...]:
+    """The drivers that a scenario's traffic is made of."""
+    return tuple(draw_driver(rng) for _ in range(DRIVERS_PER_DRAW))

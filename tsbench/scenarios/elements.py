@@ -1,0 +1,126 @@
+"""SUMO elements of a scene that move: vehicle types, the ego, background cars, convoy, obstacles' stand-ins."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Sequence
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.maps.network import RoadNetwork
+from tsbench.scenarios.drivers import Driver
+from tsbench.scenarios.traffic import Car
+from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS
+from tsbench.sim.scene import EgoStart, Obstacle
+from tsbench.sim.scene_file import EGO_ID
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+
+def _num(value: float) -> str:
+    return f"{value:.3f}".rstrip("0").rstrip(".")
+
+
+def _vtype(name: str, driver: Driver, speed_factor: float, color: str) -> etree._Element:
+    values = {
+        "id": name, "vClass": "passenger", "carFollowModel": "IDM", "speedDev": "0",
+        "speedFactor": _num(speed_factor), "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
+        "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
+        "length": _num(driver.length), "width": _num(driver.width), "color": color,
+    }  # fmt: skip
+    return etree.Element("vType", values)
+
+
+def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> list[etree._Element]:
+    """One vehicle type per background driver: `bg0`, `bg1`, ..."""
+    return [_vtype(f"bg{k}", d, f, "0.6,0.6,0.65") for k, (d, f) in enumerate(zip(drivers, speed_factors, strict=True))]
+
+
+def background(cars: Sequence[Car]) -> list[etree._Element]:
+    """Background cars with their routes."""
+    elements = []
+    for car in cars:
+        element = etree.Element(
+            "vehicle", id=car.id, type=f"bg{car.driver}", depart=_num(car.depart), departLane=str(car.lane),
+            departPos="base" if car.position is None else _num(car.position), departSpeed="max",
+        )  # fmt: skip
+        etree.SubElement(element, "route", edges=" ".join(car.edges))
+        elements.append(element)
+    return elements
+
+
+def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) -> list[etree._Element]:
+    """The ego's type and vehicle: SUMO's own driver in sumo-gui, the planner's in an episode."""
+    lane = network.lane(start.lane)
+    vtype = etree.Element(
+        "vType", id="ego", vClass="passenger", carFollowModel="IDM", length=_num(EGO_LENGTH_M), width=_num(EGO_WIDTH_M),
+        accel=_num(MAX_ACCEL_MPS2), decel=_num(MAX_DECEL_MPS2), maxSpeed=_num(MAX_SPEED_MPS), speedDev="0", color="red",
+    )  # fmt: skip
+    front = (start.s + EGO_LENGTH_M / 2) * lane.length / lane.line.length
+    vehicle = etree.Element(
+        "vehicle", id=EGO_ID, type="ego", depart="0", departLane=str(lane.order), departPos=_num(front),
+        departSpeed=_num(start.speed), insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(route))
+    return [vtype, vehicle]
+
+
+def convoy_elements(
+    drivers: Sequence[Driver], places: Sequence[float], lane_order: int, edges: Sequence[str]
+) -> list[etree._Element]:
+    """The convoy, lead first, standing with its fronts at `places` on the first edge's lane."""
+    elements: list[etree._Element] = []
+    for k, (driver, place) in enumerate(zip(drivers, places, strict=True)):
+        elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow"))
+        vehicle = etree.Element(
+            "vehicle", id=f"convoy_{k}", type=f"convoy{k}", depart="0", departLane=str(lane_order),
+            departPos=_num(place), departSpeed="0", insertionChecks="none",
+        )  # fmt: skip
+        etree.SubElement(vehicle, "route", edges=" ".join(edges))
+        elements.append(vehicle)
+    return elements
+
+
+def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> list[etree._Element]:
+    """What SUMO's traffic sees of an obstacle: a vehicle of its size that stands there for ever."""
+    elements: list[etree._Element] = []
+    for o in obstacles:
+        lane = network.lane(o.lane)
+        front = (lane.line.project(o.x, o.y)[0] + o.length / 2) * lane.length / lane.line.length
+        elements.append(
+            etree.Element(
+                "vType", id=f"{o.id}_type", vClass="passenger", length=_num(o.length), width=_num(o.width),
+                maxSpeed="0.1", minGap="0.5", color="orange",
+            )  # fmt: skip
+        )
+        vehicle = etree.Element(
+            "vehicle", id=o.id, type=f"{o.id}_type", depart="0", departLane=str(lane.order),
+            departPos=_num(front), departSpeed="0", insertionChecks="none",
+        )  # fmt: skip
+        etree.SubElement(vehicle, "route", edges=lane.edge)
+        etree.SubElement(
+            vehicle, "stop", lane=lane.id, startPos=_num(max(front - o.length, 0.0)), endPos=_num(front), duration="86400"
+        )  # fmt: skip
+        elements.append(vehicle)
+    return elements
+
+
+def obey_element(edges: Sequence[str], network: RoadNetwork, speed: float) -> etree._Element:
+    """SUMO's variable speed sign over whole edges: what a speed plate means to other traffic."""
+    lanes = " ".join(lane.id for e in edges for lane in network.edge_lanes(e))
+    sign = etree.Element("variableSpeedSign", id="posted_speed", lanes=lanes)
+    etree.SubElement(sign, "step", time="0", speed=_num(speed))
+    return sign
+
+
+def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:
+    """Write an additional file (.xml.gz) without times or names in its header; returns the plain content."""
+    root = etree.Element("additional")
+    root.append(etree.Comment(" road data (c) OpenStreetMap contributors, ODbL 1.0 "))
+    root.extend(elements)
+    etree.indent(root, " ")
+    content: bytes = etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as raw, gzip.GzipFile(filename="", mode="wb", fileobj=raw, mtime=0, compresslevel=9) as out:
+        out.write(content)
+    return content

@@ -1,0 +1,109 @@
+"""What a placement is. Units: m, s, m/s, rad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from lxml import etree
+
+from tsbench.maps.network import Lane, RoadNetwork
+from tsbench.maps.plain import PlainNet
+from tsbench.maps.pool import PoolRow
+from tsbench.scenarios.drivers import Driver
+from tsbench.scenarios.recipe import Recipe
+from tsbench.scenarios.variants import Variant
+from tsbench.signs.annotations import SignInstance
+from tsbench.sim.lanegraph import LaneGraph, Turn
+from tsbench.sim.scene import Destination, EgoStart, Obstacle
+from tsbench.sim.world import EGO_LENGTH_M
+
+PLATE_BESIDE_M = 1.2
+
+
+class UnfitMapError(Exception):
+    """This map can't carry the type; the message is the reason that is kept."""
+
+
+@dataclass(frozen=True)
+class ConvoySetup:
+    """A convoy before its lead was timed. `places`: fronts on `lane` (id), lead first; `edges`: its route.
+
+    zone_m: along the lead's path from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps,
+    ego_turn_mps: as in sim.scene.ConvoyPlan.
+    """
+
+    drivers: tuple[Driver, ...]
+    places: tuple[float, ...]
+    lane: str
+    edges: tuple[str, ...]
+    zone_m: float
+    line_lane: str
+    ego_zone_m: float
+    ego_cruise_mps: float
+    ego_turn_mps: float
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """One scene, decided but not yet written.
+
+    extra: further SUMO elements (a speed plate's meaning for others). obey: edges where the posted value binds other
+    drivers, and the share of them that obeys it.
+    """
+
+    signs: tuple[SignInstance, ...]
+    target: str
+    start: EgoStart
+    destination: Destination
+    route_hint: tuple[str, ...]
+    compliant_hint: tuple[str, ...] = ()
+    route_length: float = float("nan")
+    obstacles: tuple[Obstacle, ...] = ()
+    convoy: ConvoySetup | None = None
+    extra: tuple[etree._Element, ...] = ()
+    avoid_turns: AbstractSet[Turn] = frozenset()
+    quiet_edges: AbstractSet[str] = frozenset()
+    speed_factors: Sequence[float] = field(default_factory=tuple)
+
+
+class Placement(Protocol):
+    """How one type is laid out: the network's edits once per map, then one arrangement per variant."""
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crop with what the plates mean to other traffic. Raises UnfitMapError."""
+
+    def arrange(
+        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
+        drivers: Sequence[Driver], rng: np.random.Generator,
+    ) -> Arrangement:  # fmt: skip
+        """One variant's scene. Raises UnfitMapError."""
+
+
+def beside_road(network: RoadNetwork, edge: str, s: float) -> tuple[float, float, float]:
+    """A plate's post right of an edge's rightmost lane: x, y, heading of the traffic that it faces."""
+    lane = network.edge_lanes(edge)[0]
+    x, y = lane.line.point_at(s, -(lane.width / 2 + PLATE_BESIDE_M))
+    return x, y, lane.line.heading_at(s)
+
+
+def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:
+    """Lanes of an edge that cars may use, rightmost first."""
+    return tuple(lane for lane in network.edge_lanes(edge) if lane.permits("passenger"))
+
+
+def before_line(lane: Lane, distance: float) -> float:
+    """Arc length of the ego's centre whose front is `distance` before the end of a lane. Raises UnfitMapError."""
+    s = lane.line.length - distance - EGO_LENGTH_M / 2
+    if s < EGO_LENGTH_M / 2:
+        raise UnfitMapError(f"lane {lane.id} of {lane.line.length:.0f} m has no room for the ego {distance:.0f} m before it")
+    return s
+
+
+def require(condition: bool, reason: str) -> None:
+    """Raise UnfitMapError with the reason unless the condition holds."""
+    if not condition:
+        raise UnfitMapError(reason)

@@ -1,0 +1,201 @@
+"""One map made ready for one type: its network, and the scene files and rows of its ten variants."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.errors import SimulationError
+from tsbench.maps.crop import build_net, plain_crop
+from tsbench.maps.network import read_network
+from tsbench.maps.pool import PoolRow
+from tsbench.maps.source import SourceNetwork
+from tsbench.scenarios.drivers import Driver, draw_drivers
+from tsbench.scenarios.elements import (
+    background, convoy_elements, driver_types, ego_elements, obstacle_elements, write_additional,
+)  # fmt: skip
+from tsbench.scenarios.families.base import Arrangement, ConvoySetup, UnfitMapError
+from tsbench.scenarios.families.registry import placement_of
+from tsbench.scenarios.load import Roads, content_sha256
+from tsbench.scenarios.recipe import Recipe
+from tsbench.scenarios.rehearse import lead_time, realised_density
+from tsbench.scenarios.seeds import rng_of, seed_of
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.traffic import Car, TrafficRequest, plan_traffic
+from tsbench.scenarios.variants import Variant, variants_of
+from tsbench.sim.ego import Motion
+from tsbench.sim.lanegraph import LaneGraph
+from tsbench.sim.place import LaneLocator
+from tsbench.sim.scene import ConvoyPlan
+from tsbench.sim.scene_file import SceneLayout, layout_elements
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
+
+NET_NAME = "net.net.xml.gz"
+DENSITY_TOLERANCE = 0.25
+DENSITY_GOAL = 0.12
+REHEARSALS = 5
+
+
+@dataclass(frozen=True)
+class Site:
+    """What building one map for one type gave: the rows, or the reason why it is unfit."""
+
+    map_id: str
+    rows: tuple[ScenarioSpec, ...]
+    densities: tuple[float, ...]
+    reason: str
+
+
+class SiteBuilder:
+    """Builds sites of one type below `root` (the `scenarios/` folder); holds a simulation for rehearsals."""
+
+    def __init__(self, recipe: Recipe, root: Path) -> None:
+        self.recipe, self.root = recipe, root
+        self.placement = placement_of(recipe)
+        self.sim = Simulation()
+
+    def build(self, row: PoolRow, source: SourceNetwork, split: str) -> Site:
+        """All variants of a map, or the reason that it can't carry the type."""
+        folder = self.root / "scenes" / self.recipe.type.id / row.map_id
+        try:
+            plain = self.placement.prepare(row, plain_crop(row, source), self.recipe)
+            folder.mkdir(parents=True, exist_ok=True)
+            net = folder / NET_NAME
+            build_net(plain, net)
+            network = read_network(net)
+            roads = Roads(network, LaneGraph(network), LaneLocator(network))
+            built = [
+                self._variant(row, roads, folder, v, split) for v in variants_of(self.recipe.type.id, row.map_id)
+            ]
+        except (UnfitMapError, SimulationError) as error:
+            return Site(row.map_id, (), (), " ".join(str(error).split()))
+        return Site(row.map_id, tuple(b[0] for b in built), tuple(b[1] for b in built), "")
+
+    def _variant(
+        self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str
+    ) -> tuple[ScenarioSpec, float]:
+        recipe, kind = self.recipe, self.recipe.type
+        scenario_id = f"{kind.id}-{row.map_id}-v{variant.number}"
+        seed = seed_of("scenario", scenario_id)
+        drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
+        a = self.placement.arrange(
+            row, roads.network, roads.graph, recipe, variant, drivers, rng_of("arrange", scenario_id)
+        )
+        files = _SceneFiles(self.sim, roads, folder, variant, a, drivers, seed, scenario_id)
+        density = files.write(recipe.horizon * DT_S)
+        files.check_start()
+        target = next(s for s in a.signs if s.id == a.target)
+        relative = files.path.relative_to(self.root).as_posix()
+        spec = ScenarioSpec(
+            scenario_id=scenario_id, scenario_type=kind.id, group=kind.group, sign_code=target.code,
+            sign_value=target.value, map_id=row.map_id, family=row.family, shape=row.shape, slot=row.slot,
+            variant=variant.number, split=split, seed=seed, initial_speed=a.start.speed,
+            route_length=a.route_length, density=variant.density, drivers=variant.drivers, layout=variant.layout,
+            horizon=recipe.horizon, net=(folder / NET_NAME).relative_to(self.root).as_posix(), additional=relative,
+            net_sha256=content_sha256(folder / NET_NAME), additional_sha256=files.sha256,
+        )  # fmt: skip
+        return spec, density
+
+
+class _SceneFiles:
+    """Writes one variant's additional file, rehearsing what has to be measured."""
+
+    def __init__(
+        self, sim: Simulation, roads: Roads, folder: Path, variant: Variant, a: Arrangement,
+        drivers: tuple[Driver, ...], seed: int, scenario_id: str,
+    ) -> None:  # fmt: skip
+        self.sim, self.roads, self.variant, self.a = sim, roads, variant, a
+        self.drivers, self.seed, self.name = drivers, seed, scenario_id
+        self.net = folder / NET_NAME
+        self.path = folder / f"v{variant.number}.add.xml.gz"
+        self.trial = folder / f"v{variant.number}.trial.xml.gz"
+        self.sha256 = ""
+
+    def write(self, duration_s: float) -> float:
+        """Write the file; returns the realised density in cars per lane-km (0 without traffic)."""
+        network, a = self.roads.network, self.a
+        try:
+            plan = self._convoy_plan() if a.convoy else None
+            layout = SceneLayout(
+                a.signs, a.target, a.obstacles, a.start, a.destination, plan, a.route_hint, a.compliant_hint
+            )
+            fixed = layout_elements(layout, network)
+            fixed += list(a.extra) + obstacle_elements(a.obstacles, network)
+            cars, density = self._traffic(fixed, duration_s)
+        finally:
+            self.trial.unlink(missing_ok=True)
+        moving = self._types() if cars else []
+        moving += ego_elements(a.start, network, a.route_hint)
+        if a.convoy:
+            moving += self._convoy_elements(a.convoy)
+        moving += background(cars)
+        content = write_additional([*fixed, *moving], self.path)
+        self.sha256 = hashlib.sha256(content).hexdigest()
+        return density
+
+    def _types(self) -> list[etree._Element]:
+        factors = self.a.speed_factors or [1.0] * len(self.drivers)
+        return driver_types(self.drivers, factors)
+
+    def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
+        lane = self.roads.network.lane(c.lane)
+        return convoy_elements(c.drivers, c.places, lane.order, c.edges)
+
+    def _convoy_plan(self) -> ConvoyPlan:
+        c = self.a.convoy
+        assert c is not None
+        write_additional(self._convoy_elements(c), self.trial)
+        seconds = lead_time(
+            self.sim, self.net, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
+        )
+        ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
+        return ConvoyPlan(ids, c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps)
+
+    def _traffic(self, fixed: list[etree._Element], duration_s: float) -> tuple[list[Car], float]:
+        asked = self.variant.cars_per_lane_km
+        if not asked:
+            return [], 0.0
+        a, scale = self.a, 1.0
+        best: tuple[float, list[Car], float] | None = None
+        for _ in range(REHEARSALS):
+            ask = TrafficRequest(
+                asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, duration_s, scale, _blocked(a)
+            )
+            cars = plan_traffic(self.roads.network, self.roads.graph, ask, rng_of("traffic", self.name))
+            elements = [*fixed, *self._types(), *background(cars)]
+            write_additional(elements, self.trial)
+            got = realised_density(self.sim, self.net, self.trial, self.roads.network, self.seed)
+            error = abs(got / asked - 1.0)
+            if best is None or error < best[0]:
+                best = (error, cars, got)
+            if error <= DENSITY_GOAL:
+                break
+            scale = min(max(scale * (asked / max(got, 0.1 * asked)) ** 1.5, 0.1), 6.0)
+        assert best is not None
+        if best[0] > DENSITY_TOLERANCE:
+            raise UnfitMapError(f"traffic of {asked:.1f} cars per lane-km becomes {best[2]:.1f}")
+        return best[1], best[2]
+
+    def check_start(self) -> None:
+        """Load the scene as an episode does: the ego is put in, the convoy is there."""
+        a, network = self.a, self.roads.network
+        lane = network.lane(a.start.lane)
+        x, y = lane.line.point_at(a.start.s)
+        motion = Motion(x, y, lane.line.heading_at(a.start.s), a.start.speed)
+        self.sim.load(self.net, self.path, network, self.seed)
+        self.sim.start_ego(motion, lane.edge, lane.order)
+        present = {name for name, *_ in self.sim.fleet()}
+        wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
+        missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
+        if missing:
+            raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
+
+
+def _blocked(a: Arrangement) -> tuple[tuple[str, float, float], ...]:
+    """Stretches (lane, from, to) where no car may stand at first: between the ego and an obstacle on its lane."""
+    return tuple((o.lane, a.start.s, a.start.s + 1e3) for o in a.obstacles)
+

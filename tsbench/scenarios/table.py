@@ -1,0 +1,89 @@
+"""Scenario tables: `scenarios/train.parquet` and `scenarios/test.parquet`, one row per scenario."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.errors import InputError
+from tsbench.paths import data_root
+from tsbench.scenarios.spec import SCHEMA_VERSION, ScenarioSpec
+
+SPLITS = ("train", "test")
+_TEXT = (
+    "scenario_id", "scenario_type", "group", "sign_code", "map_id", "family", "shape", "slot", "split", "net",
+    "additional", "net_sha256", "additional_sha256",
+)  # fmt: skip
+_WHOLE = ("variant", "drivers", "layout", "horizon")
+
+
+def _field(name: str) -> pa.Field:
+    if name in _TEXT:
+        return pa.field(name, pa.string(), nullable=False)
+    if name == "seed":
+        return pa.field(name, pa.int64(), nullable=False)
+    if name in _WHOLE:
+        return pa.field(name, pa.int32(), nullable=False)
+    return pa.field(name, pa.float64(), nullable=name == "sign_value")
+
+
+SCHEMA = pa.schema([_field(f.name) for f in fields(ScenarioSpec)]).with_metadata(
+    {"tsbench_schema": str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+)
+
+
+def table_path(split: str, root: Path | None = None) -> Path:
+    """Where the table of a split stands."""
+    return (data_root() / "scenarios" if root is None else root) / f"{split}.parquet"
+
+
+def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
+    """Write rows sorted by scenario id, atomically: the same rows give the same bytes."""
+    rows = sorted((asdict(s) for s in specs), key=lambda r: str(r["scenario_id"]))
+    table = pa.Table.from_pylist(rows, schema=SCHEMA)
+    part = path.with_suffix(".part")
+    pq.write_table(table, part, compression="zstd", compression_level=9)
+    os.replace(part, path)
+
+
+def read_table(path: Path) -> list[ScenarioSpec]:
+    """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
+    if not path.is_file():
+        raise InputError(f"{path}: no scenario table (tsbench scenarios build makes it)")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(error).split())})") from None
+    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
+    missing = [f.name for f in fields(ScenarioSpec) if f.name not in table.column_names]
+    if missing:
+        raise InputError(f"{path}: column {missing[0]!r} is missing")
+    try:
+        rows = table.select([f.name for f in fields(ScenarioSpec)]).cast(SCHEMA).to_pylist()
+    except (pa.ArrowInvalid, ValueError) as error:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    specs = [ScenarioSpec(**row) for row in rows]
+    _check(specs, path)
+    return specs
+
+
+def _check(specs: list[ScenarioSpec], path: Path) -> None:
+    seen: set[str] = set()
+    for number, spec in enumerate(specs):
+        where = f"{path}: row {number} ({spec.scenario_id})"
+        if spec.scenario_id in seen:
+            raise InputError(f"{where}: the id occurs twice")
+        seen.add(spec.scenario_id)
+        if spec.split not in SPLITS:
+            raise InputError(f"{where}: unknown split {spec.split!r}")
+        if not 0 < spec.horizon <= 10_000 or spec.initial_speed < 0:
+            raise InputError(f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible")
+        if ".." in Path(spec.net).parts or ".." in Path(spec.additional).parts:
+            raise InputError(f"{where}: a scene file outside the data folder")
