@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array, Polyline
 
 DEFAULT_LANE_WIDTH_M = 3.2
+_TOUCH_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +109,7 @@ def _points(text: str) -> Array:
 def _line(points: Array, internal: bool) -> Polyline:
     if internal and np.ptp(points, axis=0).max() < 1e-6:
         # netconvert writes internal lanes of no extent where two roads touch: a centimetre keeps them lines.
-        points = points[:1] + np.array([[0.0, 0.0], [0.01, 0.0]])
+        points = points[:1] + np.array([[0.0, 0.0], [_TOUCH_M, 0.0]])
     return Polyline(points)
 
 
@@ -165,7 +166,9 @@ def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
     return lanes, edges
 
 
-def _read_connections(root: etree._Element, edges: dict[str, Edge], index: dict[str, int]) -> list[Connection]:
+def _read_connections(
+    root: etree._Element, edges: dict[str, Edge], index: dict[str, int]
+) -> list[Connection]:
     inner: dict[int, int] = {}
     outer: list[tuple[int, int, str, str, str]] = []
     for element in root.iterfind("connection"):
@@ -191,6 +194,18 @@ def _read_connections(root: etree._Element, edges: dict[str, Edge], index: dict[
     return result
 
 
+def _turn_touching(lanes: list[Lane], connections: list[Connection]) -> None:
+    """Give internal lanes of no extent the direction of the lane before them."""
+    for connection in connections:
+        before = lanes[connection.from_lane].line
+        for via in connection.via:
+            line = lanes[via].line
+            if line.length <= _TOUCH_M * 1.001:
+                heading = before.heading_at(before.length)
+                step = _TOUCH_M * np.array([np.cos(heading), np.sin(heading)])
+                lanes[via] = replace(lanes[via], line=Polyline([line.points[0], line.points[0] + step]))
+
+
 def read_network(path: Path) -> RoadNetwork:
     """Read a network. Raises InputError (one line: file, place, problem) for anything that is none."""
     root = _parse(path)
@@ -198,9 +213,14 @@ def read_network(path: Path) -> RoadNetwork:
         lanes, edges = _read_edges(root)
         index = {lane.id: lane.index for lane in lanes}
         connections = _read_connections(root, edges, index)
+        _turn_touching(lanes, connections)
         junctions = {
             e.attrib["id"]: Junction(
-                e.attrib["id"], e.get("type", ""), float(e.attrib["x"]), float(e.attrib["y"]), _points(e.get("shape", ""))
+                e.attrib["id"],
+                e.get("type", ""),
+                float(e.attrib["x"]),
+                float(e.attrib["y"]),
+                _points(e.get("shape", "")),
             )
             for e in root.iterfind("junction")
             if e.get("type") != "internal"
