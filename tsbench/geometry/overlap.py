@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,30 +28,62 @@ class ConflictZone:
 
 def strip(line: Polyline, width: float) -> shapely.Polygon:
     """The area swept by a line of the given width, with flat ends."""
-    return shapely.LineString(line.points).buffer(width / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0)
+    return shapely.LineString(line.points).buffer(
+        width / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0
+    )
 
 
 def conflict_zone(
-    a: Polyline, a_width: float, b: Polyline, b_width: float, min_area: float = 0.05
+    a: Polyline, a_width: float, b: Polyline, b_width: float, min_area: float = 0.05, min_depth: float = 0.0
 ) -> ConflictZone | None:
     """The conflict zone of two paths, or None where their strips do not overlap by `min_area` m2.
 
     Source: spec/rules.md, "Geometry". Strips that overlap in several parts give the hull of all parts
-    on each path: a vehicle has cleared the zone only when it has cleared the last part.
+    on each path: a vehicle has cleared the zone only when it has cleared the last part. `min_depth` (m) takes
+    away what is thinner: slivers between paths that lie side by side.
     """
-    overlap = shapely.intersection(strip(a, a_width), strip(b, b_width))
-    if overlap.is_empty or overlap.area < min_area:
-        return None
+    return conflict_zones([(a, a_width)], [(b, b_width)], min_area, min_depth)[0][0]
+
+
+def conflict_zones(
+    a: Sequence[tuple[Polyline, float]],
+    b: Sequence[tuple[Polyline, float]],
+    min_area: float = 0.05,
+    min_depth: float = 0.0,
+) -> tuple[tuple[ConflictZone | None, ...], ...]:
+    """[k][j]: `conflict_zone` of path k of `a` with path j of `b`; paths are (line, width)."""
+    if not a or not b:
+        return tuple(() for _ in a)
+    strips_a = np.array([strip(line, width) for line, width in a], dtype=object)
+    strips_b = np.array([strip(line, width) for line, width in b], dtype=object)
+    overlap = shapely.intersection(strips_a[:, None], strips_b[None, :])
+    if min_depth > 0.0:
+        # Morphological opening; mitred joins give convex corners back.
+        for distance in (-min_depth / 2, min_depth / 2):
+            overlap = shapely.buffer(overlap, distance, join_style="mitre")
+    deep = shapely.area(overlap) >= min_area
+    return tuple(
+        tuple(
+            _zone(line_a, line_b, overlap[k, j], min_area) if deep[k, j] else None
+            for j, (line_b, _) in enumerate(b)
+        )
+        for k, (line_a, _) in enumerate(a)
+    )
+
+
+def _zone(a: Polyline, b: Polyline, overlap: shapely.Geometry, min_area: float) -> ConflictZone | None:
     parts = [p for p in shapely.get_parts(overlap) if p.geom_type == "Polygon" and p.area >= min_area / 4]
     if not parts:
         return None
-    xy = np.vstack([shapely.get_coordinates(p.exterior) for p in parts])
+    outlines = [shapely.get_coordinates(p.exterior) for p in parts]
+    xy = np.vstack(outlines)
     a_s, b_s = a.project_many(xy)[0], b.project_many(xy)[0]
-    first = min(parts, key=lambda p: float(a.project_many(shapely.get_coordinates(p.exterior))[0].min()))
+    begins = np.cumsum([0, *(len(o) for o in outlines[:-1])])
+    first = int(np.argmin(np.minimum.reduceat(a_s, begins)))
     return ConflictZone(
-        a_in=float(np.clip(a_s.min(), 0.0, a.length)),
-        a_out=float(np.clip(a_s.max(), 0.0, a.length)),
-        b_in=float(np.clip(b_s.min(), 0.0, b.length)),
-        b_out=float(np.clip(b_s.max(), 0.0, b.length)),
-        polygon=shapely.get_coordinates(first.exterior),
+        a_in=min(max(float(a_s.min()), 0.0), a.length),
+        a_out=min(max(float(a_s.max()), 0.0), a.length),
+        b_in=min(max(float(b_s.min()), 0.0), b.length),
+        b_out=min(max(float(b_s.max()), 0.0), b.length),
+        polygon=outlines[first],
     )
