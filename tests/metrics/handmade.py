@@ -35,7 +35,8 @@ def road() -> RoadNetwork:
             lanes.append(
                 Lane(
                     i, f"{edge}_{k}", edge, k, Polyline([(xs[0], side * y), (xs[1], side * y)]), 3.2,
-                    LIMIT_MPS, LENGTH_M, False, frozenset(), frozenset(), i + 1 if k == 0 else -1, i - 1 if k else -1,
+                    LIMIT_MPS, LENGTH_M, False, frozenset(), frozenset(),
+                    left=-1 if k else i + 1, right=i - 1 if k else -1,
                 )
             )  # fmt: skip
         edges[edge] = Edge(edge, "a", "b", (2 * base, 2 * base + 1), False, 1, LENGTH_M)
@@ -145,8 +146,9 @@ def spec(scenario_id: str = "speed_limit-000-0") -> ScenarioSpec:
     return ScenarioSpec(
         scenario_id=scenario_id, scenario_type="speed_limit", group="speed", sign_code="3.24",
         sign_value=40.0, map_id="corridor-1", family="corridor", shape="straight", slot="", variant=0,
-        split="test", seed=7, initial_speed=5.0, route_length=float("nan"), density=0.1, drivers=2, layout=0, horizon=600,
-        net="nets/corridor-1.net.xml.gz", additional="scenes/a.add.xml.gz", net_sha256="0" * 64,
+        split="test", seed=7, initial_speed=5.0, route_length=float("nan"), density=0.1,
+        drivers=2, layout=0, horizon=600, net="nets/corridor-1.net.xml.gz", additional="scenes/a.xml.gz",
+        net_sha256="0" * 64,
         additional_sha256="1" * 64,
     )  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Comfort: the share of steps within nuPlan's bounds. Source: spec/metrics.md; nuPlan, "ego is comfortable".
 
 Derivatives come from Savitzky-Golay filters with nuPlan's windows, for differences of a signal that changes
-once a tick are jumps, not jerks. The acceleration is that of the rear axle: along the heading what the vehicle
-did, across it speed x yaw rate.
+once a tick are jumps, not jerks. The acceleration is that of the rear axle: along the heading what the
+vehicle did, across it speed x yaw rate.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def comfort(tracks: Tracks) -> float | None:
 def smooth(signal: Array, window: int, derivative: int = 0, order: int = 2) -> Array:
     """Savitzky-Golay filter along the last axis, with a window that fits short signals too.
 
-    The same as `scipy.signal.savgol_filter` (mode "interp"), which fits its ends anew at every call: here their
-    coefficients are kept, for twenty times the speed.
+    The same as `scipy.signal.savgol_filter` (mode "interp"), which fits its ends anew at every call: here
+    their coefficients are kept, for twenty times the speed.
     """
     window = min(window, signal.shape[-1])
     inner, ends = _coefficients(window, min(order, window - 1), derivative)

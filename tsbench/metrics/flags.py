@@ -58,7 +58,8 @@ def stuck(tracks: Tracks, scene: Scene) -> bool:
     """Did the ego stand for more than 20 s without a reason ahead?
 
     A reason is another road user or an obstacle with its centre within 20 m ahead of the ego's front:
-    straight ahead (2 m to either side) or within 45 degrees of its heading. One that comes by starts the count anew.
+    straight ahead (2 m to either side) or within 45 degrees of its heading. One that comes by starts the
+    count anew.
     """
     still = tracks.speed < STUCK_MPS
     if _longest(still) * DT_S <= STUCK_S:

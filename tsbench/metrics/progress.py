@@ -18,8 +18,8 @@ def route_completion(facts: EpisodeFacts, tracks: Tracks) -> float:
     """Progress along the way driven to the destination, 0-100 %.
 
     The whole way is what was driven and what was left of the route at the end, so that an obedient detour
-    counts as much as the shortest way. Where no route leads on, the way up to the place where the ego left its
-    last route counts, as a share of the way at the start.
+    counts as much as the shortest way. Where no route leads on, the way up to the place where the ego left
+    its last route counts, as a share of the way at the start.
     """
     if facts.outcome is Outcome.ARRIVED:
         return 100.0

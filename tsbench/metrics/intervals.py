@@ -1,0 +1,110 @@
+"""95 % intervals: cluster bootstrap over maps, Wilson where nothing clusters. Source: spec/metrics.md.
+
+Variants on one map are alike, so maps are drawn, not episodes. All planners of a summary see the same draws.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import binomtest
+
+from tsbench.geometry.polyline import Array
+
+LEVEL = 0.95
+RESAMPLES = 10_000
+MIN_CLUSTERS = 5
+_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A mean with its interval and what it rests on.
+
+    value: None where no episode counts. low, high: None where there is no interval; `reason` says why. n:
+    episodes that count; clusters: maps that they are on; parts: types that a macro mean is over (1
+    otherwise).
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+    clusters: int
+    parts: int
+    method: str
+    reason: str
+
+    @property
+    def reach(self) -> float | None:
+        """Distance to the farther end of the interval: what a table prints behind the plus-minus sign."""
+        if self.value is None or self.low is None or self.high is None:
+            return None
+        return max(self.high - self.value, self.value - self.low)
+
+
+def wilson(successes: int, n: int) -> tuple[float, float]:
+    """Wilson score interval of a proportion (Wilson 1927), from SciPy."""
+    interval = binomtest(successes, n).proportion_ci(confidence_level=LEVEL, method="wilson")
+    return float(interval.low), float(interval.high)
+
+
+class ClusterBootstrap:
+    """Draws of clusters with replacement. Equal seeds and labels give equal draws, whatever else is asked."""
+
+    def __init__(self, seed: str, resamples: int = RESAMPLES) -> None:
+        self._seed = seed
+        self.resamples = resamples
+        self._drawn: dict[tuple[str, int], Array] = {}
+
+    def weights(self, label: str, clusters: int) -> Array:
+        """(resamples, clusters): how often each cluster is in each draw."""
+        key = (label, clusters)
+        if key not in self._drawn:
+            digest = hashlib.sha256(f"{self._seed}\n{label}".encode()).digest()
+            rng = np.random.default_rng(np.random.SeedSequence(int.from_bytes(digest)))
+            drawn = rng.integers(0, clusters, size=(self.resamples, clusters), dtype=np.int32)
+            drawn += np.arange(self.resamples, dtype=np.int32)[:, None] * np.int32(clusters)
+            counts = np.bincount(drawn.ravel(), minlength=self.resamples * clusters)
+            self._drawn[key] = counts.reshape(self.resamples, clusters).astype(np.float64)
+        return self._drawn[key]
+
+    def estimate(self, label: str, total: Array, count: Array, scale: float, binary: bool) -> Estimate:
+        """Macro mean over parts of the mean within each part.
+
+        total, count: (clusters, parts) sum of values and number of episodes of each cluster in each part; a
+        part without an episode is left out, in the value and in each draw. binary: values are 0 or 1.
+        """
+        held = count.sum(axis=1) > 0
+        total, count = total[held][:, count.sum(axis=0) > 0], count[held][:, count.sum(axis=0) > 0]
+        clusters, parts = count.shape
+        n = int(count.sum())
+        if not n:
+            return Estimate(None, None, None, 0, 0, 0, "none", "no episode")
+        value = float((total.sum(axis=0) / count.sum(axis=0)).mean())
+        low, high, method, reason = self._interval(label, total, count, value, binary)
+        ends = [None if end is None else round(scale * end, _DIGITS) for end in (low, high)]
+        return Estimate(round(scale * value, _DIGITS), ends[0], ends[1], n, clusters, parts, method, reason)
+
+    def _interval(
+        self, label: str, total: Array, count: Array, value: float, binary: bool
+    ) -> tuple[float | None, float | None, str, str]:
+        clusters, parts = count.shape
+        if clusters < MIN_CLUSTERS:
+            return None, None, "none", f"only {clusters} maps, fewer than {MIN_CLUSTERS}"
+        alone = parts == 1 and bool((count == 1).all())
+        if binary and alone:
+            return *wilson(round(float(total.sum())), clusters), "wilson", "one episode on each map"
+        rates = total.sum(axis=1) / count.sum(axis=1)
+        if np.ptp(rates) < 1e-12:
+            if binary:
+                # All draws would be equal: an interval of no width would claim certainty.
+                return *wilson(round(value * clusters), clusters), "wilson", "all maps alike: over maps"
+            return None, None, "none", "all maps alike"
+        sums = self.weights(label, clusters) @ np.hstack((total, count))
+        with np.errstate(invalid="ignore"):
+            draws = np.nanmean(sums[:, :parts] / sums[:, parts:], axis=1)
+        low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        return float(low), float(high), "cluster bootstrap", ""

@@ -1,0 +1,117 @@
+"""`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from tsbench.errors import InputError
+from tsbench.geometry.polyline import Array
+from tsbench.metrics.outcome import Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class MetricColumn:
+    """One metric of the records.
+
+    column: in the table. failure: what an error outcome counts as in the strict figure; None where it has no
+    such value and only completed episodes count. scale: to the reported unit. binary: values are 0 or 1.
+    """
+
+    column: str
+    unit: str
+    scale: float = 1.0
+    failure: float | None = None
+    binary: bool = False
+
+
+SCD = MetricColumn("scd", "%", 100.0, 0.0, True)
+METRICS: Mapping[str, MetricColumn] = {
+    "driving_score": MetricColumn("driving_score", "%", failure=0.0),
+    "route_completion": MetricColumn("route_completion", "%", failure=0.0),
+    "destination": MetricColumn("destination", "%", 100.0, 0.0, True),
+    "sign_compliance": MetricColumn("sign_compliant", "%", 100.0, 0.0, True),
+    "engaged": MetricColumn("sign_engaged", "%", 100.0, binary=True),
+    "efficiency": MetricColumn("efficiency", "%"),
+    "collision": MetricColumn("collision", "%", 100.0, binary=True),
+    "off_road": MetricColumn("off_road", "%", 100.0, binary=True),
+    "comfort": MetricColumn("comfort", "%", 100.0),
+    "mean_speed": MetricColumn("mean_speed", "m/s"),
+}
+_REQUIRED = (SCD.column, "destination", "sign_compliant", "driving_score", "route_completion")
+_TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome")
+
+
+@dataclass(frozen=True)
+class Records:
+    """Records of one planner, sorted by scenario.
+
+    kinds: scenario types, sorted by name, and groups: the group of each. kind: (n,) index into them.
+    map_code: (n,) equal for episodes on one map. outcomes: (n,). error: (n,) is the outcome an error? values:
+    per column (n,) float64, NaN where the record has none.
+    """
+
+    kinds: tuple[str, ...]
+    groups: tuple[str, ...]
+    kind: npt.NDArray[np.intp]
+    map_code: npt.NDArray[np.intp]
+    outcomes: tuple[str, ...]
+    error: npt.NDArray[np.bool_]
+    values: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+
+def split_records(episodes: pa.Table) -> dict[str, Records]:
+    """Records by planner, in the order of the planners' names. Raises InputError."""
+    columns = (*_TEXT, SCD.column, *(m.column for m in METRICS.values()))
+    missing = [name for name in columns if name not in episodes.column_names]
+    if missing:
+        raise InputError(f"episode records: no column {', '.join(missing)}")
+    episodes = episodes.select(list(dict.fromkeys(columns)))
+    episodes = episodes.sort_by([("planner", "ascending"), ("scenario_id", "ascending")])
+    names = _strings(episodes, "planner")
+    for a, b in pairwise(zip(names, _strings(episodes, "scenario_id"), strict=True)):
+        if a == b:
+            raise InputError(f"episode records: {a[0]}, {a[1]}: recorded twice")
+    return {
+        planner: _records(planner, episodes.slice(names.index(planner), names.count(planner)))
+        for planner in dict.fromkeys(names)
+    }
+
+
+def _strings(table: Any, column: str) -> list[str]:
+    values: list[str] = table[column].to_pylist()
+    return values
+
+
+def _records(planner: str, table: Any) -> Records:
+    scenarios, outcomes = _strings(table, "scenario_id"), _strings(table, "outcome")
+    known = {outcome.value: outcome.is_error for outcome in Outcome}
+    strange = [o for o in outcomes if o not in known]
+    if strange:
+        raise InputError(f"episode records: {planner}: unknown outcome {strange[0]!r}")
+    error = np.array([known[o] for o in outcomes], dtype=bool)
+    values = {}
+    for column in dict.fromkeys((SCD.column, *(m.column for m in METRICS.values()))):
+        numbers = table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
+        values[column] = np.asarray(numbers, dtype=np.float64)
+    for column in _REQUIRED:
+        holes = np.nonzero(np.isnan(values[column]) & ~error)[0]
+        if len(holes):
+            where = scenarios[holes[0]]
+            raise InputError(f"episode records: {planner}, {where}: completed, but without {column}")
+    group_of = dict(zip(_strings(table, "scenario_type"), _strings(table, "group"), strict=True))
+    kinds, kind = np.unique(np.array(_strings(table, "scenario_type")), return_inverse=True)
+    _, map_code = np.unique(np.array(_strings(table, "map_id")), return_inverse=True)
+    return Records(
+        kinds=tuple(kinds.tolist()), groups=tuple(group_of[k] for k in kinds.tolist()), kind=kind,
+        map_code=map_code, outcomes=tuple(outcomes), error=error, values=values,
+    )  # fmt: skip
