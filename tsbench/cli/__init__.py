@@ -1,0 +1,67 @@
+"""The command line: every group is imported when it is used, so that `tsbench --help` stays fast."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import click
+
+from tsbench import __version__
+from tsbench.errors import InputError
+
+# Command, where it is, and its line in --help.
+COMMANDS = {
+    "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
+    "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
+    "render": ("tsbench.cli.render:render", "Draw an episode of a run as PNG, GIF or MP4."),
+    "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
+    "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
+    "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
+    "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
+    "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
+}
+EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
+
+
+class LazyGroup(click.Group):
+    """A group whose commands stand in COMMANDS and are imported on use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Names in the order of COMMANDS."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command itself."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
+        command: click.Command = getattr(importlib.import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """The list of commands, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="tsbench")
+def cli() -> None:
+    """Does a self-driving planner obey the traffic sign in front of it, and still arrive?"""
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit: 0 done, 1 done with errors or holes, 2 bad input, 130 interrupted."""
+    try:
+        code = cli.main(args=arguments, prog_name="tsbench", standalone_mode=False)
+    except InputError as problem:
+        click.echo(f"error: {' '.join(str(problem).split())}", err=True)
+        sys.exit(EXIT_INPUT)
+    except click.ClickException as problem:
+        problem.show()
+        sys.exit(problem.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        sys.exit(EXIT_INTERRUPTED)
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,124 @@
+"""`tsbench run` and `tsbench rescore`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from tsbench.cli import EXIT_INTERRUPTED
+from tsbench.report.table import print_table
+from tsbench.run.plan import VARIANTS, Request
+from tsbench.run.progress import ProgressWatcher
+from tsbench.run.rescore import rescore as rescore_run
+from tsbench.run.session import DEVICES, TRACES, Ending, Options
+from tsbench.run.session import run as run_session
+from tsbench.scenarios.table import SPLITS
+
+EXIT_ERRORS = 1
+
+
+@click.command()
+@click.option(
+    "--planner",
+    "planners",
+    multiple=True,
+    required=True,
+    metavar="NAME|pkg.module:Class|file.py:Class",
+    help="Planner to run; give it several times for several planners.",
+)
+@click.option("--split", type=click.Choice(SPLITS), required=True, help="Scenario table to run.")
+@click.option("--types", metavar="TYPE,GROUP,…", default="", help="Scenario types or groups; default: all.")
+@click.option(
+    "--limit",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Scenarios for each planner, taken from the types in turn.",
+)
+@click.option(
+    "--variants",
+    type=click.Choice(VARIANTS),
+    default="all",
+    show_default=True,
+    help="The nominal variant, all, or one drawn for each map.",
+)
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Run folder; one with part of the same run is continued. Default: below runs/.",
+)
+@click.option(
+    "--trace",
+    type=click.Choice(TRACES),
+    default="violations",
+    show_default=True,
+    help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
+)
+@click.option(
+    "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
+)
+@click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
+@click.option(
+    "--allow-partial", is_flag=True, help="Print the table of an interrupted run too, titled as partial."
+)
+def run(
+    planners: tuple[str, ...], split: str, types: str, limit: int | None, variants: str, workers: int | None,
+    out: Path | None, trace: str, device: str, mask_signs: bool, allow_partial: bool,
+) -> None:  # fmt: skip
+    """Run planners on scenarios and score them; the same command again continues an interrupted run.
+
+    Exit codes: 0 complete, 1 with error outcomes or holes, 2 wrong usage or bad input, 130 interrupted.
+    """
+    words = tuple(word.strip() for word in types.split(",") if word.strip())
+    options = Options(
+        request=Request(planners, split, words, limit, variants),
+        workers=workers or len(os.sched_getaffinity(0)),
+        out=out, trace=trace, device=device, mask_signs=mask_signs, allow_partial=allow_partial,
+    )  # fmt: skip
+    ending = run_session(options, ProgressWatcher(Console(stderr=True)))
+    _tell(ending, Console())
+    if ending.status == "interrupted":
+        sys.exit(EXIT_INTERRUPTED)
+    if ending.errors or ending.finished < ending.asked:
+        sys.exit(EXIT_ERRORS)
+
+
+@click.command()
+@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+def rescore(folder: Path) -> None:
+    """Judge RUN's traces again, compute all its figures again, and compare with what stands in it.
+
+    Exit code 1 and a list of episodes where they differ.
+    """
+    result = rescore_run(folder)
+    for line in result.disagreements:
+        click.echo(line)
+    click.echo(
+        f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
+        f"{len(result.disagreements)} disagreements"
+    )
+    if result.disagreements:
+        sys.exit(EXIT_ERRORS)
+
+
+def _tell(ending: Ending, console: Console) -> None:
+    """The table, and where everything is."""
+    if ending.summary is not None:
+        print_table(ending.summary, console)
+    lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
+    if ending.finished < ending.asked:
+        lines.append(
+            "run the same command again to continue (--allow-partial prints the table of what is there)"
+        )
+    lines.append(f"records   {ending.folder / 'episodes.parquet'}")
+    lines.append(f"traces    {ending.folder / 'traces'}")
+    lines.append(f"pictures  tsbench render {ending.folder} EPISODE")
+    if ending.errors:
+        lines.append(f"errors    {ending.folder / 'errors'}")
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

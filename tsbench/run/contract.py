@@ -1,0 +1,50 @@
+"""The contract hash: the fingerprint of everything that must be equal for two scores to be comparable."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import tsbench
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import Catalog
+
+# The packages that decide what happens in an episode and how it is judged.
+CODE = ("geometry", "metrics", "rules", "sim")
+
+
+def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
+    """SHA-256 (hex) over rules, thresholds, the split's rows with file hashes, code, SUMO version."""
+    parts = {
+        "catalog": catalog.fingerprint(),
+        "code": code_hash(),
+        "scenarios": rows_hash(rows),
+        "sumo": version("libsumo"),
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def rows_hash(rows: Sequence[ScenarioSpec]) -> str:
+    """SHA-256 (hex) over all fields of all rows, whatever their order."""
+    digest = hashlib.sha256()
+    for row in sorted(rows, key=lambda row: row.scenario_id):
+        digest.update(json.dumps(asdict(row), sort_keys=True).encode() + b"\n")
+    return digest.hexdigest()
+
+
+@cache
+def code_hash() -> str:
+    """SHA-256 (hex) over the sources of the packages in CODE, by path."""
+    root = Path(tsbench.__file__).parent
+    digest = hashlib.sha256()
+    for package in CODE:
+        for path in sorted((root / package).rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode())
+            digest.update(content)
+    return digest.hexdigest()

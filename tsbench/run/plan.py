@@ -1,0 +1,134 @@
+"""What `tsbench run` was asked to do: from options to an ordered list of (planner, scenario)."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+
+from tsbench.errors import InputError
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import Catalog
+
+VARIANTS = ("0", "all", "one-per-map")
+
+
+@dataclass(frozen=True)
+class Request:
+    """The options that choose episodes, as asked for.
+
+    planners: specs in the order given. types: type ids and group names, empty = all. limit: scenarios for
+    each planner, None = all. variants: one of VARIANTS.
+    """
+
+    planners: tuple[str, ...]
+    split: str
+    types: tuple[str, ...] = ()
+    limit: int | None = None
+    variants: str = "all"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What will be run: every planner drives every scenario.
+
+    table: every row of the split's table, chosen or not (the contract covers them all). scenarios: the chosen
+    rows, in the order of their ids. types: ids of the chosen types, in the catalogue's order.
+    """
+
+    request: Request
+    table: tuple[ScenarioSpec, ...]
+    scenarios: tuple[ScenarioSpec, ...]
+    types: tuple[str, ...]
+
+
+def make_plan(request: Request, catalog: Catalog) -> Plan:
+    """The selection. Raises InputError (one line) for whatever is asked for and not there."""
+    if not request.planners:
+        raise InputError("--planner: name at least one (tsbench planners list shows them)")
+    twice = [p for i, p in enumerate(request.planners) if p in request.planners[:i]]
+    if twice:
+        raise InputError(f"--planner {twice[0]}: given twice")
+    path = table_path(request.split)
+    table = tuple(sorted(read_table(path), key=lambda row: row.scenario_id))
+    _check_rows(path, table, catalog)
+    types = choose_types(request.types, catalog)
+    chosen = [row for row in table if row.scenario_type in types]
+    present = {row.scenario_type for row in chosen}
+    missing = [t for t in request.types if t in types and t not in present]
+    if missing or not chosen:
+        raise InputError(f"{path}: has no scenario of {', '.join(missing or request.types) or 'any type'}")
+    chosen = choose_variants(chosen, request.variants)
+    if request.limit is not None:
+        chosen = spread(chosen, types, request.limit)
+    _check_files(path, chosen)
+    return Plan(request, table, tuple(chosen), tuple(t for t in types if t in present))
+
+
+def choose_types(asked: Sequence[str], catalog: Catalog) -> tuple[str, ...]:
+    """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
+    known = {kind.id for kind in catalog.types} | {kind.group for kind in catalog.types}
+    for word in asked:
+        if word not in known:
+            groups = sorted({kind.group for kind in catalog.types})
+            raise InputError(
+                f"--types {word}: no such type or group: groups are {', '.join(groups)}; "
+                f"types are {', '.join(kind.id for kind in catalog.types)}"
+            )
+    return tuple(kind.id for kind in catalog.types if not asked or kind.id in asked or kind.group in asked)
+
+
+def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[ScenarioSpec]:
+    """Rows of the asked variants, order kept. `one-per-map` draws one row for each type and map by hash."""
+    if variants == "all":
+        return list(rows)
+    if variants == "0":
+        return [row for row in rows if row.variant == 0]
+    if variants != "one-per-map":
+        raise InputError(f"--variants {variants}: expected {', '.join(VARIANTS)}")
+    chosen: dict[tuple[str, str], ScenarioSpec] = {}
+    for row in rows:
+        key = (row.scenario_type, row.map_id)
+        if key not in chosen or _draw(row) < _draw(chosen[key]):
+            chosen[key] = row
+    return sorted(chosen.values(), key=lambda row: row.scenario_id)
+
+
+def _draw(row: ScenarioSpec) -> tuple[str, str]:
+    """A fixed lot, the same on every machine and in every process."""
+    return hashlib.sha256(row.scenario_id.encode()).hexdigest(), row.scenario_id
+
+
+def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:
+    """At most `limit` rows, taken from the types in turn so that a small run touches them all."""
+    if limit < 1:
+        raise InputError(f"--limit {limit}: expected at least 1")
+    by_type = [[row for row in rows if row.scenario_type == t] for t in types]
+    in_turn = [row for layer in zip_longest(*by_type) for row in layer if row is not None]
+    return sorted(in_turn[:limit], key=lambda row: row.scenario_id)
+
+
+def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> None:
+    """A row may only speak of what the catalogue has."""
+    kinds = {kind.id: kind for kind in catalog.types}
+    for row in rows:
+        where = f"{path}: row {row.scenario_id}"
+        if row.scenario_type not in kinds:
+            raise InputError(f"{where}: unknown type {row.scenario_type!r}")
+        if row.sign_code not in catalog.signs:
+            raise InputError(f"{where}: unknown sign {row.sign_code!r}")
+        if row.group != kinds[row.scenario_type].group:
+            raise InputError(f"{where}: group {row.group!r} is not that of {row.scenario_type}")
+
+
+def _check_files(path: Path, rows: Sequence[ScenarioSpec]) -> None:
+    """A scene that is not there would fail every episode on it: say so before the run."""
+    for row in rows:
+        for name in (row.net, row.additional):
+            if not (path.parent / name).is_file():
+                raise InputError(
+                    f"{path}: row {row.scenario_id} (map {row.map_id}): {path.parent / name}: no such file"
+                )

@@ -1,0 +1,105 @@
+"""How a run goes: one bar for each planner, or a line now and then where there is no terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from tsbench.run.record import Row
+
+_REFRESH_PER_S = 2.0
+_LINE_EVERY_S = 15.0
+# Finished episodes over which the pace is taken.
+_WINDOW_S = 30.0
+
+
+class ProgressWatcher:
+    """Follows a run on a console."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._bars: dict[str, TaskID] = {}
+        self._count: dict[str, int] = {}
+        self._success: dict[str, int] = {}
+        self._total = 0
+        self._began = self._said = time.monotonic()
+        self._fresh = 0
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            MofNCompleteColumn(),
+            TextColumn("SCD {task.fields[scd]}"),
+            TextColumn("{task.fields[pace]}"),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            refresh_per_second=_REFRESH_PER_S,
+            disable=not console.is_terminal,
+            speed_estimate_period=_WINDOW_S,
+            expand=True,
+        )
+
+    def notice(self, line: str) -> None:
+        """A remark, outside the bars."""
+        self._console.print(f"note: {line}", markup=False, highlight=False, soft_wrap=True)
+
+    def begin(self, planners: Sequence[str], scenarios: int, done: Sequence[Row]) -> None:
+        """Draw the bars."""
+        self._total = len(planners) * scenarios
+        self._count = dict.fromkeys(planners, 0)
+        self._success = dict.fromkeys(planners, 0)
+        for row in done:
+            self._take(row)
+        if done:
+            self.notice(f"continuing: {len(done)} of {self._total} episodes are already there")
+        self._began = self._said = time.monotonic()
+        for name in planners:
+            self._bars[name] = self._progress.add_task(
+                name, total=scenarios, completed=self._count[name], start=False, scd=self._scd(name), pace=""
+            )
+        self._progress.start()
+
+    def episode(self, row: Row) -> None:
+        """One more."""
+        name = row["planner"]
+        self._take(row)
+        self._fresh += 1
+        bar = self._bars[name]
+        now = time.monotonic()
+        if not self._console.is_terminal:
+            self._say(now)
+            return
+        task = self._progress.tasks[bar]
+        if not task.started:
+            self._progress.start_task(bar)
+        pace = f"{task.speed:.1f} ep/s" if task.speed else ""
+        self._progress.update(bar, completed=self._count[name], scd=self._scd(name), pace=pace)
+
+    def end(self) -> None:
+        """Leave the bars as they stand."""
+        self._progress.stop()
+
+    def _take(self, row: Row) -> None:
+        self._count[row["planner"]] += 1
+        self._success[row["planner"]] += bool(row["scd"])
+
+    def _scd(self, name: str) -> str:
+        count = self._count[name]
+        return f"{100 * self._success[name] / count:5.1f} %" if count else "    –  "
+
+    def _say(self, now: float) -> None:
+        if now - self._said < _LINE_EVERY_S:
+            return
+        self._said = now
+        done = sum(self._count.values())
+        pace = self._fresh / (now - self._began)
+        left = round((self._total - done) / pace)
+        scd = ", ".join(f"{name} {self._scd(name).strip()}" for name in self._count if self._count[name])
+        self._console.print(
+            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, SCD {scd}",
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )

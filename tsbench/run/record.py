@@ -1,0 +1,142 @@
+"""Records: one episode as flat dictionaries of primitives, ready for JSON and for Arrow."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from tsbench.metrics.episode import EpisodeMetrics, episode_metrics
+from tsbench.metrics.outcome import EpisodeFacts, Outcome
+from tsbench.rules.base import Violation
+from tsbench.run.result import EpisodeResult
+from tsbench.scenarios.spec import ScenarioSpec
+
+Row = dict[str, Any]
+
+# Columns that are copied from the scenario row.
+SPEC_COLUMNS = (
+    "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "map_id", "family", "shape", "slot",
+    "variant", "split", "seed",
+)  # fmt: skip
+# Columns that are copied from the episode's metrics; all null where the outcome is an error.
+METRIC_COLUMNS = tuple(field.name for field in fields(EpisodeMetrics))
+_ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
+_ERROR_CHARS = 300
+
+
+@dataclass(frozen=True)
+class Record:
+    """All that is kept of one episode besides its trace.
+
+    row: columns of `episodes.parquet`; events: rows of `violations.parquet`; timing: of `timing.parquet`.
+    detail: text for `errors/`, "" where there was no error.
+    """
+
+    row: Row
+    events: list[Row]
+    timing: Row
+    detail: str
+
+
+def make_record(result: EpisodeResult, privileged: bool) -> Record:
+    """The record of an episode that came to its end, error outcomes included."""
+    if result.outcome.is_error or result.facts is None:
+        outcome = result.outcome if result.outcome.is_error else Outcome.SIM_ERROR
+        row = error_row(result.spec, result.planner, privileged, outcome, result.error)
+        return Record(row, [], make_timing(result), result.detail or result.error)
+    row, events = score(result.spec, result.planner, privileged, result.facts)
+    return Record(row, events, make_timing(result), "")
+
+
+def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFacts) -> tuple[Row, list[Row]]:
+    """Row and events of an episode that ended without an error."""
+    metrics = episode_metrics(facts)
+    row = _head(spec, planner, privileged, facts.outcome, None)
+    row.update({name: _plain(getattr(metrics, name)) for name in METRIC_COLUMNS})
+    key = {"planner": planner, "scenario_id": spec.scenario_id}
+    verdicts = [(facts.target, True), *((verdict, False) for verdict in facts.others)]
+    events = [
+        {**key, "target": target, **_event(event)}
+        for verdict, target in verdicts
+        for event in verdict.violations
+    ]
+    events.sort(key=lambda event: (not event["target"], event["start_s"], event["sign_id"], event["clause"]))
+    for number, event in enumerate(events):
+        event["number"] = number
+    return row, events
+
+
+def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:
+    """A row without figures: what did not happen is null, never zero; as a success it counts as none."""
+    row = _head(spec, planner, privileged, outcome, one_line(error) or "no cause given")
+    row.update(dict.fromkeys(METRIC_COLUMNS))
+    row["scd"] = False
+    return row
+
+
+def make_timing(result: EpisodeResult) -> Row:
+    """Wall-clock figures, kept apart from the results because they differ from run to run."""
+    planner_s = result.planner_s
+    some = len(planner_s) > 0
+    return {
+        "planner": result.planner,
+        "scenario_id": result.spec.scenario_id,
+        "ticks": len(planner_s),
+        "start_s": float(result.start_s),
+        "sim_s": float(result.sim_s),
+        "planner_s": float(planner_s.sum()),
+        "planner_mean_s": float(planner_s.mean()) if some else None,
+        "planner_p95_s": float(np.percentile(planner_s, 95)) if some else None,
+        "planner_max_s": float(planner_s.max()) if some else None,
+        "total_s": float(result.total_s),
+    }
+
+
+def lost_timing(spec: ScenarioSpec, planner: str, total_s: float) -> Row:
+    """Timing of an episode whose worker died; total_s: s from when it was begun."""
+    row: Row = dict.fromkeys(
+        ("start_s", "sim_s", "planner_s", "planner_mean_s", "planner_p95_s", "planner_max_s")
+    )
+    return {**row, "planner": planner, "scenario_id": spec.scenario_id, "ticks": None, "total_s": total_s}
+
+
+def one_line(text: str) -> str:
+    """An error's cause on one line, without memory addresses, so that equal failures read equal."""
+    return _ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS]
+
+
+def last_seconds(result: EpisodeResult, ticks: int = 30) -> str:
+    """The ego's last ticks as a table in plain text, "" if there was not even a first one."""
+    if result.facts is None:
+        return ""
+    lines = ["  time_s        x        y  heading   speed  lane  asked acceleration, steering"]
+    first = max(len(result.facts.snapshots) - ticks, 0)
+    for number, snapshot in enumerate(result.facts.snapshots[first:], start=first):
+        ego = snapshot.ego
+        asked = (
+            ", ".join(f"{v:.3f}" for v in result.commands[number]) if number < len(result.commands) else "-"
+        )
+        lines.append(
+            f"{snapshot.time:8.1f} {ego.x:8.2f} {ego.y:8.2f} {ego.heading:8.3f} {ego.speed:7.2f}"
+            f" {ego.lane:5d}  {asked}"
+        )
+    return "\n".join(lines)
+
+
+def _head(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str | None) -> Row:
+    row: Row = {"planner": planner}
+    row.update({name: getattr(spec, name) for name in SPEC_COLUMNS})
+    row.update(privileged=privileged, outcome=outcome.value, error=error)
+    return row
+
+
+def _event(event: Violation) -> Row:
+    return {field.name: _plain(getattr(event, field.name)) for field in fields(Violation)}
+
+
+def _plain(value: Any) -> Any:
+    """NumPy scalars as Python's own, so that JSON takes them and types do not depend on the path taken."""
+    return value.item() if isinstance(value, np.generic) else value

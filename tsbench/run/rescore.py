@@ -1,0 +1,133 @@
+"""Judge a run again from its traces: verdicts, figures and aggregates must come out as they stand in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from tsbench.errors import InputError
+from tsbench.metrics.aggregate import summarise
+from tsbench.metrics.outcome import EpisodeFacts
+from tsbench.rules.registry import make_monitors
+from tsbench.run.contract import contract_hash
+from tsbench.run.files import told_plainly
+from tsbench.run.folder import SUMMARY
+from tsbench.run.journal import Key
+from tsbench.run.manifest import Manifest, read_manifest
+from tsbench.run.record import Row, score
+from tsbench.run.tables import read_table
+from tsbench.run.trace import Trace, read_trace, trace_path
+from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.table import read_table as read_scenarios
+from tsbench.scenarios.table import table_path
+from tsbench.signs.catalog import Catalog, load_catalog
+
+
+@dataclass(frozen=True)
+class Rescore:
+    """traces: judged again; untraced: episodes that only stand in the table; disagreements: one line each."""
+
+    traces: int
+    untraced: int
+    disagreements: tuple[str, ...]
+
+
+def rescore(folder: Path) -> Rescore:
+    """Compare a run with what its traces say. Raises InputError for a folder or trace that cannot be read."""
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise InputError(f"{folder}: no run folder (it has no run.json)")
+    episodes = read_table(folder / "episodes.parquet")
+    rows: dict[Key, Row] = {(row["planner"], row["scenario_id"]): row for row in episodes.to_pylist()}
+    events: dict[Key, list[Row]] = {key: [] for key in rows}
+    lines = list(_contract_lines(manifest))
+    for event in read_table(folder / "violations.parquet").to_pylist():
+        key = (event["planner"], event["scenario_id"])
+        if key in events:
+            events[key].append(event)
+        else:
+            lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
+    judge = Judge(load_catalog())
+    traced = [key for key in rows if trace_path(folder, *key).is_file()]
+    for key in traced:
+        trace = read_trace(trace_path(folder, *key))
+        lines += [f"{key[0]} {key[1]}: {line}" for line in judge.compare(trace, key, rows[key], events[key])]
+    expected = {trace_path(folder, *key) for key in rows}
+    for path in sorted((folder / "traces").rglob("*.parquet")):
+        if path not in expected and not path.name.startswith("."):
+            lines.append(f"{path}: a trace without its episode")
+    lines += _summary_lines(folder, manifest, episodes)
+    return Rescore(len(traced), len(rows) - len(traced), tuple(lines))
+
+
+class Judge:
+    """Monitors and metrics run on traces."""
+
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
+        self._loader = SceneLoader()
+
+    def compare(self, trace: Trace, key: Key, row: Row, events: list[Row]) -> Iterator[str]:
+        """What differs between an episode's record and its trace judged again."""
+        if (trace.planner, trace.spec.scenario_id) != key:
+            yield f"its trace is that of {trace.planner} {trace.spec.scenario_id}"
+            return
+        if trace.outcome.value != row["outcome"]:
+            yield f"outcome is {row['outcome']}, by its trace {trace.outcome.value}"
+            return
+        if trace.outcome.is_error:
+            # An error outcome has no figures: there is nothing more to agree on.
+            return
+        new_row, new_events = score(trace.spec, trace.planner, row["privileged"], self._facts(trace))
+        yield from (
+            f"{name} is {row[name]!r}, by its trace {new_row[name]!r}"
+            for name in row
+            if not _same(row[name], new_row[name])
+        )
+        if len(events) != len(new_events):
+            yield f"{len(events)} events, by its trace {len(new_events)}"
+            return
+        for old, new in zip(sorted(events, key=lambda event: event["number"]), new_events, strict=True):
+            for name in old:
+                if not _same(old[name], new[name]):
+                    yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
+
+    def _facts(self, trace: Trace) -> EpisodeFacts:
+        scene, roads = self._loader.load(trace.spec)
+        target, others = make_monitors(self._catalog, scene)
+        for snapshot in trace.snapshots:
+            for monitor in (target, *others):
+                monitor.update(snapshot)
+        facts = trace.facts(roads.graph, scene)
+        return replace(facts, target=target.finish(), others=tuple(monitor.finish() for monitor in others))
+
+
+def _contract_lines(manifest: Manifest) -> Iterator[str]:
+    """Under another contract a disagreement is no wonder: say so first."""
+    split = manifest["effective"]["split"]
+    now = contract_hash(read_scenarios(table_path(split)), load_catalog())
+    if now != manifest["contract"]:
+        yield f"contract: the run has {manifest['contract'][:12]}, this tsbench {now[:12]}"
+
+
+def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iterator[str]:
+    """An interrupted run has no summary, one with holes has a partial one."""
+    path = folder / SUMMARY
+    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    holes = len(episodes) < sum(asked.values())
+    if not path.is_file():
+        if not holes:
+            yield f"{path}: missing, though no episode is"
+        return
+    now = summarise(episodes, contract_hash=manifest["contract"], asked=asked, allow_partial=holes)
+    with told_plainly(path):
+        if path.read_bytes() != now.to_json().encode():
+            yield f"{path}: differs from the aggregates of the {len(episodes)} records"
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(a == b) or (a != a and b != b)

@@ -1,0 +1,239 @@
+"""One `tsbench run` from options to the ended run folder."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any, Protocol
+from urllib.parse import quote
+
+import pyarrow as pa
+
+from tsbench.errors import InputError
+from tsbench.metrics.aggregate import Summary, summarise
+from tsbench.metrics.outcome import Outcome
+from tsbench.run.contract import contract_hash
+from tsbench.run.folder import RunFolder
+from tsbench.run.handout import HandOut, Task
+from tsbench.run.manifest import new_manifest
+from tsbench.run.plan import Plan, Request, make_plan
+from tsbench.run.process import Setup
+from tsbench.run.record import Record, Row
+from tsbench.run.tables import read_table, write_tables
+from tsbench.run.workers import Limits, Pool
+from tsbench.signs.catalog import load_catalog
+
+RUNNER = "tsbench.run.episode:EpisodeRunner"
+TRACES = ("none", "violations", "all")
+DEVICES = ("cpu", "cuda")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything that `tsbench run` takes. workers: processes. out: None = a name below `runs/`.
+
+    allow_partial: aggregate over holes too. limits and runner are for tests: how long a worker may be silent,
+    and what runs an episode in it.
+    """
+
+    request: Request
+    workers: int
+    out: Path | None = None
+    trace: str = "violations"
+    device: str = "cpu"
+    mask_signs: bool = False
+    allow_partial: bool = False
+    limits: Limits = field(default_factory=Limits)
+    runner: str = RUNNER
+
+
+class Watcher(Protocol):
+    """Who is told how a run goes."""
+
+    def notice(self, line: str) -> None:
+        """Something about the folder that its owner should know."""
+
+    def begin(self, planners: Sequence[str], scenarios: int, done: Sequence[Row]) -> None:
+        """The run starts: `scenarios` for each planner; `done`: rows of episodes finished earlier."""
+
+    def episode(self, row: Row) -> None:
+        """An episode is finished."""
+
+    def end(self) -> None:
+        """No more episodes come."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run ended. status: complete or interrupted. errors: episodes with an error outcome.
+
+    summary: None where episodes are missing and partial figures were not asked for.
+    """
+
+    folder: Path
+    status: str
+    asked: int
+    finished: int
+    errors: int
+    contract: str
+    summary: Summary | None
+
+
+def run(options: Options, watcher: Watcher) -> Ending:
+    """Run, or continue, what the options ask for.
+
+    Raises:
+        InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
+    """
+    catalog = load_catalog()
+    plan = make_plan(options.request, catalog)
+    with Pool(options.workers, options.limits) as pool:
+        planners = pool.probe(plan.request.planners)
+        _check_names(planners)
+        contract = contract_hash(plan.table, catalog)
+        names = [str(planner["name"]) for planner in planners]
+        keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
+        manifest = new_manifest(contract, _asked(options), _effective(options, plan), planners)
+        out = options.out or Path("runs") / default_name(options, names, contract)
+        with closing(RunFolder(out, manifest, keys)) as folder:
+            for line in folder.notices:
+                watcher.notice(line)
+            asked = dict.fromkeys(names, len(plan.scenarios))
+            status = "complete"
+            if folder.journal is not None:
+                status = _drive(options, plan, pool, planners, folder, watcher)
+            ending = _ending(folder, status, asked, options.allow_partial)
+            if folder.journal is not None:
+                folder.end(status, ending.summary, ending.errors)
+            return ending
+
+
+def default_name(options: Options, names: Sequence[str], contract: str) -> str:
+    """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""
+    request = options.request
+    shown = [*names[:3], *([f"and-{len(names) - 3}-more"] if len(names) > 3 else [])]
+    parts = ["+".join(quote(name, safe="") for name in shown), request.split]
+    parts += ["+".join(request.types)] if request.types else []
+    parts += [f"variants-{request.variants}"] if request.variants != "all" else []
+    parts += [f"limit-{request.limit}"] if request.limit is not None else []
+    parts += ["masked"] if options.mask_signs else []
+    return "-".join([*parts, contract[:8]])
+
+
+def _drive(
+    options: Options,
+    plan: Plan,
+    pool: Pool,
+    planners: Sequence[Mapping[str, Any]],
+    folder: RunFolder,
+    watcher: Watcher,
+) -> str:
+    """Run what is not there yet, write the tables; returns the status."""
+    journal = folder.journal
+    assert journal is not None
+    names = [str(planner["name"]) for planner in planners]
+    watcher.begin(names, len(plan.scenarios), [journal.read(key)["row"] for key in journal.done])
+    todo = [
+        (planner, spec)
+        for planner, name in enumerate(names)
+        for spec in plan.scenarios
+        if (name, spec.scenario_id) not in journal.done
+    ]
+    setup = Setup(
+        options.runner,
+        tuple(planners),
+        options.mask_signs,
+        options.device,
+        options.trace,
+        str(folder.path.resolve()),
+    )
+
+    def keep(record: Record) -> None:
+        folder.keep(record)
+        watcher.episode(record.row)
+
+    with stop_on_signals() as stopped:
+        if todo:
+            pool.run(setup, HandOut(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped)
+        watcher.end()
+        write_tables(folder.path, journal, folder.manifest["contract"])
+    return "complete" if len(journal.done) == len(names) * len(plan.scenarios) else "interrupted"
+
+
+def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_partial: bool) -> Ending:
+    """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
+    contract = folder.manifest["contract"]
+    episodes = read_table(folder.path / "episodes.parquet")
+    holes = len(episodes) < sum(asked.values())
+    summary = None
+    if not holes or allow_partial:
+        summary = summarise(episodes, contract_hash=contract, asked=asked, allow_partial=allow_partial)
+    return Ending(
+        folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
+    )
+
+
+def count_errors(episodes: pa.Table) -> int:
+    """Episodes with an error outcome."""
+    return sum(Outcome(str(name)).is_error for name in episodes["outcome"].to_pylist())
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """Ctrl-C and SIGTERM ask to stop between two steps, so that no file is cut; a second one breaks off."""
+    asked: list[int] = []
+
+    def note(number: int, _: FrameType | None) -> None:
+        asked.append(number)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _check_names(planners: Sequence[Mapping[str, Any]]) -> None:
+    seen: dict[str, str] = {}
+    for planner in planners:
+        other = seen.setdefault(planner["name"], planner["spec"])
+        if other != planner["spec"]:
+            raise InputError(
+                f"--planner {planner['spec']}: called {planner['name']} in records, like {other}: rename one"
+            )
+
+
+def _asked(options: Options) -> dict[str, Any]:
+    """The options as given."""
+    return {
+        **asdict(options.request),
+        "workers": options.workers,
+        "out": None if options.out is None else str(options.out),
+        "trace": options.trace,
+        "device": options.device,
+        "mask_signs": options.mask_signs,
+    }
+
+
+def _effective(options: Options, plan: Plan) -> dict[str, Any]:
+    """What the options came to, as far as it decides what stands in the folder."""
+    return {
+        "split": plan.request.split,
+        "types": list(plan.types),
+        "variants": plan.request.variants,
+        "limit": plan.request.limit,
+        "scenarios": len(plan.scenarios),
+        "trace": options.trace,
+        "device": options.device,
+        "mask_signs": options.mask_signs,
+    }

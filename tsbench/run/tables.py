@@ -1,0 +1,79 @@
+"""From the journal to the run's three tables, the same bytes however the episodes came about."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.errors import InputError
+from tsbench.run.files import replacing, told_plainly
+from tsbench.run.journal import Journal
+from tsbench.run.schema import SCHEMA_VERSION, TABLES
+
+# Episodes in one row group. Part of the format: another number gives other bytes.
+_GROUP = 4096
+
+
+def write_tables(folder: Path, journal: Journal, contract: str) -> None:
+    """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
+    keys = sorted(journal.done)
+    metadata = {"tsbench_schema": str(SCHEMA_VERSION), "tsbench_contract": contract}
+    with told_plainly(folder), ExitStack() as stack:
+        writers = {}
+        for name, schema in TABLES.items():
+            path = stack.enter_context(replacing(folder / name))
+            writers[name] = stack.enter_context(
+                pq.ParquetWriter(
+                    path,
+                    schema.with_metadata(metadata),
+                    version="2.6",
+                    compression="zstd",
+                    compression_level=3,
+                )
+            )
+        for start in range(0, len(keys), _GROUP):
+            lines = [journal.read(key) for key in keys[start : start + _GROUP]]
+            rows = {
+                "episodes.parquet": [line["row"] for line in lines],
+                "violations.parquet": [event for line in lines for event in line["events"]],
+                "timing.parquet": [line["timing"] for line in lines],
+            }
+            for name, writer in writers.items():
+                writer.write_table(_table(name, rows[name]), row_group_size=max(len(rows[name]), 1))
+
+
+def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
+    """Rows as Arrow. A missing key or a null where none may be is a defect, and is said so."""
+    schema = TABLES[name]
+    columns = [pa.array([row[field.name] for row in rows], type=field.type) for field in schema]
+    for field, column in zip(schema, columns, strict=True):
+        if not field.nullable and column.null_count:
+            raise ValueError(f"{name}: column {field.name} has {column.null_count} nulls")
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def read_table(path: Path) -> pa.Table:
+    """One of the three tables. Raises InputError for a missing, truncated, foreign or differing one."""
+    try:
+        table = pq.read_table(path, partitioning=None)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such table (is the folder a tsbench run that has ended?)") from None
+    except (pa.ArrowException, OSError) as problem:
+        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(problem).split())})") from None
+    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
+    if version != str(SCHEMA_VERSION):
+        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
+    if not table.schema.equals(TABLES[path.name]):
+        raise InputError(f"{path}: its columns are not those of schema version {SCHEMA_VERSION}")
+    return table
+
+
+def file_hashes(folder: Path) -> dict[str, str]:
+    """SHA-256 (hex) of each of the tables."""
+    with told_plainly(folder):
+        return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in TABLES}

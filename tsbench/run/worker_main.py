@@ -1,0 +1,175 @@
+"""The worker process: takes episodes from its parent, sends records back. Started by `process.py` only.
+
+python -m tsbench.run.worker_main CONNECTION_FD PULSE_FD PARENT_PID
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import json
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Protocol
+
+from tsbench.errors import InputError
+from tsbench.metrics.outcome import Outcome
+from tsbench.run.contestant import describe
+from tsbench.run.pulse import IDLE, PLANNING, SCORING, Pulse
+from tsbench.run.record import Record, error_row, last_seconds, lost_timing, make_record, make_timing
+from tsbench.run.result import EpisodeResult
+from tsbench.run.trace import trace_path, write_trace
+from tsbench.scenarios.spec import ScenarioSpec
+
+Message = dict[str, Any]
+
+_PR_SET_PDEATHSIG = 1
+
+
+class Runner(Protocol):
+    """What this module asks of an episode runner."""
+
+    def run(self, spec: ScenarioSpec) -> EpisodeResult:
+        """One episode; what a scene or planner does wrong is an outcome, no exception."""
+
+    def close(self) -> None:
+        """End the simulation."""
+
+
+class Worker:
+    """One simulation at a time: the runner of the planner used last. `_setup`: see `process.Setup`."""
+
+    def __init__(self, connection: Connection, pulse: Pulse) -> None:
+        self._connection, self._pulse = connection, pulse
+        self._setup: Message = {}
+        self._current = -1
+        self._runner: Runner | None = None
+
+    def serve(self) -> None:
+        """Answer messages until the parent closes the connection."""
+        while True:
+            try:
+                message = json.loads(self._connection.recv_bytes())
+            except EOFError:
+                return
+            if message["do"] == "setup":
+                self._setup = message["setup"]
+                continue
+            answer = self._episode(message) if message["do"] == "episode" else _probe(message["spec"])
+            self._connection.send_bytes(json.dumps(answer).encode())
+
+    def close(self) -> None:
+        """End the simulation that is on."""
+        if self._runner is not None:
+            self._runner.close()
+            self._runner = None
+
+    def _episode(self, message: Message) -> Message:
+        spec = ScenarioSpec(**message["spec"])
+        self._pulse.begin(message["task"])
+        record, result = self._run(spec, message["planner"])
+        answer: Message = {"task": message["task"], "detail": record.detail}
+        answer.update(row=record.row, events=record.events, timing=record.timing)
+        if result is not None and self._wants_trace(record, result):
+            try:
+                write_trace(trace_path(Path(self._setup["out"]), result.planner, spec.scenario_id), result)
+            except OSError as problem:
+                # No matter of this episode: the folder takes nothing more, the whole run has to stop.
+                answer["fatal"] = [problem.errno, problem.strerror, problem.filename]
+        self._pulse.beat(IDLE)
+        return answer
+
+    def _run(self, spec: ScenarioSpec, planner: int) -> tuple[Record, EpisodeResult | None]:
+        who = self._setup["planners"][planner]
+        name, privileged = who["name"], who["privileged"]
+        try:
+            runner = self._take_runner(planner)
+        except Exception as problem:
+            row = error_row(spec, name, privileged, Outcome.PLANNER_ERROR, _cause(problem))
+            return Record(row, [], lost_timing(spec, name, 0.0), traceback.format_exc()), None
+        result = runner.run(spec)
+        self._pulse.beat(SCORING)
+        try:
+            record = make_record(result, privileged)
+        except Exception as problem:
+            # A defect in a metric is an error outcome with its traceback, never a figure.
+            row = error_row(spec, name, privileged, Outcome.SIM_ERROR, f"internal error: {_cause(problem)}")
+            record = Record(row, [], make_timing(result), traceback.format_exc())
+        if record.detail:
+            ending = last_seconds(result) or "  (it ended before the first tick)"
+            record = Record(
+                record.row, [], record.timing, f"{record.detail.rstrip()}\n\nLast seconds\n{ending}\n"
+            )
+        return record, result
+
+    def _wants_trace(self, record: Record, result: EpisodeResult) -> bool:
+        if result.facts is None or not result.facts.snapshots or self._setup["trace"] == "none":
+            return False
+        return self._setup["trace"] == "all" or bool(record.events) or not record.row["scd"]
+
+    def _take_runner(self, planner: int) -> Runner:
+        """The runner of a planner. Making one is the planner's time: it is the planner that is loaded."""
+        if self._runner is None or planner != self._current:
+            self.close()
+            who = self._setup["planners"][planner]
+            self._pulse.beat(PLANNING)
+            self._runner = _load(self._setup["runner"])(
+                who["spec"],
+                who["name"],
+                mask_signs=self._setup["mask_signs"],
+                device=self._setup["device"],
+                heartbeat=self._pulse.beat,
+            )
+            self._current = planner
+            self._pulse.begin(self._pulse.task)
+        return self._runner
+
+
+def _probe(spec: str) -> Message:
+    """What a planner is, or in one line why there is none."""
+    try:
+        return {"planner": describe(spec)}
+    except InputError as problem:
+        return {"problem": str(problem)}
+
+
+def _cause(problem: Exception) -> str:
+    return f"{type(problem).__name__}: {problem}"
+
+
+def _load(name: str) -> Callable[..., Runner]:
+    module, _, attribute = name.partition(":")
+    made: Callable[..., Runner] = getattr(importlib.import_module(module), attribute)
+    return made
+
+
+def die_with(parent: int) -> None:
+    """Ask the kernel to kill this process when `parent` ends; at once if it already has."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def main(arguments: list[str]) -> None:
+    """Connect to the parent and serve it."""
+    connection_fd, pulse_fd, parent = (int(argument) for argument in arguments)
+    die_with(parent)
+    for fd in (connection_fd, pulse_fd):
+        # A child that a planner starts shall not hold the parent's line open.
+        os.set_inheritable(fd, False)
+    connection, pulse = Connection(connection_fd), Pulse(pulse_fd)
+    sys.path[:] = json.loads(connection.recv_bytes())["sys_path"]
+    worker = Worker(connection, pulse)
+    connection.send_bytes(b'{"ready": true}')
+    worker.serve()
+    worker.close()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
