@@ -1,8 +1,8 @@
-"""The terminal table of a run, and the same as Markdown. Every number stands beside its interval and its n."""
+"""The terminal table of a run, and the same as Markdown: every score with its interval and its n."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich import box
 from rich.console import Console
@@ -22,12 +22,12 @@ _PLAIN = {
     "engaged": "engag.\n%",
 }
 _KEY = (
-    "SCD: sign-compliant and arrived, %, macro mean over types. ± reaches to the farther end of the 95 % interval "
-    "(cluster bootstrap over maps; Wilson where maps do not differ); both ends are in summary.json."
+    "SCD: sign-compliant and arrived, %, macro mean over types. ± reaches to the farther end of the 95 % "
+    "interval (cluster bootstrap over maps; Wilson where maps do not differ); both ends are in summary.json."
 )
-_STRICT = (
-    "n = strict / completed. Strict: error outcomes count as failures. Completed: episodes without an error."
-)
+_STRICT = "n: strict (error outcomes count as failures) / completed (episodes without an error outcome)."
+_SHORT = {"priority": "prior.", "obstacles": "obst."}
+_PLANNERS_ABREAST = 4
 
 
 def print_table(summary: Summary, console: Console) -> None:
@@ -38,7 +38,8 @@ def print_table(summary: Summary, console: Console) -> None:
     for line in (*_errors(summary), *_no_interval(summary)):
         console.print(line, style="yellow", markup=False)
     console.print(f"contract {summary.contract_hash}", style="dim", markup=False, soft_wrap=True)
-    console.print(_by_type(summary))
+    for k in range(0, len(summary.planners), _PLANNERS_ABREAST):
+        console.print(_by_type(summary, summary.planners[k : k + _PLANNERS_ABREAST]))
 
 
 def _main(summary: Summary) -> Table:
@@ -48,8 +49,8 @@ def _main(summary: Summary) -> Table:
         padding=(0, 1, 0, 0),
     )  # fmt: skip
     groups = _groups(summary)
-    table.add_column("planner", overflow="fold", max_width=14)
-    for head in ("SCD\noverall", *(f"SCD\n{g}" for g in groups), *_PLAIN.values()):
+    table.add_column("planner", overflow="fold", min_width=12, max_width=16)
+    for head in ("SCD\nall", *(f"SCD\n{_SHORT.get(g, g)}" for g in groups), *_PLAIN.values()):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("n", justify="right", no_wrap=True)
     for p in summary.planners:
@@ -66,20 +67,22 @@ def _main(summary: Summary) -> Table:
     return table
 
 
-def _by_type(summary: Summary) -> Table:
+def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
     table = Table(
         title="SCD by type, % (strict, 95 % interval)", title_justify="left", title_style="bold",
         box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
     )  # fmt: skip
     table.add_column("group")
     table.add_column("type", overflow="fold")
-    for p in summary.planners:
-        table.add_column(_escape(p.planner), justify="right", overflow="fold")
+    for p in planners:
+        table.add_column(_escape(p.planner), justify="right", overflow="fold", min_width=16, max_width=18)
     table.add_column("maps", justify="right")
     table.add_column("n", justify="right")
     last = ""
     for group, kind in _types(summary):
-        figures = [p.types.get(kind) for p in summary.planners]
+        figures = [p.types.get(kind) for p in planners]
+        if not any(figures):
+            continue
         known = [f.completed if f.strict is None else f.strict for f in figures if f is not None]
         table.add_row(
             group if group != last else "", kind, *(_with_ends(_pick(f, True)) for f in figures),
@@ -142,7 +145,7 @@ def _with_ends(estimate: Estimate | None) -> str:
     if estimate is None or estimate.value is None:
         return _DASH
     if estimate.low is None or estimate.high is None:
-        return f"{estimate.value:.1f} (no interval)"
+        return f"{estimate.value:.1f} (–)"
     return f"{estimate.value:.1f} ({estimate.low:.1f}–{estimate.high:.1f})"
 
 
@@ -153,7 +156,7 @@ def _errors(summary: Summary) -> Iterator[str]:
         }
         if bad:
             text = ", ".join(f"{n} {kind}" for kind, n in bad.items())
-            yield f"{p.planner}: {p.recorded - p.completed} error outcomes ({text}); their causes are in errors/"
+            yield f"{p.planner}: {p.recorded - p.completed} error outcomes ({text}), causes in errors/"
 
 
 def _no_interval(summary: Summary) -> Iterator[str]:
