@@ -11,12 +11,15 @@ import numpy as np
 
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
+from tsbench.rules.base import Verdict
+from tsbench.rules.registry import make_monitor
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.place import LaneLocator
-from tsbench.sim.scene import Destination, Obstacle
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState
+from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 DATA = Path(__file__).parent / "data"
 
@@ -27,7 +30,7 @@ def load(name: str) -> RoadNetwork:
 
 @dataclass
 class Body:
-    """A road user that follows a chain of lanes; `speed(t, world)` gives its speed, `front` its front's place."""
+    """A road user on a chain of lanes; `speed(t, world)` gives its speed, `front` its front's place."""
 
     id: str
     lanes: tuple[str, ...]
@@ -59,6 +62,7 @@ class World:
     controls: list[Control] = field(default_factory=list)
     poses: list[dict[str, tuple[float, float, float]]] = field(default_factory=list)
     lateral: dict[str, float] = field(default_factory=dict)
+    snapshots: list[WorldSnapshot] = field(default_factory=list)
     arrived: bool = False
 
     def __post_init__(self) -> None:
@@ -87,6 +91,8 @@ class World:
                 motion.yaw_rate, last, s, d, on_road,
             )  # fmt: skip
             self.states.append(ego)
+            actors = self._actors()
+            self.snapshots.append(WorldSnapshot(step, self.time, ego, actors))
             route = navigator.update(ego)
             self.offsets.append(route.d)
             on_edge = last >= 0 and self.network.lanes[last].edge == self.destination.edge
@@ -95,7 +101,7 @@ class World:
                 return self
             history = np.array([[ego.x, ego.y, ego.heading, ego.speed]])
             observation = Observation(
-                step, self.time, ego, history, route, self._actors(), self.signs, self.obstacles
+                step, self.time, ego, history, route, actors, self.signs, self.obstacles
             )
             command = planner.act(observation)
             assert isinstance(command, Control)
@@ -164,3 +170,17 @@ def ids(network: RoadNetwork, source: str, target: str) -> Sequence[str]:
     connection = graph.connections(source, target)[0]
     chain = (connection.from_lane, *connection.via, connection.to_lane)
     return [network.lanes[i].id for i in chain]
+
+
+def verdict(world: World) -> Verdict:
+    """What the rule's own monitor says of a finished episode."""
+    assert world.privilege is not None
+    sign = world.privilege.sign
+    scene = Scene(
+        Path("test.net.xml"), Path("test.add.xml"), world.network, (sign,), sign.id, world.obstacles,
+        EgoStart(world.start_lane, world.start_s, world.start_speed), world.destination, None, 600, 1,
+    )  # fmt: skip
+    monitor = make_monitor(sign, load_catalog(), scene)
+    for snapshot in world.snapshots:
+        monitor.update(snapshot)
+    return monitor.finish()

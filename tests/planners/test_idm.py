@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from statistics import median
 from time import perf_counter
 
@@ -152,7 +153,7 @@ def test_profile_brakes_before_a_bend() -> None:
     speeds = speed_profile(path, PathSamples(path), lateral=2.0, decel=2.0, factor=1.0, top=math.inf)
     slowest = int(np.argmin(speeds))
     assert 2.0 < speeds[slowest] < 5.0
-    drop = [(a * a - b * b) / 2.0 for a, b in zip(speeds, speeds[1:], strict=False)]
+    drop = [(a * a - b * b) / 2.0 for a, b in pairwise(speeds)]
     assert max(drop) < 2.0 + 1e-6
 
 

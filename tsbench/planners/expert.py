@@ -1,0 +1,89 @@
+"""Experts (`-e`): any base planner, constrained near the target sign by what its rule says.
+
+An expert reads the target rule exactly (`PlannerContext.privilege`) and of the rest of the world what every
+planner sees: never the future, never the convoy's release plan. The base planner is given the guard's route
+for its own, and its command is capped by what the guard leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tsbench.errors import InputError
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
+from tsbench.planners.guards.base import Guard
+from tsbench.planners.guards.detour import DetourGuard
+from tsbench.planners.guards.give_way import GiveWayGuard
+from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
+from tsbench.planners.guards.speed import SpeedGuard
+from tsbench.planners.idm import Idm
+from tsbench.planners.steering import follow
+from tsbench.sim.ego import Motion, track
+from tsbench.sim.world import EgoState
+
+GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
+    "give_way": GiveWayGuard,
+    "speed": SpeedGuard,
+    "detour": DetourGuard,
+    "manoeuvre": ManoeuvreGuard,
+}
+
+
+class Expert:
+    """One wrapper for every base planner."""
+
+    privileged = True
+    sign_access = True
+
+    def __init__(self, base: Planner) -> None:
+        self._base = base
+        self._guard: Guard
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode; the base planner is not told what the expert may know."""
+        privilege = context.privilege
+        if privilege is None:
+            raise InputError(
+                "an expert needs PlannerContext.privilege: run it as a planner with privileged = True"
+            )
+        name = privilege.rule.name
+        if name not in GUARDS:
+            raise InputError(
+                f"no expert for rule {name!r} (sign {privilege.sign.code}): it has {', '.join(GUARDS)}"
+            )
+        self._guard = GUARDS[name](context, privilege)
+        self._base.reset(replace(context, privilege=None))
+
+    def act(self, observation: Observation) -> Control:
+        """The base planner's command on the guard's route, within what the guard leaves."""
+        o, guard = observation, self._guard
+        route = guard.guide(o)
+        led = route is not o.route
+        seen = o
+        if led:
+            seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
+        acceleration, steering = _control(self._base.act(seen), o.ego)
+        if led:
+            # A base that has learned its own way would leave the guard's: here the way is the rule.
+            steering = follow(route, o.ego)
+        return Control(min(acceleration, guard.ceiling(o, route)), steering)
+
+
+def _control(command: Control | Trajectory, ego: EgoState) -> tuple[float, float]:
+    """Acceleration and steering of a command; trajectories by the harness's own tracker."""
+    if isinstance(command, Control):
+        return command.acceleration, command.steering
+    motion = Motion(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, ego.yaw_rate)
+    return track(
+        motion, np.asarray(command.times, dtype=np.float64), np.asarray(command.poses, dtype=np.float64)
+    )
+
+
+class IdmExpert(Expert):
+    """`idm-e`."""
+
+    def __init__(self) -> None:
+        super().__init__(Idm())

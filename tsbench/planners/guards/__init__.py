@@ -1,0 +1,1 @@
+"""What an expert knows of each rule: one guard a rule, in one file."""

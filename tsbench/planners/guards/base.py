@@ -1,0 +1,38 @@
+"""What a guard is: it says which way to go and how hard to accelerate at most. Units: m, m/s, m/s2."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from tsbench.planners.base import Observation
+from tsbench.sim.navigation import RouteView
+
+_GENTLE_MPS2 = 1.5
+_SETTLE_S = 0.3
+_AT_POINT_M = 0.05
+
+
+class Guard(Protocol):
+    """Watches over one rule for one episode; asked once a tick, `guide` first."""
+
+    def guide(self, observation: Observation) -> RouteView:
+        """The route for the base planner; the navigation's own where the rule wants no other."""
+
+    def ceiling(self, observation: Observation, route: RouteView) -> float:
+        """The greatest acceleration that the rule leaves at this tick; inf where it does not bind."""
+
+
+def slow_to(v: float, target: float, distance: float, comfortable: float) -> float:
+    """The greatest acceleration with which `target` speed is still reached within `distance` m.
+
+    Sets in gradually as the braking that it takes comes near `comfortable`; asks for all that it takes from
+    there on.
+    """
+    if distance <= _AT_POINT_M:
+        return (target - v) / _SETTLE_S
+    if v <= target:
+        return math.inf
+    needed = (v * v - target * target) / (2.0 * distance)
+    share = needed / comfortable
+    return -needed if share >= 1.0 else (1.0 - share) * _GENTLE_MPS2 - share * needed

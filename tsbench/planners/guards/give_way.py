@@ -1,0 +1,191 @@
+"""Giving way: come so that there is still room to stop, wait before the line until the way is free, then go.
+
+Units: m, s, m/s, m/s2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tsbench.geometry.overlap import ConflictZone
+from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
+from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.base import slow_to
+from tsbench.planners.guards.junction import Foe, FoeFinder, Passage, passage, ways_from
+from tsbench.planners.idm import IdmParameters, free_road
+from tsbench.planners.profile import PathSamples, speed_at, speed_profile
+from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.navigation import RouteView
+from tsbench.sim.world import DT_S
+
+
+@dataclass(frozen=True, slots=True)
+class Caution:
+    """How much more than the rule an expert asks for.
+
+    hold_m: room left between the waiting front and the line. brake: with which it comes to a stop.
+    gap_s, clear_s: on top of the rule's own. foe_accel: with which others may gather speed.
+    stands: speed below which a vehicle stands. near_m: with the front this near to the line, others have seen
+    the ego come. patience_s: after which one who stands all the while is taken to go on standing.
+    room_m: needed behind the last zone.
+    """
+
+    hold_m: float = 1.6
+    brake: float = 2.2
+    gap_s: float = 0.5
+    clear_s: float = 0.8
+    foe_accel: float = 2.2
+    stands: float = 0.3
+    near_m: float = 11.0
+    patience_s: float = 5.0
+    room_m: float = 2.0
+
+
+# How the ego itself will go: the brisk end of what a base planner does is not counted on.
+_EGO = IdmParameters(accel=1.3, lateral=2.0)
+_LONGEST_S = 15.0
+_LOOK_M = 90.0
+_COMMIT_MPS2 = 4.0
+
+
+class GiveWayGuard:
+    """Waits for vehicles on the approaches in the plate's `main_in`."""
+
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+        params, thresholds = privilege.sign.params, privilege.rule.thresholds
+        self._network = context.network
+        self._approach = params.get("approach", privilege.sign.edge)
+        self._ways = ways_from(context.network, tuple(params["main_in"].split()))
+        self._finder = FoeFinder(context.network, self._ways)
+        self._gap, self._least = thresholds["gap_s"], thresholds["min_foe_speed_mps"]
+        self._post_clear = thresholds["post_clear_s"]
+        self._caution = Caution()
+        self._path: RoutePath | None = None
+        self._passage: Passage | None = None
+        self._samples: PathSamples
+        self._speeds: list[float]
+        self._standing: dict[int, float] = {}
+        self._committed = False
+
+    def guide(self, observation: Observation) -> RouteView:
+        """The navigation's own route."""
+        return observation.route
+
+    def ceiling(self, observation: Observation, route: RouteView) -> float:
+        """While somebody blocks: what still stops before the line."""
+        if route.path is not self._path:
+            self._prepare(route.path)
+        here = self._passage
+        if here is None or self._committed:
+            return math.inf
+        v, to_go = observation.ego.speed, here.line_s - route.s - HALF_LENGTH_M
+        if to_go > _LOOK_M:
+            return math.inf
+        if to_go < 0.0:
+            self._committed = True
+            return math.inf
+        self._note_standing(observation, to_go)
+        if self._free(observation, route, here):
+            # Beyond this point braking would end past the line.
+            self._committed = v * v / (2.0 * _COMMIT_MPS2) >= to_go - 0.2
+            return math.inf
+        return slow_to(v, 0.0, to_go - self._caution.hold_m, self._caution.brake)
+
+    def _prepare(self, path: RoutePath) -> None:
+        self._path = path
+        self._passage = passage(self._network, path, self._approach, self._ways)
+        self._samples = PathSamples(path)
+        self._speeds = speed_profile(
+            path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf
+        )
+
+    def _note_standing(self, observation: Observation, to_go: float) -> None:
+        """Since when have others been standing with the ego in sight at the line?"""
+        actors, standing = observation.actors, self._standing
+        for row, speed in zip(actors.index.tolist(), actors.speed.tolist(), strict=True):
+            if speed > self._caution.stands or to_go > self._caution.near_m:
+                standing.pop(row, None)
+            else:
+                standing.setdefault(row, observation.time)
+
+    def _free(self, observation: Observation, route: RouteView, here: Passage) -> bool:
+        """May the ego go on now, if it goes on as it would?"""
+        foes = self._finder.find(observation.actors)
+        coming = [(f, z) for f in foes if (z := here.zones[f.way]) is not None and f.s - f.length <= z.b_out]
+        if not coming:
+            return self._room_behind(observation, route, here)
+        ends = sorted({here.line_s + z.a_out for _, z in coming})
+        at_line, out = self._times(route.s, observation.ego.speed, here.line_s, ends)
+        for foe, zone in coming:
+            left = out[ends.index(here.line_s + zone.a_out)]
+            if self._blocks(foe, zone, at_line, left, observation.time):
+                return False
+        return self._room_behind(observation, route, here)
+
+    def _blocks(self, foe: Foe, zone: ConflictZone, at_line: float, left: float, now: float) -> bool:
+        """Would the rule, or a careful driver, say that this vehicle is in the way?
+
+        at_line, left: seconds until the ego's front is at the line, until its rear has left the zone.
+        """
+        to_zone, c = zone.b_in - foe.s, self._caution
+        if to_zone <= 0.0:
+            return True
+        # It may keep its speed or gather more; which of the two is worse differs by clause.
+        kept = to_zone - foe.speed * at_line
+        gone, speed = gather(foe.speed, self._limit(foe), c.foe_accel, at_line)
+        gap = self._gap + c.gap_s
+        if min(kept, to_zone - gone) <= 0.0:
+            return True
+        patient = now - self._standing.get(foe.row, now) > c.patience_s
+        if patient:
+            return to_zone / self._least < gap + at_line
+        if kept / max(foe.speed, self._least) < gap or (to_zone - gone) / max(speed, self._least) < gap:
+            return True
+        soonest = time_to_cover(to_zone, foe.speed, self._limit(foe), c.foe_accel)
+        return soonest < left + self._post_clear + c.clear_s
+
+    def _limit(self, foe: Foe) -> float:
+        return max(foe.speed, self._ways[foe.way].source.speed)
+
+    def _room_behind(self, observation: Observation, route: RouteView, here: Passage) -> bool:
+        """Can the ego leave the junction, or does somebody stand in or just behind it?"""
+        reach = here.end_s + 2.0 * HALF_LENGTH_M + self._caution.room_m - route.s - HALF_LENGTH_M
+        ahead = moving_ahead(self._samples, route.s, reach, observation.actors)
+        return not any(end > here.line_s and speed < 1.0 for end, speed in ahead)
+
+    def _times(self, s: float, v: float, line_s: float, ends: list[float]) -> tuple[float, list[float]]:
+        """Seconds until the front is at the line, and until the rear is past each of `ends` (ascending)."""
+        time, at_line = 0.0, -1.0
+        out: list[float] = []
+        step = 2.0 * DT_S
+        while len(out) < len(ends):
+            if at_line < 0.0 and s + HALF_LENGTH_M >= line_s:
+                at_line = time
+            while len(out) < len(ends) and s - HALF_LENGTH_M > ends[len(out)]:
+                out.append(time)
+            if time > _LONGEST_S:
+                out.extend([_LONGEST_S] * (len(ends) - len(out)))
+                break
+            a = free_road(v, speed_at(self._speeds, s + 0.5 * v), _EGO)
+            faster = max(v + a * step, 0.3)
+            s += 0.5 * (v + faster) * step
+            v = faster
+            time += step
+        return (at_line if at_line >= 0.0 else _LONGEST_S), out
+
+
+def gather(v: float, limit: float, accel: float, time: float) -> tuple[float, float]:
+    """Way (m) and speed after `time` of a vehicle that accelerates up to its limit."""
+    ramp = min(max(limit - v, 0.0) / accel, time)
+    end = v + accel * ramp
+    return 0.5 * (v + end) * ramp + end * (time - ramp), end
+
+
+def time_to_cover(way: float, v: float, limit: float, accel: float) -> float:
+    """Seconds that the same vehicle takes for `way` metres."""
+    top = max(limit, v)
+    ramp_way = (top * top - v * v) / (2.0 * accel)
+    if way <= ramp_way:
+        return (math.sqrt(v * v + 2.0 * accel * way) - v) / accel
+    return (top - v) / accel + (way - ramp_way) / top

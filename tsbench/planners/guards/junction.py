@@ -1,0 +1,134 @@
+"""A junction as an expert sees it: paths with priority, where they meet the ego's own, who comes on them.
+
+A strip is as wide as its lane; arc lengths on a way begin at the end of its approach lane. Units: m, m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tsbench.geometry.overlap import ConflictZone, conflict_zone
+from tsbench.geometry.polyline import Polyline, join
+from tsbench.maps.network import Connection, Lane, RoadNetwork
+from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.world import Actors
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One connection's way through the junction."""
+
+    connection: Connection
+    source: Lane
+    target: Lane
+    inner: tuple[Lane, ...]
+    line: Polyline
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class Foe:
+    """Who has priority: the way, its front's place on it (< 0 before the line), length, speed, row."""
+
+    way: int
+    s: float
+    length: float
+    speed: float
+    row: int
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """The ego's own way through: arc length of its line on its route, zone with each way of the others."""
+
+    line_s: float
+    zones: tuple[ConflictZone | None, ...]
+
+    @property
+    def end_s(self) -> float:
+        """Arc length on the route where the last zone ends."""
+        return self.line_s + max((z.a_out for z in self.zones if z is not None), default=0.0)
+
+
+def ways_from(network: RoadNetwork, edges: tuple[str, ...]) -> tuple[Way, ...]:
+    """The ways through the junction from all lanes of some approaches."""
+    found = []
+    for lane in (lane for edge in edges for lane in network.edge_lanes(edge)):
+        for c in network.outgoing[lane.index]:
+            inner = tuple(network.lanes[v] for v in c.via)
+            if inner:
+                line, width = join([v.line for v in inner]), max(v.width for v in inner)
+                found.append(Way(c, lane, network.lanes[c.to_lane], inner, line, width))
+    return tuple(found)
+
+
+def passage(network: RoadNetwork, path: RoutePath, approach: str, others: tuple[Way, ...]) -> Passage | None:
+    """Where a route passes the junction from `approach`; None where it does not (any more)."""
+    last = -1
+    for k, piece in enumerate(path.pieces):
+        if network.lanes[piece.lane].edge == approach:
+            last = k
+        elif last >= 0:
+            break
+    if last < 0:
+        return None
+    inner = []
+    for piece in path.pieces[last + 1 :]:
+        lane = network.lanes[piece.lane]
+        if not lane.internal:
+            break
+        inner.append(lane)
+    if not inner:
+        return None
+    line, width = join([v.line for v in inner]), max(v.width for v in inner)
+    zones = tuple(conflict_zone(line, width, w.line, w.width) for w in others)
+    return Passage(path.pieces[last].s1, zones)
+
+
+class FoeFinder:
+    """Finds who comes, or has come, on one of the ways with priority, by route and lane."""
+
+    def __init__(self, network: RoadNetwork, ways: tuple[Way, ...]) -> None:
+        self._network, self._ways = network, ways
+        # By vehicle, then by lane: its way and the place of the lane's start on it; settled when first seen.
+        self._places: dict[int, dict[int, tuple[int, float]]] = {}
+
+    def find(self, actors: Actors) -> list[Foe]:
+        """All of them among the road users of a tick."""
+        found = []
+        lanes, table = actors.lane.tolist(), actors.table
+        for at, row in enumerate(actors.index.tolist()):
+            places = self._places.get(row)
+            if places is None:
+                places = self._places[row] = self._settle(table.routes[row])
+            place = places.get(lanes[at])
+            if place is not None:
+                way, start = place
+                s, speed = start + float(actors.lane_s[at]), float(actors.speed[at])
+                found.append(Foe(way, s, float(table.length[row]), speed, row))
+        return found
+
+    def _settle(self, route: tuple[str, ...]) -> dict[int, tuple[int, float]]:
+        places: dict[int, tuple[int, float]] = {}
+        lanes = self._network.lanes
+        for k in range(len(route) - 1):
+            pair = (route[k], route[k + 1])
+            mine = [j for j, w in enumerate(self._ways) if (w.source.edge, w.target.edge) == pair]
+            if not mine:
+                continue
+            for lane in self._network.edge_lanes(pair[1]):
+                j = min(mine, key=lambda j: abs(self._ways[j].target.order - lane.order))
+                places[lane.index] = (j, self._ways[j].line.length)
+            for j in mine:
+                at = 0.0
+                for inner in self._ways[j].inner:
+                    places[inner.index] = (j, at)
+                    at += inner.line.length
+            end = 0.0
+            for edge in reversed(route[: k + 1]):
+                # Upstream of the approach a few metres of junction more or less change nothing.
+                for i in self._network.edges[edge].lanes:
+                    j = min(mine, key=lambda j: abs(self._ways[j].source.order - lanes[i].order))
+                    places[i] = (j, end - lanes[i].line.length)
+                end -= self._network.edges[edge].length
+        return places

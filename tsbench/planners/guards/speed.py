@@ -1,0 +1,66 @@
+"""Speed limits (3.24 and those like it): slow from where the front crosses the plate's line.
+
+Units: m, m/s; the plate's own number is km/h.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tsbench.errors import InputError
+from tsbench.planners.ahead import HALF_LENGTH_M
+from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.base import slow_to
+from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.navigation import RouteView
+
+_KMH = 1.0 / 3.6
+_MARGIN_KMH = 0.5
+_BRAKE_MPS2 = 2.5
+_EARLY_M = 1.0
+
+
+class SpeedGuard:
+    """Brakes before the zone, holds the limit inside it."""
+
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+        sign = privilege.sign
+        if sign.value is None:
+            raise InputError(f"sign {sign.id!r}: a speed sign without a value")
+        self._context, self._sign = context, sign
+        self._limit = (sign.value - _MARGIN_KMH) * _KMH
+        self._ended_by = privilege.rule.ended_by
+        self._path: RoutePath | None = None
+        self._line_s = math.inf
+        self._inside = self._over = False
+
+    def guide(self, observation: Observation) -> RouteView:
+        """The navigation's own route."""
+        return observation.route
+
+    def ceiling(self, observation: Observation, route: RouteView) -> float:
+        """Before the zone what it takes to be slow in time, inside it the limit, behind it nothing."""
+        if self._over:
+            return math.inf
+        if route.path is not self._path:
+            self._path = route.path
+            self._line_s = self._place(route.path, self._sign.edge, self._sign.position_m)
+        front, v = route.s + HALF_LENGTH_M, observation.ego.speed
+        self._inside = self._inside or front >= self._line_s
+        if not self._inside:
+            return slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
+        self._over = self._passed_end(observation, front)
+        return slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
+
+    def _passed_end(self, observation: Observation, front: float) -> bool:
+        ends = [s for s in observation.signs if s.code in self._ended_by]
+        path = observation.route.path
+        return any(self._place(path, s.edge, s.position_m) + _EARLY_M < front for s in ends)
+
+    def _place(self, path: RoutePath, edge: str, position: float) -> float:
+        """Arc length on the path of a line across an edge; inf where the path does not lead over the edge."""
+        network = self._context.network
+        for lane in (network.lanes[p.lane] for p in path.pieces):
+            if lane.edge == edge:
+                return path.line.project(*lane.line.point_at(position))[0]
+        return math.inf
