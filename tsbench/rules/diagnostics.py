@@ -51,8 +51,8 @@ class WrongWay:
                     rule=NAME, clause=NAME, sign_id="", sign_code="", start_s=start.time, end_s=last.time,
                     x=ego.x, y=ego.y, heading=ego.heading, speed=ego.speed, value=self._run,
                     threshold=WRONG_WAY_M, margin=self._run - WRONG_WAY_M, unit="m", other=None,
-                    sentence=f"From {start.time:.1f} s the ego drove {self._run:.1f} m against the direction of "
-                    f"its lane (at most {WRONG_WAY_M:.1f} m).",
+                    sentence=f"From {start.time:.1f} s the ego drove {self._run:.1f} m against the "
+                    f"direction of its lane (at most {WRONG_WAY_M:.1f} m).",
                 )
             )  # fmt: skip
         self._start = self._last = None

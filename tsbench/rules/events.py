@@ -52,7 +52,7 @@ class EventLog:
 
 
 class Excursion:
-    """The open excursion of one clause, from the first tick that breaks it to the last before one that does not.
+    """The open excursion of one clause, from the first tick that breaks it to the last that does.
 
     The event gets the worst value; `smaller_is_worse` for clauses that set a minimum.
     """

@@ -122,7 +122,7 @@ class GiveWay(Monitor):
             self._resolve(lane.edge)
 
     def _resolve(self, exit_edge: str) -> None:
-        """Judge the ticks on the path to `exit_edge` that fits them best; of all paths if none leads there."""
+        """Judge the ticks on the best fitting path to `exit_edge`; of all paths if none leads there."""
         fits = [k for k, p in enumerate(self._paths) if p.target == exit_edge] or list(
             range(len(self._paths))
         )
@@ -149,6 +149,6 @@ class GiveWay(Monitor):
         return self.log.verdict(self._engaged or any(self._bound))
 
 
-def _deviation(path: JunctionPath, egos: list[EgoState]) -> float:
-    """Sum over the ticks of the centre's distance from the path, m."""
-    return sum(abs(path.line.project(e.x, e.y)[1]) for e in egos)
+def _deviation(path: JunctionPath, egos: list[EgoState]) -> int:
+    """Mean distance of the ego's front from the path in cm, so that equals stay equal in every frame."""
+    return round(100.0 * sum(abs(path.line.project(*e.front)[1]) for e in egos) / len(egos))

@@ -39,7 +39,7 @@ class Station:
 
 
 class Road:
-    """A stretch of road over one or more edges in order: 0 where the first starts, `length` where the last ends.
+    """A stretch of road over edges in order: 0 where the first one starts, `length` where the last one ends.
 
     An ego that drives along it on the wrong side counts as on it; one that drives against it does not.
     """

@@ -28,6 +28,7 @@ class MinSpeed(Monitor):
         self._zone = Zone(self)
         self._minimum = posted_kmh(self)
         self._under = Excursion(self._log, "under_minimum", smaller_is_worse=True)
+        self._next: dict[int, dict[int, float]] = {}
         self._slow: list[WorldSnapshot] = []
         self._engaged = False
 
@@ -56,12 +57,26 @@ class MinSpeed(Monitor):
         """Does a leader slower than the minimum drive on the ego's lane within the distance of the rule?"""
         t, ego, actors = self.rule.thresholds, snapshot.ego, snapshot.actors
         reach = max(t["leader_min_m"], ego.speed**2 / t["leader_divisor_mps2"] + t["leader_margin_m"])
+        ahead = self._ahead(ego.lane)
         for k, lane in enumerate(actors.lane.tolist()):
-            if lane == ego.lane and float(actors.speed[k]) * KMH_PER_MPS < self._minimum:
-                gap = float(actors.lane_s[k]) - float(actors.length[k]) - ego.s - EGO_LENGTH_M / 2
-                if -EGO_LENGTH_M <= gap <= reach:
+            if lane in ahead and float(actors.speed[k]) * KMH_PER_MPS < self._minimum:
+                rear = ahead[lane] + float(actors.lane_s[k]) - float(actors.length[k])
+                if -EGO_LENGTH_M <= rear - ego.s - EGO_LENGTH_M / 2 <= reach:
                     return True
         return False
+
+    def _ahead(self, lane: int) -> dict[int, float]:
+        """The ego's lane and those that it leads into: where each starts, m from the first one's start."""
+        found = self._next.get(lane)
+        if found is None:
+            found = self._next[lane] = {lane: 0.0}
+            network = self.scene.network
+            for connection in network.outgoing[lane] if lane >= 0 else ():
+                at = network.lanes[lane].length
+                for i in (*connection.via, connection.to_lane):
+                    found.setdefault(i, at)
+                    at += network.lanes[i].length
+        return found
 
     def finish(self) -> Verdict:
         """An excursion that is still open ends with the episode."""

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from tsbench.errors import InputError
-from tsbench.geometry.overlap import ConflictZone, conflict_zone
+from tsbench.geometry.overlap import ConflictZone, conflict_zones
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.maps.network import Connection, RoadNetwork
+
+# Strips of neighbouring lanes that turn apart overlap by a few centimetres, where nobody meets anybody.
+_SLIVER_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,21 +47,10 @@ def junction_paths(network: RoadNetwork, edge: str) -> tuple[JunctionPath, ...]:
     return tuple(paths)
 
 
-def _apart(a: JunctionPath, b: JunctionPath) -> bool:
-    """Do the strips' bounding boxes keep apart? Spares most of the polygon work."""
-    reach = (a.width + b.width) / 2
-    gap = np.maximum(
-        a.line.points.min(axis=0) - b.line.points.max(axis=0),
-        b.line.points.min(axis=0) - a.line.points.max(axis=0),
-    )
-    return bool(gap.max() > reach)
-
-
 def zones(
     paths: tuple[JunctionPath, ...], others: tuple[JunctionPath, ...]
 ) -> tuple[tuple[ConflictZone | None, ...], ...]:
     """[k][j]: where `paths[k]` (a) and `others[j]` (b) conflict."""
-    return tuple(
-        tuple(None if _apart(a, b) else conflict_zone(a.line, a.width, b.line, b.width) for b in others)
-        for a in paths
+    return conflict_zones(
+        [(p.line, p.width) for p in paths], [(p.line, p.width) for p in others], min_depth=_SLIVER_M
     )

@@ -1,4 +1,4 @@
-"""The zone of a plate along the road, from its own line to that of its end plate or the end of its last edge.
+"""The zone of a plate along the road: from its own line to its end plate's, or the end of its last edge.
 
 Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next junction
 the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
