@@ -8,7 +8,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tsbench.metrics.aggregate import Figure, Summary
+from tsbench.metrics.aggregate import Figure, PlannerSummary, Summary
 from tsbench.metrics.intervals import Estimate
 from tsbench.signs.model import GROUPS
 
@@ -45,11 +45,11 @@ def print_table(summary: Summary, console: Console) -> None:
 def _main(summary: Summary) -> Table:
     style = "bold yellow" if summary.partial else "bold"
     table = Table(
-        title=summary.title, title_style=style, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False,
+        title=summary.title, title_style=style, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False,
         padding=(0, 1, 0, 0),
     )  # fmt: skip
     groups = _groups(summary)
-    table.add_column("planner", overflow="fold", min_width=12, max_width=16)
+    table.add_column("planner", overflow="fold", min_width=11, max_width=16)
     for head in ("SCD\nall", *(f"SCD\n{_SHORT.get(g, g)}" for g in groups), *_PLAIN.values()):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("n", justify="right", no_wrap=True)
@@ -70,7 +70,7 @@ def _main(summary: Summary) -> Table:
 def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
     table = Table(
         title="SCD by type, % (strict, 95 % interval)", title_justify="left", title_style="bold",
-        box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0),
+        box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0),
     )  # fmt: skip
     table.add_column("group")
     table.add_column("type", overflow="fold")
