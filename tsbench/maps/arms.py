@@ -13,7 +13,7 @@ ARM_HEADING_SPAN_M = 25.0
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """One road at a node: rows of the edge that comes in and of the one that goes out (None: one-way); heading outwards."""
+    """One road at a node: the rows of its edges in and out (None: one-way); the heading points outwards."""
 
     in_row: int | None
     out_row: int | None
@@ -58,7 +58,7 @@ def least_separation(arms: list[Arm]) -> float:
 
 
 def through_pairs(arms: list[Arm]) -> list[tuple[int, int]]:
-    """Pairs of arms that are one road going on: within 35 degrees of straight, each arm in its best pair only."""
+    """Pairs of arms that go straight on (within 35 degrees), each arm in its best pair only."""
     bends = sorted(
         (180.0 - abs(wrap(arms[i].heading_deg - arms[j].heading_deg)), i, j)
         for i, j in combinations(range(len(arms)), 2)

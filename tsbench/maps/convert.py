@@ -1,4 +1,4 @@
-"""An OSM extract to one SUMO network, or to SUMO's plain XML, by the configuration under `sumo_nets/netconvert/`."""
+"""An OSM extract to one SUMO network, or to plain XML, as `sumo_nets/netconvert/` says."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TIMEOUT_S = 900.0
 
 
 def convert_extract(extract: Path, out: Path) -> ExtractFacts:
-    """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`); the folder is made if need be."""
+    """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`)."""
     if not out.name.endswith((".net.xml", ".net.xml.gz")):
         raise InputError(f"{out}: the network's name must end in .net.xml or .net.xml.gz")
     return _netconvert(extract, out, "--output-file")

@@ -25,8 +25,8 @@ def plain_crop(row: PoolRow, source: SourceNetwork) -> PlainNet:
         pieces = REGISTRY[row.family].pieces(source, detail)
     except KeyError as missing:
         raise InputError(
-            f"{row.map_id}: no edge {missing} in this '{source.name}'; the pool was made from another version "
-            f"of the extract, run `tsbench maps harvest`"
+            f"{row.map_id}: no edge {missing} in this '{source.name}'; "
+            f"the pool is from another version of the extract, run `tsbench maps harvest`"
         ) from missing
     rings = [detail["ring"]] if row.family == "roundabout" else []
     return assemble(source, pieces, rings)

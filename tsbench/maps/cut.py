@@ -12,6 +12,8 @@ from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.source import SourceNetwork
 from tsbench.maps.utm import Floats, to_lat_lon
 
+SAME_END_M = 0.5
+
 
 @dataclass(frozen=True, slots=True)
 class Piece:
@@ -35,12 +37,12 @@ def arm_pieces(source: SourceNetwork, in_row: int | None, out_row: int | None, r
 def assemble(
     source: SourceNetwork, pieces: Sequence[Piece], roundabouts: Sequence[Sequence[str]] = ()
 ) -> PlainNet:
-    """The pieces as one network in its own frame: metres around the crop's centre, whole metres off the UTM grid."""
+    """The pieces as one network, in metres around the crop's centre (a whole metre of the UTM grid)."""
     lines = {piece.row: _line(source, piece) for piece in sorted(pieces, key=lambda p: p.row)}
     everything = np.vstack(list(lines.values()))
     centre = np.round((everything.min(axis=0) + everything.max(axis=0)) / 2)
     nodes: dict[str, PlainNode] = {}
-    ends: dict[tuple[float, float], str] = {}
+    ends: list[PlainNode] = []
     edges = []
     for piece in sorted(pieces, key=lambda p: p.row):
         line = lines[piece.row] - centre
@@ -48,10 +50,14 @@ def assemble(
         begins, finishes = piece.start > 0.0, piece.end < float(source.lengths[piece.row])
         edge_id = source.edge_ids[piece.row]
         tail_id = (
-            _end_node(f"{edge_id}.start", line[0], ends, nodes) if begins else _node(source, tail, centre, nodes)
+            _end_node(f"{edge_id}.start", line[0], ends, nodes)
+            if begins
+            else _node(source, tail, centre, nodes)
         )
         head_id = (
-            _end_node(f"{edge_id}.end", line[-1], ends, nodes) if finishes else _node(source, head, centre, nodes)
+            _end_node(f"{edge_id}.end", line[-1], ends, nodes)
+            if finishes
+            else _node(source, head, centre, nodes)
         )
         edges.append(_edge(source, piece.row, tail_id, head_id, line))
     lat, lon = to_lat_lon(*centre).tolist()
@@ -79,13 +85,14 @@ def _node(source: SourceNetwork, row: int, centre: Floats, nodes: dict[str, Plai
     return name
 
 
-def _end_node(
-    name: str, place: Floats, ends: dict[tuple[float, float], str], nodes: dict[str, PlainNode]
-) -> str:
+def _end_node(name: str, place: Floats, ends: list[PlainNode], nodes: dict[str, PlainNode]) -> str:
     """The dead end at a cut: one node for both directions of a road."""
     x, y = (round(float(value), 2) for value in place)
-    name = ends.setdefault((round(x, 1), round(y, 1)), name)
-    nodes.setdefault(name, PlainNode(name, x, y))
+    for known in ends:
+        if np.hypot(known.x - x, known.y - y) < SAME_END_M:
+            return known.id
+    nodes[name] = PlainNode(name, x, y)
+    ends.append(nodes[name])
     return name
 
 

@@ -1,4 +1,4 @@
-"""What is known about the extracts: `sumo_nets/extracts.yaml`, the best tagged first."""
+"""What is known about the extracts: `sumo_nets/harvest.yaml`, the best tagged first."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Extract:
 @cache
 def known_extracts() -> dict[str, Extract]:
     """The extracts that the repository knows, by name."""
-    path = sumo_nets() / "extracts.yaml"
+    path = sumo_nets() / "harvest.yaml"
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.get("schema") != 1:
         raise InputError(f"{path}: expected `schema: 1`")
@@ -35,7 +35,7 @@ def known_extracts() -> dict[str, Extract]:
 
 
 def extract_info(name: str) -> Extract:
-    """A known extract, or an unknown one: well tagged, after the known well-tagged ones, its name as its code."""
+    """A known extract; an unknown one counts as well tagged, ranks after those, and is its own code."""
     known = known_extracts()
     return known.get(name, Extract(name, name, True, len(known)))
 

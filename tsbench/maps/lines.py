@@ -1,4 +1,4 @@
-"""Polylines as (n, 2) arrays in metres: cutting, headings, turns. Angles in degrees, counter-clockwise from east."""
+"""Polylines as (n, 2) arrays in metres: cutting, headings, turns. Degrees, counter-clockwise from east."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def wrap(angle: float) -> float:
 
 
 def turn_class(change: float) -> str:
-    """`s`, `l`, `r` or `u` of a heading change: within 35 degrees straight, from 145 on a U-turn, left is positive."""
+    """`s` within 35 degrees, `u` from 145 on, else `l` (positive) or `r`."""
     if abs(change) <= STRAIGHT_DEG:
         return "s"
     if abs(change) >= U_TURN_DEG:

@@ -66,9 +66,13 @@ def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
                 writer.add(entity)
     except (RuntimeError, ValueError) as broken:
         place = f"after {nodes} nodes and {ways} ways"
-        raise InputError(f"{path}: not a whole OSM file ({' '.join(str(broken).split())}; {place})") from broken
+        raise InputError(
+            f"{path}: not a whole OSM file ({' '.join(str(broken).split())}; {place})"
+        ) from broken
     if roads == 0:
-        raise InputError(f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)")
+        raise InputError(
+            f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)"
+        )
     degrees = np.array(signals, float).reshape(-1, 2)
     return ExtractFacts(nodes, ways, roads, to_utm(degrees[:, 0], degrees[:, 1]))
 

@@ -23,7 +23,7 @@ class PlainNode:
 
 @dataclass(frozen=True, slots=True)
 class PlainLane:
-    """What differs on one lane (index 0 is the rightmost). `allow`/`disallow`: SUMO vClass lists, "" = default."""
+    """What differs on one lane (index 0: rightmost). `allow`/`disallow`: SUMO vClass lists, "" = default."""
 
     index: int
     width: float | None = None

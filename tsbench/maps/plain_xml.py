@@ -1,4 +1,4 @@
-"""Reads netconvert's plain XML of a whole extract (`.nod.xml`, `.edg.xml`). Connections are not read: crops get their own."""
+"""Reads netconvert's plain XML of a whole extract. Not its connections: crops get their own."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from pathlib import Path
 
 from lxml import etree
 
-# Outside these a width is no lane's: netconvert halves a lane for a two-way road tagged lanes=1, mappers write curb to curb.
+# Outside these a width is no lane's: netconvert halves the lane of a two-way road tagged lanes=1.
 WIDTH_RANGE_M = (2.75, 4.5)
 DEFAULT_WIDTH_M = 3.25
 
 
 @dataclass(frozen=True, slots=True)
 class ParsedEdge:
-    """One directed edge; `centred`: the line is its middle, else its left side; `line` from tail to head in metres; `osm_ids`: the OSM ways it was made of."""
+    """One directed edge; `line` (metres, tail to head) is its middle if `centred`, else its left side.
+
+    `osm_ids`: the OSM ways it was made of.
+    """
 
     id: str
     tail: str
@@ -44,34 +47,38 @@ def _elements(path: Path, tag: str) -> Iterator[etree._Element]:
 
 def parse_nodes(path: Path) -> dict[str, tuple[float, float]]:
     """Place of each node, in the order of the ids."""
-    nodes = {e.attrib["id"]: (float(e.attrib["x"]), float(e.attrib["y"])) for e in _elements(path, "node")}
+    nodes = {e.get("id", ""): (float(e.attrib["x"]), float(e.attrib["y"])) for e in _elements(path, "node")}
     return dict(sorted(nodes.items()))
 
 
 def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[ParsedEdge]:
     """All edges, in the order of the ids."""
-    return sorted((_edge(e, nodes) for e in _elements(path, "edge") if "from" in e.attrib), key=lambda e: e.id)
+    return sorted(
+        (_edge(e, nodes) for e in _elements(path, "edge") if "from" in e.attrib), key=lambda e: e.id
+    )
 
 
 def parse_roundabouts(path: Path) -> list[list[str]]:
     """Edge ids of each roundabout, in no order along the ring."""
-    return sorted(e.attrib["edges"].split() for e in _elements(path, "roundabout"))
+    return sorted(e.get("edges", "").split() for e in _elements(path, "roundabout"))
 
 
 def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> ParsedEdge:
-    get = element.attrib.get
-    tail, head = element.attrib["from"], element.attrib["to"]
+    get = element.get
+    tail, head = get("from", ""), get("to", "")
     shape = get("shape")
     line = (
         [(float(x), float(y)) for x, y in (point.split(",")[:2] for point in shape.split())]
         if shape
         else [nodes[tail], nodes[head]]
     )
-    origins = {int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()}
+    origins = {
+        int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()
+    }
     widths = [float(lane.attrib["width"]) for lane in element.iter("lane") if "width" in lane.attrib]
     width = float(get("width", max(widths, default=DEFAULT_WIDTH_M)))
     return ParsedEdge(
-        id=element.attrib["id"],
+        id=get("id", ""),
         tail=tail,
         head=head,
         lanes=int(element.attrib["numLanes"]),

@@ -23,10 +23,11 @@ SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
 class PoolRow:
     """One map of the pool. Metres, m/s, degrees; places in UTM 37 north, the same frame for all sources.
 
-    `shape`: T | X | ring | straight | curved. `slot` (dual path, else ""): prohibited and compliant manoeuvre.
-    `east`/`north`: middle of the crop's bounding box, `half_w`/`half_h`: half its sides. `lanes`: most per direction;
-    `lane_bucket`: that, 3 for more. `curvature`: chord over arc of the main line. `length_m`: corridor's length,
-    shortest arm, the ring's circumference, or the longer way. `detail`: the family's own fields, see docs/maps.md.
+    `shape`: T | X | ring | straight | curved. `slot` (dual path, else ""): prohibited, compliant manoeuvre.
+    `east`/`north`: middle of the crop's bounding box, `half_w`/`half_h`: half its sides. `lanes`: most per
+    direction; `lane_bucket`: that, 3 for more. `curvature`: chord over arc of the main line. `length_m`: of
+    the corridor, the shortest arm, the ring, or the longer way. `detail`: the family's own fields, JSON, see
+    docs/maps.md.
     """
 
     map_id: str
@@ -59,23 +60,20 @@ class PoolRow:
         return parsed
 
 
-POOL_SCHEMA = pa.schema(
-    [
-        *((name, pa.string()) for name in ("map_id", "family", "shape", "slot")),
-        *((name, pa.float64()) for name in ("lat", "lon")),
-        ("source", pa.string()),
-        ("well_tagged", pa.bool_()),
-        ("osm_ids", pa.list_(pa.int64())),
-        ("junction_ids", pa.list_(pa.string())),
-        *((name, pa.float64()) for name in ("east", "north", "half_w", "half_h")),
-        ("lanes", pa.int32()),
-        ("lane_bucket", pa.int32()),
-        ("oneway", pa.bool_()),
-        *((name, pa.float64()) for name in ("curvature", "length_m", "speed_mps")),
-        ("road_class", pa.string()),
-        ("detail", pa.string()),
-    ]
-)
+_COLUMNS: dict[str, pa.DataType] = {
+    **dict.fromkeys(("map_id", "family", "shape", "slot"), pa.string()),
+    **dict.fromkeys(("lat", "lon"), pa.float64()),
+    "source": pa.string(),
+    "well_tagged": pa.bool_(),
+    "osm_ids": pa.list_(pa.int64()),
+    "junction_ids": pa.list_(pa.string()),
+    **dict.fromkeys(("east", "north", "half_w", "half_h"), pa.float64()),
+    **dict.fromkeys(("lanes", "lane_bucket"), pa.int32()),
+    "oneway": pa.bool_(),
+    **dict.fromkeys(("curvature", "length_m", "speed_mps"), pa.float64()),
+    **dict.fromkeys(("road_class", "detail"), pa.string()),
+}
+POOL_SCHEMA = pa.schema(list(_COLUMNS.items()))
 
 
 def map_id(family: str, code: str, *ids: str) -> str:
@@ -98,13 +96,15 @@ def write_pool(rows: Sequence[PoolRow], path: Path) -> None:
 
 
 def read_pool(path: Path) -> list[PoolRow]:
-    """All rows, sorted by `map_id`. Raises InputError for a file that is missing, broken or of another schema."""
+    """All rows, sorted by `map_id`. InputError for a file that is missing, broken or of another schema."""
     if not path.is_file():
         raise InputError(f"{path}: no pool index; `tsbench maps harvest --osm DIR` makes it")
     try:
         table = pq.read_table(path)
     except (pa.ArrowInvalid, OSError) as broken:
-        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(broken).split())})") from broken
+        raise InputError(
+            f"{path}: not a readable Parquet table ({' '.join(str(broken).split())})"
+        ) from broken
     version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
     if version != str(SCHEMA_VERSION):
         raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")

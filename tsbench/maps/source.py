@@ -1,12 +1,14 @@
-"""A source network: a whole extract as compact arrays, parsed once and cached as Parquet under `sumo_nets/build/`."""
+"""A source network: a whole extract as compact arrays, parsed once and cached under `sumo_nets/build/`."""
 
 from __future__ import annotations
 
 import json
+import os
 import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -124,7 +126,9 @@ def find_extract(name: str, osm_dir: Path) -> Path:
 def list_extracts(osm_dir: Path) -> list[Path]:
     """All extracts of a folder, sorted by name."""
     if not osm_dir.is_dir():
-        raise InputError(f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR")
+        raise InputError(
+            f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
+        )
     found = sorted(path for path in osm_dir.iterdir() if path.name.endswith(SUFFIXES))
     if not found:
         raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
@@ -184,7 +188,7 @@ _TEXT_COLUMNS = ("road_class", "street")
 
 
 def _write(source: SourceNetwork, path: Path) -> None:
-    columns: dict[str, pa.Array] = {"id": pa.array(source.edge_ids)}
+    columns: dict[str, Any] = {"id": pa.array(source.edge_ids)}
     columns |= {name: pa.array(getattr(source, name)) for name in _EDGE_COLUMNS}
     columns |= {name: pa.array(getattr(source, name)).dictionary_encode() for name in _TEXT_COLUMNS}
     columns["osm_ids"] = pa.array(source.osm_ids, pa.list_(pa.int64()))
@@ -199,17 +203,17 @@ def _write(source: SourceNetwork, path: Path) -> None:
         "signals": source.signals.tolist(),
     }
     table = pa.table(columns).replace_schema_metadata({"tsbench": json.dumps(extra)})
-    half = path.with_suffix(".part")
+    half = path.with_name(f"{path.name}.{os.getpid()}.part")
     pq.write_table(table, half, compression="zstd")
     half.replace(path)
 
 
 def _read(path: Path) -> SourceNetwork:
-    table = pq.read_table(path).combine_chunks()
+    table: Any = pq.read_table(path).combine_chunks()
     extra = json.loads(table.schema.metadata[b"tsbench"])
     line = table["line"].combine_chunks()
-    text = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}
-    array = {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
+    columns: dict[str, Any] = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}
+    columns |= {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
     return SourceNetwork(
         name=extra["name"],
         node_ids=extra["nodes"],
@@ -220,6 +224,5 @@ def _read(path: Path) -> SourceNetwork:
         points=line.values.to_numpy().reshape(-1, 2),
         rings=extra["rings"],
         signals=np.array(extra["signals"], float).reshape(-1, 2),
-        **text,
-        **array,
+        **columns,
     )

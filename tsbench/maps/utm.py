@@ -1,4 +1,4 @@
-"""The one metric frame of all extracts: UTM zone 37 north (WGS 84), as netconvert's `--proj.utm` makes for Moscow.
+"""The one metric frame of all extracts: UTM zone 37 north (WGS 84), as netconvert's `--proj.utm` makes.
 
 Krueger's series to the third order (Karney 2011, "Transverse Mercator with an accuracy of a few nanometers"):
 millimetres within the zone, and no projection library is needed.
@@ -57,4 +57,5 @@ def to_lat_lon(east: npt.ArrayLike, north: npt.ArrayLike) -> Floats:
     phi = np.arctan(tau_conformal)
     for _ in range(6):
         phi = np.arcsin(np.tanh(psi + _E * np.arctanh(_E * np.sin(phi))))
-    return np.degrees(np.stack([phi, lon], axis=-1))
+    degrees: Floats = np.degrees(np.stack([phi, lon], axis=-1))
+    return degrees

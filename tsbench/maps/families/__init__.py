@@ -1,1 +1,1 @@
-"""The four families of maps: each module finds its maps in a source network and says which pieces a crop is made of."""
+"""The four families: each module finds its maps in a source and says of which pieces a crop is made."""

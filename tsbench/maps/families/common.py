@@ -40,7 +40,7 @@ def make_row(
     detail: dict[str, Any],
     slot: str = "",
 ) -> PoolRow:
-    """A row from its parts: `pieces` bound the crop, `main` edges give lanes, speed and class, `junctions` are node rows."""
+    """A row: `pieces` bound the crop, `main` edges give lanes, speed and class, `junctions` are node rows."""
     extract = extract_info(source.name)
     points = np.vstack([piece_line(source, piece) for piece in pieces])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""Corridors: 150-250 m of one road between junctions, straight or gently curved; side streets are left out of the crop."""
+"""Corridors: 150-250 m of one road between junctions, straight or gently curved."""
 
 from __future__ import annotations
 
@@ -28,7 +28,11 @@ def find_corridors(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
     used: set[int] = set()
     order = sorted(
         range(len(source.edge_ids)),
-        key=lambda row: (-int(source.lanes[row]), -min(float(source.lengths[row]), MAX_M), source.edge_ids[row]),
+        key=lambda row: (
+            -int(source.lanes[row]),
+            -min(float(source.lengths[row]), MAX_M),
+            source.edge_ids[row],
+        ),
     )
     for row in order:
         if source.lengths[row] < MIN_M or source.tail[row] == source.head[row]:
@@ -68,7 +72,7 @@ def _pieces(source: SourceNetwork, row: int, span: tuple[float, float]) -> list[
 
 
 def _best_span(line: Floats) -> tuple[float, float] | None:
-    """The window nearest to the middle that is straight or gently curved: 250 m (or the whole edge), else 150 m."""
+    """The window nearest to the middle that is straight enough: 250 m (or the whole edge), else 150 m."""
     total = length(line)
     for size in (min(total, MAX_M), MIN_M):
         middle = (total - size) / 2
@@ -76,7 +80,8 @@ def _best_span(line: Floats) -> tuple[float, float] | None:
         for start in sorted(starts, key=lambda at: (abs(at - middle), at)):
             part = cut(line, start, start + size)
             if chord_over_arc(part) >= CURVED and _kink(part) <= MAX_KINK_DEG:
-                return round(start, 1), round(min(start + size, total), 1)
+                begin = np.floor(start * 10) / 10
+                return round(float(begin), 1), round(float(begin) + size, 1)
     return None
 
 

@@ -1,4 +1,4 @@
-"""Dual paths: two ways from one approach to one destination that part at a junction, the shorter by the prohibited manoeuvre."""
+"""Dual paths: two ways to one destination that part at a junction, the shorter one prohibited."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tsbench.maps.arms import arms_of
 from tsbench.maps.cut import Piece
 from tsbench.maps.families.common import make_row
 from tsbench.maps.families.junction import junction_shape
-from tsbench.maps.lines import heading_away, heading_towards, turn_class, wrap
+from tsbench.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length, turn_class, wrap
 from tsbench.maps.pool import SLOTS, PoolRow
 from tsbench.maps.source import SourceNetwork
 
@@ -22,19 +22,20 @@ APPROACH_MIN_M = 80.0  # ego starts 40-60 m before the line; the line lies up to
 APPROACH_CUT_M = 120.0
 DESTINATION_M = 40.0
 DESTINATION_MIN_M = 15.0
+DESTINATION_CUT_M = DESTINATION_M + 40.0
 AROUND_M = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Reach:
-    """How an edge is reached from an exit: metres from the signed junction to the edge's start, and the edge before."""
+    """How an edge is reached: metres from the signed junction to the edge's start, and the edge before."""
 
     at: float
     before: int
 
 
 def manoeuvre(source: SourceNetwork, approach: int, leave: int) -> str:
-    """Turn class from one edge to the next by heading change; the edge back along the same road is a U-turn."""
+    """Turn class from one edge to the next by heading change; back along the same road is a U-turn."""
     if source.opposite[approach] == leave:
         return "u"
     change = wrap(heading_away(source.line(leave)) - heading_towards(source.line(approach)))
@@ -141,38 +142,56 @@ def dual_path_pieces(source: SourceNetwork, detail: dict[str, object]) -> list[P
     """The pieces of a dual-path crop: approach, both ways, and every road at their nodes for 40 m."""
     row = source.edge_row
     short, compliant = detail["short"], detail["compliant"]
-    assert isinstance(short, list) and isinstance(compliant, list)
-    return _pieces(source, row[str(detail["signed_edge"])], [row[e] for e in short], [row[e] for e in compliant])
+    assert isinstance(short, list)
+    assert isinstance(compliant, list)
+    return _pieces(
+        source, row[str(detail["signed_edge"])], [row[e] for e in short], [row[e] for e in compliant]
+    )
 
 
 def _pieces(source: SourceNetwork, approach: int, short: list[int], compliant: list[int]) -> list[Piece]:
-    core = set(short) | set(compliant)
-    spans = {row: (0.0, float("inf")) for row in core}
-    nodes = sorted({int(end) for row in core for end in (source.tail[row], source.head[row])})
-    for node in nodes:
+    target = short[-1]
+    ways = {*short[:-1], *compliant[:-1]}
+    reach = _Reaches(source)
+    for row in sorted(ways):
+        reach.ask(row, from_tail=float("inf"))
+    reach.ask(target, from_tail=DESTINATION_CUT_M)
+    reach.ask(approach, from_head=APPROACH_CUT_M)
+    if source.opposite[approach] >= 0:
+        reach.ask(int(source.opposite[approach]), from_tail=APPROACH_CUT_M)
+    for node in sorted({int(end) for row in ways for end in (source.tail[row], source.head[row])}):
         for row in source.out_edges[node]:
-            if row not in core:
-                _widen(spans, source, row, 0.0, AROUND_M)
+            reach.ask(row, from_tail=AROUND_M)
         for row in source.in_edges[node]:
-            if row not in core:
-                total = float(source.lengths[row])
-                _widen(spans, source, row, total - AROUND_M, total)
-    total = float(source.lengths[approach])
-    spans[approach] = (max(0.0, total - APPROACH_CUT_M), float("inf"))
-    back = int(source.opposite[approach])
-    if back >= 0:
-        _widen(spans, source, back, 0.0, APPROACH_CUT_M)
-    return [Piece(row, *span) for row, span in sorted(spans.items())]
+            reach.ask(row, from_head=AROUND_M)
+    return reach.pieces()
 
 
-def _widen(spans: dict[int, tuple[float, float]], source: SourceNetwork, row: int, start: float, end: float) -> None:
-    """Ask for a part of an edge; an edge asked for at both of its ends is kept whole."""
-    total = float(source.lengths[row])
-    span = (max(0.0, start), end if end < total else float("inf"))
-    if row in spans and spans[row] != span:
-        spans[row] = (0.0, float("inf"))
-    else:
-        spans[row] = span
+class _Reaches:
+    """How far each edge is wanted from tail and from head; one wanted from both ends is kept whole."""
+
+    def __init__(self, source: SourceNetwork) -> None:
+        self._source = source
+        self._tail: dict[int, float] = {}
+        self._head: dict[int, float] = {}
+
+    def ask(self, row: int, *, from_tail: float = 0.0, from_head: float = 0.0) -> None:
+        """Want at least so many metres of an edge."""
+        if from_tail:
+            self._tail[row] = max(self._tail.get(row, 0.0), from_tail)
+        if from_head:
+            self._head[row] = max(self._head.get(row, 0.0), from_head)
+
+    def pieces(self) -> list[Piece]:
+        """The parts wanted, sorted by edge."""
+        return [self._piece(row) for row in sorted(self._tail.keys() | self._head.keys())]
+
+    def _piece(self, row: int) -> Piece:
+        total = float(self._source.lengths[row])
+        tail, head = self._tail.get(row, 0.0), self._head.get(row, 0.0)
+        if (tail and head) or max(tail, head) >= total - 1.0:
+            return Piece(row)
+        return Piece(row, end=tail) if tail else Piece(row, start=total - head)
 
 
 def _row(
@@ -185,6 +204,7 @@ def _row(
     compliant: list[int],
 ) -> PoolRow:
     ids = source.edge_ids
+    line = source.line(approach)
     extra = min(float(source.lengths[short[-1]]), DESTINATION_M)
     lengths = [round(float(source.lengths[way[:-1]].sum()) + extra, 1) for way in (short, compliant)]
     ways = [approach, *short, *compliant]
@@ -196,8 +216,12 @@ def _row(
         ids=[ids[approach], slot, ids[short[-1]]],
         pieces=_pieces(source, approach, short, compliant),
         main=[approach],
-        junctions={node, *(int(source.head[row]) for row in ways[:-1]), *(int(source.tail[row]) for row in ways[1:])},
-        curvature=1.0,
+        junctions={
+            node,
+            *(int(source.head[row]) for row in ways[:-1]),
+            *(int(source.tail[row]) for row in ways[1:]),
+        },
+        curvature=chord_over_arc(cut(line, max(0.0, length(line) - APPROACH_CUT_M), length(line))),
         length_m=lengths[1],
         detail={
             "start_edge": ids[approach],

@@ -22,7 +22,7 @@ SHAPES = {3: "T", 4: "X"}
 
 
 def near_signal(source: SourceNetwork) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which nodes have an OSM traffic signal within 30 m, (n,): mappers put signals on the stop lines, too."""
+    """Which nodes have an OSM signal within 30 m, (n,): mappers put signals on the stop lines, too."""
     if not len(source.signals):
         return np.zeros(len(source.node_ids), bool)
     distance, _ = cKDTree(source.signals).query(source.node_xy)
@@ -42,7 +42,7 @@ def junction_shape(arms: list[Arm]) -> str:
 
 
 def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[PoolRow]:
-    """All junction maps of a source; `rejected` counts the nodes of three or four arms that are none, by reason."""
+    """All junction maps of a source; `rejected` counts, by reason, nodes of 3 or 4 arms that are none."""
     signals = near_signal(source)
     ring_edges = {edge for ring in source.rings for edge in ring}
     for node in range(len(source.node_ids)):
@@ -57,7 +57,10 @@ def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
             reason = "an arm is shorter than 40 m"
         elif not junction_shape(arms):
             reason = "neither T nor X (merge, fork, split carriageway, star)"
-        elif sum(arm.in_row is not None for arm in arms) < 2 or sum(arm.out_row is not None for arm in arms) < 2:
+        elif (
+            sum(arm.in_row is not None for arm in arms) < 2
+            or sum(arm.out_row is not None for arm in arms) < 2
+        ):
             reason = "fewer than two ways in or out"
         else:
             yield _row(source, node, arms)

@@ -1,4 +1,4 @@
-"""The four families by name: how each finds its maps, and which pieces of the source a map's crop is made of."""
+"""The four families by name: how each finds its maps, and of which pieces a map's crop is made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tsbench.maps.source import SourceNetwork
 
 @dataclass(frozen=True)
 class Family:
-    """`find` yields a source's maps and counts what it refused; `pieces` cuts one of them from its row's detail."""
+    """`find` yields a source's maps and counts what it refused; `pieces` cuts one by its row's detail."""
 
     find: Callable[[SourceNetwork, Counter[str]], Iterator[PoolRow]]
     pieces: Callable[[SourceNetwork, dict[str, object]], list[Piece]]
