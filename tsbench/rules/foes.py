@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tsbench.maps.network import RoadNetwork
 from tsbench.rules.paths import JunctionPath
@@ -12,8 +12,7 @@ from tsbench.sim.world import Actors, ActorTable
 _UPSTREAM_M = 150.0
 
 
-@dataclass(frozen=True, slots=True)
-class Foe:
+class Foe(NamedTuple):
     """A vehicle with priority at one tick.
 
     at: its place in `Actors`. row: in the table. path: which path it takes. s: its front's place on that
@@ -48,6 +47,7 @@ class FoeFinder:
         found = []
         plans, table = self._plans, actors.table
         rows, lanes = actors.index.tolist(), actors.lane.tolist()
+        places, speeds = actors.lane_s.tolist(), actors.speed.tolist()
         for at, row in enumerate(rows):
             plan = plans.get(row)
             if plan is None:
@@ -55,8 +55,8 @@ class FoeFinder:
             place = plan.get(lanes[at])
             if place is not None:
                 path, start, scale = place
-                s = start + scale * float(actors.lane_s[at])
-                found.append(Foe(at, row, path, s, float(table.length[row]), float(actors.speed[at])))
+                s = start + scale * places[at]
+                found.append(Foe(at, row, path, s, float(table.length[row]), speeds[at]))
         return found
 
     def _plan(self, table: ActorTable, row: int) -> dict[int, _Place]:

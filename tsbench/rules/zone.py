@@ -1,7 +1,7 @@
-"""The zone of a plate along the road: from its own line to its end plate's, or the end of its last edge.
+"""The zone of a plate along the road: from its own line to its end plate's or the end of the last edge.
 
-Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next junction
-the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
+Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next
+junction the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
 """
 
 from __future__ import annotations

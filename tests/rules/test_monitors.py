@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from labelled import CASES, Spec, network, read_case, scene_of, snapshots
+from transform import Transform
+
+from tsbench.errors import InputError
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.diagnostics import WrongWay
+from tsbench.rules.foes import FoeFinder
+from tsbench.rules.paths import junction_paths
+from tsbench.rules.registry import MONITORS, make_monitor, make_monitors
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.place import LaneLocator
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+ONE_OF_EACH = {
+    "give_way": "enters_two_seconds_before",
+    "speed": "ignores_the_limit",
+    "min_speed": "too_slow",
+    "detour": "passes_left",
+    "manoeuvre": "turns_left",
+}
+
+
+def _case(rule: str) -> Spec:
+    return read_case(CASES / rule / f"{ONE_OF_EACH[rule]}.yaml")
+
+
+def _scene(rule: str) -> Scene:
+    return scene_of(_case(rule), Transform())
+
+
+def _random_ticks(scene: Scene, seed: int, count: int = 150) -> list[WorldSnapshot]:
+    """An ego and road users that jump about the map, on the road and off it."""
+    rng = np.random.default_rng(seed)
+    net, locator, table = scene.network, LaneLocator(scene.network), ActorTable(2)
+    routes = [(e.id, f) for e in net.edges.values() for f in _successors(scene, e.id)]
+    for k in range(12):
+        kind = ActorKind(int(rng.integers(0, 4)))
+        route = () if kind is ActorKind.PEDESTRIAN else routes[int(rng.integers(len(routes)))]
+        table.add(f"a{k}", kind, float(rng.uniform(0.5, 12)), float(rng.uniform(0.5, 2.5)), route)
+    points = np.vstack([lane.line.points for lane in net.lanes])
+    lo, hi = points.min(axis=0) - 5, points.max(axis=0) + 5
+    ticks, last = [], -1
+    for step in range(count):
+        x, y, heading = rng.uniform(lo[0], hi[0]), rng.uniform(lo[1], hi[1]), rng.uniform(-4, 4)
+        if rng.random() < 0.7:
+            lane = net.lanes[int(rng.integers(len(net.lanes)))]
+            s = rng.uniform(0, lane.line.length)
+            (x, y), heading = lane.line.point_at(s), lane.line.heading_at(s)
+        last, s, d, on = locator.locate(x, y, heading, last)
+        n = int(rng.integers(0, 13))
+        rows = np.sort(rng.choice(12, n, replace=False)).astype(np.int32)
+        actors = Actors(
+            table, rows, np.column_stack((rng.uniform(lo, hi, (n, 2)), rng.uniform(-4, 4, n))),
+            rng.uniform(0, 15, n), rng.integers(-1, len(net.lanes), n).astype(np.int32),
+            rng.uniform(0, 90, n),
+        )  # fmt: skip
+        ego = EgoState(x, y, heading, rng.uniform(0, 20), 0.0, 0.0, 0.0, last, s, d, on)
+        ticks.append(WorldSnapshot(step, step * 0.1, ego, actors))
+    return ticks
+
+
+def _successors(scene: Scene, edge: str) -> list[str]:
+    net = scene.network
+    return [net.lanes[c.to_lane].edge for i in net.edges[edge].lanes for c in net.outgoing[i]]
+
+
+def _run(monitor: Monitor, ticks: list[WorldSnapshot]) -> Verdict:
+    for tick in ticks:
+        monitor.update(tick)
+    return monitor.finish()
+
+
+@pytest.mark.parametrize("rule", MONITORS)
+def test_same_ticks_give_the_same_verdict(rule: str) -> None:
+    scene = _scene(rule)
+    for seed in range(4):
+        first, second = (
+            _run(make_monitors(load_catalog(), scene)[0], _random_ticks(scene, seed)) for _ in range(2)
+        )
+        assert first == second
+
+
+@pytest.mark.parametrize("rule", MONITORS)
+@pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
+def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
+    scene = _scene(rule)
+    monitor, _ = make_monitors(load_catalog(), scene)
+    tick = _random_ticks(scene, 1, 1)[0]
+    for value in (float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="not finite"):
+            monitor.update(replace(tick, ego=replace(tick.ego, **{field: value})))
+
+
+@pytest.mark.parametrize("rule", MONITORS)
+def test_a_missing_param_is_named(rule: str) -> None:
+    scene = _scene(rule)
+    sign = scene.target_sign
+    for key in MONITORS[rule].needs:
+        poor = replace(sign, params={k: v for k, v in sign.params.items() if k != key})
+        with pytest.raises(InputError, match=rf"sign 'sign0': param '{key}'"):
+            make_monitor(poor, load_catalog(), replace(scene, signs=(poor,)))
+
+
+@pytest.mark.parametrize(
+    ("rule", "params"),
+    [
+        ("give_way", {"approach": "nowhere"}),
+        ("give_way", {"main_in": "w_in nowhere"}),
+        ("give_way", {"junction": "W"}),
+        ("give_way", {"main_in": "w_out"}),
+        ("speed", {"zone_edges": "bc"}),
+        ("detour", {"obstacle": "none"}),
+        ("manoeuvre", {"junction": "E"}),
+    ],
+)
+def test_a_param_that_fits_no_map_is_named(rule: str, params: dict[str, str]) -> None:
+    scene = _scene(rule)
+    wrong = replace(scene.target_sign, params={**scene.target_sign.params, **params})
+    with pytest.raises(InputError, match=r"^case\.add\.xml: sign 'sign0': "):
+        make_monitor(wrong, load_catalog(), replace(scene, signs=(wrong,)))
+
+
+def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
+    scene = _scene("speed")
+    sign, end = scene.signs
+    for signs in (
+        (replace(sign, value=None), end),
+        (replace(sign, position_m=110.0), replace(end, edge="ab", position_m=100.0)),
+        (sign, replace(end, edge="cd")),
+    ):
+        with pytest.raises(InputError, match="sign 'sign0'"):
+            make_monitor(signs[0], load_catalog(), replace(scene, signs=signs))
+
+
+def test_a_rule_without_monitor_is_named() -> None:
+    scene = _scene("speed")
+    catalog = load_catalog()
+    code = next(c for c, s in catalog.signs.items() if s.rule.name not in MONITORS)
+    with pytest.raises(InputError, match="no monitor for rule"):
+        make_monitor(replace(scene.target_sign, code=code), catalog, scene)
+
+
+def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
+    scene = _scene("speed")
+    own = scene.target_sign
+    binding = replace(own, id="second", role="context", position_m=100.0)
+    scenery = replace(own, id="third", role="context", code="2.1", value=None, params={})
+    _, others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery)))
+    assert [m.sign.id for m in others] == ["second"]
+
+
+def test_foes_are_found_from_upstream_edges_to_the_exit() -> None:
+    net = network("x")
+    paths = junction_paths(net, "w_in")
+    table = ActorTable()
+    table.add("f", ActorKind.CAR, 4.5, 1.8, ("fw_in", "w_in", "e_out"))
+    table.add("away", ActorKind.CAR, 4.5, 1.8, ("w_in",))
+
+    def place(lane: str, s: float, row: int = 0) -> object:
+        rows, lanes = np.array([row], dtype=np.int32), np.array([net.lane_index[lane]], dtype=np.int32)
+        actors = Actors(table, rows, np.zeros((1, 3)), np.zeros(1), lanes, np.array([s]))
+        found = FoeFinder(net, paths).find(actors)
+        return (net.lanes[paths[found[0].path].connection.from_lane].id, found[0].s) if found else None
+
+    assert place("fw_in_1", 36.75) == ("w_in_1", pytest.approx(36.75 - 100.0 - 89.6, abs=0.02))
+    assert place("w_in_0", 80.0) == ("w_in_0", pytest.approx(-9.6))
+    assert place(":C_15_1", 3.0) == ("w_in_1", pytest.approx(3.0))
+    assert place("e_out_1", 2.0) == ("w_in_1", pytest.approx(22.8))
+    assert place("n_in_0", 2.0) is None
+    assert place("w_in_0", 80.0, row=1) is None
+
+
+def test_wrong_way_begins_after_five_metres() -> None:
+    case = read_case(CASES / "speed" / "other_direction.yaml")
+    scene = scene_of(case, Transform())
+    for length, wrong in ((4.9, False), (5.1, True)):
+        case["ego"] = {"points": [[50, 1.6], [80, 1.6]], "start": 0, "speed": [[length, 1.0]]}
+        monitor = WrongWay(scene.network)
+        for tick in snapshots(case, Transform(), scene.network):
+            monitor.update(tick)
+        verdict = monitor.finish()
+        assert verdict.compliant is not wrong
+        assert verdict.violating_steps == (52 if wrong else 0)
