@@ -45,7 +45,8 @@ def print_table(summary: Summary, console: Console) -> None:
 def _main(summary: Summary) -> Table:
     style = "bold yellow" if summary.partial else "bold"
     table = Table(
-        title=summary.title, title_style=style, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False,
+        title=summary.title, title_style=style, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False,
+        pad_edge=False,
         padding=(0, 1, 0, 0),
     )  # fmt: skip
     groups = _groups(summary)

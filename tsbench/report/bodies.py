@@ -1,0 +1,104 @@
+"""Road users and obstacles as shapes. Units: m, rad."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from tsbench.geometry.footprint import corners
+from tsbench.geometry.polyline import Array
+from tsbench.report.camera import SHIFT, Camera, Fixed, Image
+from tsbench.report.style import STYLE, Colour
+from tsbench.sim.scene import Obstacle
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors
+
+CONVOY_PREFIX = "convoy"
+_COLOURS: dict[int, Colour] = {
+    ActorKind.CAR: STYLE.car,
+    ActorKind.BUS: STYLE.bus,
+    ActorKind.BICYCLE: STYLE.bicycle,
+    ActorKind.PEDESTRIAN: STYLE.pedestrian,
+}
+# Outline of a car of length and width 1, nose to +x; then the windscreen.
+_HALF_BODY = [(0.5, 0.28), (0.44, 0.44), (0.3, 0.5), (-0.44, 0.5), (-0.5, 0.4)]
+_BODY = np.array(_HALF_BODY + [(u, -v) for u, v in reversed(_HALF_BODY)])
+_SCREEN = np.array([(0.26, 0.4), (0.1, 0.33), (0.1, -0.33), (0.26, -0.4)])
+
+
+def draw_actors(image: Image, camera: Camera, actors: Actors) -> None:
+    """All road users of a tick that are in the picture."""
+    table = actors.table
+    middles = camera.px(actors.pose[:, :2])
+    reach = 10.0 * camera.scale
+    inside = np.all((middles > -reach) & (middles < (camera.width + reach, camera.height + reach)), axis=1)
+    for k in np.nonzero(inside)[0].tolist():
+        row = int(actors.index[k])
+        kind = int(table.kind[row])
+        if kind == ActorKind.PEDESTRIAN:
+            draw_disc(image, camera, actors.pose[k, :2], 0.35, _COLOURS[kind])
+            continue
+        colour = STYLE.convoy if table.ids[row].startswith(CONVOY_PREFIX) else _COLOURS[kind]
+        x, y, heading = actors.pose[k].tolist()
+        draw_vehicle(image, camera, x, y, heading, float(table.length[row]), float(table.width[row]), colour)
+
+
+def draw_ego(image: Image, camera: Camera, x: float, y: float, heading: float) -> None:
+    """The ego."""
+    draw_vehicle(image, camera, x, y, heading, EGO_LENGTH_M, EGO_WIDTH_M, STYLE.ego)
+
+
+def draw_vehicle(
+    image: Image,
+    camera: Camera,
+    x: float,
+    y: float,
+    heading: float,
+    length: float,
+    width: float,
+    colour: Colour,
+) -> None:
+    """A body with a windscreen that shows its front."""
+    body = _placed(camera, _BODY, x, y, heading, length, width)
+    cv2.fillConvexPoly(image, body, colour, cv2.LINE_AA, SHIFT)
+    cv2.polylines(image, [body], True, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
+    screen = _placed(camera, _SCREEN, x, y, heading, length, width)
+    cv2.fillConvexPoly(image, screen, STYLE.glass, cv2.LINE_AA, SHIFT)
+
+
+def draw_ghost(image: Image, camera: Camera, x: float, y: float, heading: float, colour: Colour) -> None:
+    """The ego's outline only: where it was."""
+    body = _placed(camera, _BODY, x, y, heading, EGO_LENGTH_M, EGO_WIDTH_M)
+    cv2.polylines(image, [body], True, colour, 2, cv2.LINE_AA, SHIFT)
+
+
+def _placed(
+    camera: Camera, shape: Array, x: float, y: float, heading: float, length: float, width: float
+) -> Fixed:
+    c, s = math.cos(heading), math.sin(heading)
+    u, v = shape[:, 0] * length, shape[:, 1] * width
+    return camera.fixed(np.column_stack((x + u * c - v * s, y + u * s + v * c)))
+
+
+def draw_disc(image: Image, camera: Camera, at: Array, radius: float, colour: Colour) -> None:
+    """A round thing with an outline; radius in m."""
+    centre, size = camera.fixed(at)[0].tolist(), round(radius * camera.scale * (1 << SHIFT))
+    cv2.circle(image, centre, size, colour, -1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, centre, size, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
+
+
+def draw_obstacle(image: Image, camera: Camera, obstacle: Obstacle) -> None:
+    """Cones in a row, or an island with a kerb."""
+    o = obstacle
+    if o.shape == "cones":
+        n = max(round(o.length / 1.5), 2)
+        for k in range(n):
+            along = (k / (n - 1) - 0.5) * (o.length - 0.4)
+            at = np.array([o.x + along * math.cos(o.heading), o.y + along * math.sin(o.heading)])
+            draw_disc(image, camera, at, 0.32, STYLE.cone)
+            draw_disc(image, camera, at, 0.13, STYLE.marking)
+        return
+    box = camera.fixed(np.array(corners(o.x, o.y, o.heading, o.length, o.width)))
+    cv2.fillConvexPoly(image, box, STYLE.island, cv2.LINE_AA, SHIFT)
+    cv2.polylines(image, [box], True, STYLE.violation, camera.thickness(0.15), cv2.LINE_AA, SHIFT)

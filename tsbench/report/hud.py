@@ -1,0 +1,127 @@
+"""What is written around a picture: who drives, time and speed, what was violated, scale, attribution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsbench.report.camera import Image
+from tsbench.report.lettering import (
+    line_height,
+    paste,
+    shorten,
+    text_width,
+    wrap,
+    write,
+    write_changing,
+    write_halo,
+)
+from tsbench.report.style import ATTRIBUTION, STYLE
+from tsbench.rules.base import Violation
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plates import plate_rgba
+
+_BAR_PX = 5
+_PAD_PX = 12
+_CLOCK_PX = 190
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What the header and the footer say. event: the latest violation; progress: 0-1 of the episode."""
+
+    time: float
+    speed: float
+    progress: float
+    event: Violation | None
+    outcome: str
+
+
+class Hud:
+    """Header and footer of pages of one episode; the parts that never change are drawn once."""
+
+    def __init__(
+        self, width: int, title: str, subtitle: str, sign: SignInstance, events: list[float]
+    ) -> None:
+        """events: moments of violations as shares (0-1) of the episode."""
+        self._width = width
+        self._events = events
+        self._header = self._draw_header(title, subtitle, sign)
+        self._footers: dict[tuple[Violation | None, str], Image] = {}
+
+    def _draw_header(self, title: str, subtitle: str, sign: SignInstance) -> Image:
+        height, pad = STYLE.header_px, _PAD_PX
+        image = np.empty((height, self._width, 3), dtype=np.uint8)
+        image[:] = STYLE.panel
+        size = height - 12
+        plate = plate_rgba(sign.code, sign.value, size)
+        paste(image, pad, 6, plate[..., :3], plate[..., 3])
+        x = pad + size + pad
+        room = self._width - x - _CLOCK_PX - 2 * pad
+        write(image, x, 10, shorten(title, 18, room - 12), 18, STYLE.ink, bold=True)
+        write(image, x, 36, shorten(subtitle, 13, room), 13, STYLE.faint)
+        return image
+
+    def header(self, page: Image, moment: Moment) -> None:
+        """Write the header into the top of a page."""
+        height = STYLE.header_px
+        page[:height] = self._header
+        right = self._width - _PAD_PX
+        x = write_changing(
+            page, right - _CLOCK_PX, 12, f"{moment.time:5.1f}".rjust(5), 26, STYLE.ink, bold=True
+        )
+        write(page, x + 4, 23, "s", 14, STYLE.faint)
+        speed = f"{3.6 * moment.speed:.0f}"
+        unit_x = right - text_width("km/h", 14)
+        write(page, unit_x, 23, "km/h", 14, STYLE.faint)
+        write_changing(page, unit_x - 4 - text_width(speed, 26, True), 12, speed, 26, STYLE.ink, bold=True)
+
+    def footer(self, page: Image, moment: Moment) -> None:
+        """Write the footer into the bottom of a page: the time line, and the violation or the outcome."""
+        key = (moment.event, moment.outcome)
+        if key not in self._footers:
+            self._footers[key] = self._draw_footer(moment)
+        top = page.shape[0] - STYLE.footer_px
+        page[top:] = self._footers[key]
+        done = round(moment.progress * self._width)
+        page[top : top + _BAR_PX, :done] = STYLE.faint
+        for share in self._events:
+            x = min(round(share * self._width), self._width - 4)
+            page[top : top + _BAR_PX, max(x - 2, 0) : x + 3] = STYLE.violation
+
+    def _draw_footer(self, moment: Moment) -> Image:
+        image = np.empty((STYLE.footer_px, self._width, 3), dtype=np.uint8)
+        event, pad = moment.event, _PAD_PX
+        image[:] = STYLE.panel if event is None else tuple(round(0.62 * c) for c in STYLE.violation)
+        image[:_BAR_PX] = (60, 66, 74)
+        right = self._width - pad
+        if moment.outcome:
+            word = moment.outcome.replace("_", " ")
+            right -= text_width(word, 18, True)
+            write(image, right, 19, word, 18, STYLE.ink, bold=True)
+            right -= 2 * pad
+        if event is not None:
+            figure = f"{event.value:.1f} {event.unit}, threshold {event.threshold:g}" if event.unit else ""
+            width = text_width(figure, 15, True)
+            write(image, right - width, 20, figure, 15, STYLE.ink, bold=True)
+            rows = wrap(event.sentence, 13, right - width - 3 * pad, 2)
+            y = (STYLE.footer_px + _BAR_PX - len(rows) * line_height(13)) // 2
+            for k, row in enumerate(rows):
+                write(image, pad, y + k * line_height(13), row, 13, STYLE.ink)
+        return image
+
+
+def draw_scale_bar(view: Image, scale: float) -> None:
+    """A bar of a round length at the lower left."""
+    metres = next((m for m in (50, 20, 10, 5, 2) if m * scale <= view.shape[1] / 4), 1)
+    length, x, y = round(metres * scale), _PAD_PX, view.shape[0] - 14
+    view[y - 1 : y + 5, x - 2 : x + length + 2] = STYLE.marking
+    view[y : y + 4, x : x + length] = STYLE.outline
+    write_halo(view, x, y - 19, f"{metres} m", 12, STYLE.outline, STYLE.marking)
+
+
+def draw_attribution(view: Image) -> None:
+    """Whose map it is, at the lower right."""
+    x = view.shape[1] - text_width(ATTRIBUTION, 11) - 8
+    write_halo(view, x, view.shape[0] - 20, ATTRIBUTION, 11, STYLE.outline, STYLE.marking)

@@ -1,0 +1,108 @@
+"""Text in pictures: DejaVu Sans (it comes with matplotlib), each piece rendered once, then blended."""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from PIL import Image as PilImage
+from PIL import ImageDraw, ImageFont
+
+from tsbench.report.camera import Image
+from tsbench.report.style import Colour
+
+
+@cache
+def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size)
+
+
+@lru_cache(maxsize=4096)
+def _mask(text: str, size: int, bold: bool) -> Image:
+    font = _font(size, bold)
+    ascent, descent = font.getmetrics()
+    picture = PilImage.new("L", (max(int(np.ceil(font.getlength(text))), 1), ascent + descent), 0)
+    ImageDraw.Draw(picture).text((0, 0), text, fill=255, font=font)
+    return np.array(picture)
+
+
+def text_width(text: str, size: int, bold: bool = False) -> int:
+    """Width in px."""
+    return int(np.ceil(_font(size, bold).getlength(text)))
+
+
+def line_height(size: int) -> int:
+    """Height of a line in px."""
+    ascent, descent = _font(size, False).getmetrics()
+    return ascent + descent
+
+
+def write(image: Image, x: int, y: int, text: str, size: int, colour: Colour, bold: bool = False) -> int:
+    """Write a line with its upper left corner at (x, y), clipped at the image; returns the x behind it."""
+    mask = _mask(text, size, bold)
+    blend(image, x, y, mask, colour)
+    return x + int(mask.shape[1])
+
+
+def write_halo(image: Image, x: int, y: int, text: str, size: int, colour: Colour, halo: Colour) -> None:
+    """Write a line that is legible on any ground."""
+    mask = _mask(text, size, False)
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        blend(image, x + dx, y + dy, mask, halo)
+    blend(image, x, y, mask, colour)
+
+
+def write_changing(
+    image: Image, x: int, y: int, text: str, size: int, colour: Colour, bold: bool = False
+) -> int:
+    """The same sign by sign, for numbers that change with every frame: each digit is rendered once."""
+    for sign in text:
+        x = write(image, x, y, sign, size, colour, bold)
+    return x
+
+
+def blend(image: Image, x: int, y: int, mask: Image, colour: Colour) -> None:
+    """Lay a colour over the image through a mask (h, w), clipped at the image's edges."""
+    paste(image, x, y, np.broadcast_to(np.array(colour, dtype=np.uint8), (*mask.shape, 3)), mask)
+
+
+def paste(image: Image, x: int, y: int, picture: Image, alpha: Image) -> None:
+    """Lay a picture (h, w, 3) with alpha (h, w) over the image, clipped at its edges."""
+    height, width = alpha.shape
+    x0, y0 = max(x, 0), max(y, 0)
+    x1, y1 = min(x + width, image.shape[1]), min(y + height, image.shape[0])
+    if x0 >= x1 or y0 >= y1:
+        return
+    a = alpha[y0 - y : y1 - y, x0 - x : x1 - x, None].astype(np.uint16)
+    top = picture[y0 - y : y1 - y, x0 - x : x1 - x].astype(np.uint16)
+    below = image[y0:y1, x0:x1]
+    below[:] = (top * a + below * (255 - a) + 127) // 255
+
+
+def wrap(text: str, size: int, width: int, lines: int) -> list[str]:
+    """Break a text into at most `lines` lines of `width` px; what does not fit ends in an ellipsis."""
+    out: list[str] = []
+    line = ""
+    for word in text.split():
+        longer = f"{line} {word}".strip()
+        if line and text_width(longer, size) > width:
+            out.append(line)
+            line = word
+        else:
+            line = longer
+    out.append(line)
+    if len(out) > lines:
+        out = [*out[: lines - 1], out[lines - 1] + " …"]
+    return [shorten(row, size, width) for row in out]
+
+
+def shorten(text: str, size: int, width: int) -> str:
+    """The text, or as much of it as fits into `width` px with an ellipsis."""
+    if text_width(text, size) <= width:
+        return text
+    while text and text_width(text + "…", size) > width:
+        text = text[:-1]
+    return text + "…"

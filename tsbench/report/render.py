@@ -1,0 +1,197 @@
+"""Pictures and films of episodes and scenes as files: PNG, GIF, MP4. No display is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image as PilImage
+
+from tsbench.errors import InputError
+from tsbench.geometry.polyline import Array
+from tsbench.report.bev import BirdsEye, PageSize
+from tsbench.report.camera import Image, camera_over
+from tsbench.report.furniture import convoy_places, draw_furniture, draw_start, draw_way
+from tsbench.report.hud import draw_attribution, draw_scale_bar
+from tsbench.report.lettering import paste, shorten, write
+from tsbench.report.roads import draw_roads
+from tsbench.report.style import STYLE
+from tsbench.run.trace import Trace
+from tsbench.signs.plates import plate_rgba
+from tsbench.sim.lanegraph import LaneGraph
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S
+
+PNG_SIZE = PageSize(1400, 1050)
+VIDEO_SIZE = PageSize(960, 720)
+GIF_SIZE = PageSize(640, 520)
+GIF_EVERY = 2
+HOLD_S = 1.5
+_PLATE_NEAR_M = 90.0
+_GIF_COLOURS = 128
+
+
+def render(trace: Trace, scene: Scene, kind: str, path: Path, time: float | None = None) -> None:
+    """Draw an episode. kind: png | gif | mp4; time (s): the moment of a PNG."""
+    if kind == "png":
+        render_png(trace, scene, path, time)
+        return
+    if time is not None:
+        raise InputError("--time chooses the moment of a PNG; films show the whole episode")
+    {"gif": render_gif, "mp4": render_mp4}[kind](trace, scene, path)
+
+
+def render_png(trace: Trace, scene: Scene, path: Path, time: float | None = None) -> None:
+    """One moment: the given one, else the first violation of the target, else half-way."""
+    tick = _tick(trace, time)
+    ego = trace.snapshots[tick].ego
+    around = [(ego.x, ego.y), (ego.x - 35, ego.y - 25), (ego.x + 35, ego.y + 25)]
+    sign = scene.target_sign
+    if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
+        around.append((sign.x, sign.y))
+    picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False).page(tick)
+    _save(path, PilImage.fromarray(picture))
+
+
+def _tick(trace: Trace, time: float | None) -> int:
+    last = len(trace.snapshots) - 1
+    if time is None:
+        if not trace.target.violations:
+            return last // 2
+        time = min(v.start_s for v in trace.target.violations)
+    elif not 0.0 <= time <= trace.snapshots[-1].time + DT_S / 2:
+        raise InputError(f"--time {time:g}: the episode lasts from 0 to {trace.snapshots[-1].time:.1f} s")
+    return min(round(time / DT_S), last)
+
+
+def film(trace: Trace, scene: Scene, size: PageSize, every: int = 1) -> Iterator[Image]:
+    """The pages of a whole episode, each `every` ticks and the last one; one array, drawn into anew."""
+    sign = scene.target_sign
+    track = [(s.ego.x, s.ego.y) for s in trace.snapshots]
+    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), follow=True)
+    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
+    last = len(trace.snapshots) - 1
+    for tick in [*range(0, last, every), last]:
+        yield eye.page(tick, page)
+
+
+def render_mp4(trace: Trace, scene: Scene, path: Path) -> None:
+    """The whole episode in real time, H.264."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    writer: Any = imageio_ffmpeg.write_frames(
+        str(path), (VIDEO_SIZE.width, VIDEO_SIZE.height), fps=round(1 / DT_S), codec="libx264", quality=None,
+        macro_block_size=2, ffmpeg_log_level="error",
+        output_params=["-preset", "ultrafast", "-tune", "zerolatency", "-crf", "24", "-threads", "1",
+                       "-movflags", "+faststart"],
+    )  # fmt: skip
+    writer.send(None)
+    try:
+        page: Image | None = None
+        for page in film(trace, scene, VIDEO_SIZE):
+            writer.send(page)
+        for _ in range(round(HOLD_S / DT_S)):
+            writer.send(page)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error})") from None
+    finally:
+        writer.close()
+
+
+def render_gif(trace: Trace, scene: Scene, path: Path) -> None:
+    """The whole episode in real time at half the frame rate and in one palette."""
+    frames: list[PilImage.Image] = []
+    palette: PilImage.Image | None = None
+    for page in film(trace, scene, GIF_SIZE, GIF_EVERY):
+        picture = PilImage.fromarray(page)
+        if palette is None:
+            palette = picture.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT)
+        frames.append(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
+    step = round(1000 * DT_S * GIF_EVERY)
+    durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
+    _write(path, lambda: frames[0].save(
+        path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
+    ))  # fmt: skip
+
+
+def render_scene_png(scene: Scene, path: Path, title: str) -> None:
+    """A scene without an episode: roads, plates, obstacles, start, convoy, destination, and the ways.
+
+    Blue: the way that navigation gives; green: the obedient way, where it is another one.
+    """
+    _save(path, PilImage.fromarray(scene_picture(scene, title)))
+
+
+def scene_picture(scene: Scene, title: str, size: PageSize = PNG_SIZE) -> Image:
+    """The picture of `render_scene_png`, (height, width, 3) RGB."""
+    graph = LaneGraph(scene.network)
+    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
+    view = page[STYLE.header_px : size.height - STYLE.footer_px]
+    camera = camera_over(_scene_points(scene, graph), size.width, size.view_height, 14.0, (1.5, 12.0))
+    draw_roads(view, camera, scene.network)
+    if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
+        draw_way(view, camera, scene, graph, scene.compliant_hint, STYLE.compliant, -0.4)
+    draw_way(view, camera, scene, graph, scene.route_hint, STYLE.route, 0.4 if scene.compliant_hint else 0.0)
+    draw_furniture(view, camera, scene, plate_px=round(min(max(4.5 * camera.scale, 30), 60)))
+    draw_start(view, camera, scene)
+    draw_scale_bar(view, camera.scale)
+    draw_attribution(view)
+    _caption(page, scene, title)
+    return page
+
+
+def _scene_points(scene: Scene, graph: LaneGraph) -> Array:
+    """What a picture of the scene must show, (n, 2)."""
+    network, start = scene.network, scene.start
+    lane = network.lane(start.lane)
+    points = [lane.line.point_at(start.s), (scene.target_sign.x, scene.target_sign.y)]
+    points.append(network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s))
+    points += [(x, y) for x, y, _, _ in convoy_places(scene)]
+    for edges in (scene.route_hint, scene.compliant_hint):
+        path = graph.path(edges, lane.index, start.s, scene.destination) if edges else None
+        if path is not None:
+            points += [(float(x), float(y)) for x, y in path.line.points[path.line.s <= path.destination_s]]
+    return np.array(points)
+
+
+def _caption(page: Image, scene: Scene, title: str) -> None:
+    width, sign = page.shape[1], scene.target_sign
+    top = page.shape[0] - STYLE.footer_px
+    page[: STYLE.header_px] = STYLE.panel
+    page[top:] = STYLE.panel
+    size = STYLE.header_px - 12
+    plate = plate_rgba(sign.code, sign.value, size)
+    paste(page, 12, 6, plate[..., :3], plate[..., 3])
+    value = "" if sign.value is None else f", {sign.value:g}"
+    write(page, size + 24, 10, shorten(title, 18, width - size - 48), 18, STYLE.ink, bold=True)
+    facts = f"sign {sign.code}{value} on edge {sign.edge} at {sign.position_m:.0f} m"
+    facts += f" · horizon {scene.horizon * DT_S:.0f} s"
+    write(page, size + 24, 36, shorten(facts, 13, width - size - 48), 13, STYLE.faint)
+    legend = [
+        ("ego at its start", STYLE.ego),
+        ("destination", STYLE.destination),
+        ("navigation's way", STYLE.route),
+    ]
+    if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
+        legend.append(("obedient way", STYLE.compliant))
+    if scene.convoy is not None:
+        legend.append(("convoy, held until the ego comes", STYLE.convoy))
+    legend.append(("line of the plate", STYLE.plate_line))
+    x = 12
+    for text, colour in legend:
+        page[top + 24 : top + 36, x : x + 12] = colour
+        x = write(page, x + 18, top + 21, text, 13, STYLE.ink) + 22
+
+
+def _save(path: Path, picture: PilImage.Image) -> None:
+    _write(path, lambda: picture.save(path, format="PNG", compress_level=4))
+
+
+def _write(path: Path, save: Callable[[], object]) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
