@@ -69,7 +69,8 @@ class Expert:
         if led:
             # A base that has learned its own way would leave the guard's: here the way is the rule.
             steering = follow(route, o.ego)
-        return Control(min(acceleration, guard.ceiling(o, route)), steering)
+        least, most = guard.bounds(o, route)
+        return Control(min(max(acceleration, least), most), steering)
 
 
 def _control(command: Control | Trajectory, ego: EgoState) -> tuple[float, float]:

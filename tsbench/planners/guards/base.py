@@ -8,6 +8,8 @@ from typing import Protocol
 from tsbench.planners.base import Observation
 from tsbench.sim.navigation import RouteView
 
+FREE = (-math.inf, math.inf)
+
 _GENTLE_MPS2 = 1.5
 _SETTLE_S = 0.3
 _AT_POINT_M = 0.05
@@ -19,8 +21,8 @@ class Guard(Protocol):
     def guide(self, observation: Observation) -> RouteView:
         """The route for the base planner; the navigation's own where the rule wants no other."""
 
-    def ceiling(self, observation: Observation, route: RouteView) -> float:
-        """The greatest acceleration that the rule leaves at this tick; inf where it does not bind."""
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        """Least and greatest acceleration that the rule leaves at this tick; -inf, inf where it does not bind."""
 
 
 def slow_to(v: float, target: float, distance: float, comfortable: float) -> float:

@@ -14,7 +14,7 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import Lane
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import slow_to
+from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.planners.guards.gaps import gap_free
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
@@ -74,13 +74,13 @@ class DetourGuard:
             return route
         return view
 
-    def ceiling(self, observation: Observation, route: RouteView) -> float:
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """While no lane beside is free: what stops far enough from the obstacle to swing out later."""
         task = self._task
         if self._own is not None or task is None or self._done:
-            return math.inf
+            return FREE
         to_go = task.near - _WAIT_BEFORE_M - (route.s + HALF_LENGTH_M)
-        return slow_to(observation.ego.speed, 0.0, to_go, _BRAKE_MPS2)
+        return -math.inf, slow_to(observation.ego.speed, 0.0, to_go, _BRAKE_MPS2)
 
     def _look(self, observation: Observation) -> None:
         """Find the obstacle on the navigation's route, once a route; no task where that keeps clear of it."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tsbench.geometry.overlap import ConflictZone
 from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import slow_to
+from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.planners.guards.junction import Foe, FoeFinder, Passage, passage, ways_from
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.planners.profile import PathSamples, speed_at, speed_profile
@@ -25,17 +25,21 @@ class Caution:
     """How much more than the rule an expert asks for.
 
     hold_m: room left between the waiting front and the line. brake: with which it comes to a stop.
-    gap_s, clear_s: on top of the rule's own. foe_accel: with which others may gather speed.
+    gap_s, clear_s: on top of the rule's own. behind_s: after one who has just cleared the zone.
+    foe_accel: with which others may gather speed; `trust` on top of what is seen, if they are not `slow` (m/s).
     stands: speed below which a vehicle stands. near_m: with the front this near to the line, others have seen
     the ego come. patience_s: after which one who stands all the while is taken to go on standing.
     room_m: needed behind the last zone.
     """
 
-    hold_m: float = 1.6
+    hold_m: float = 1.2
     brake: float = 2.2
-    gap_s: float = 0.5
-    clear_s: float = 0.8
+    gap_s: float = 0.4
+    clear_s: float = 0.7
+    behind_s: float = 0.3
     foe_accel: float = 2.2
+    trust: float = 0.4
+    slow: float = 3.0
     stands: float = 0.3
     near_m: float = 11.0
     patience_s: float = 5.0
@@ -43,7 +47,11 @@ class Caution:
 
 
 # How the ego itself will go: the brisk end of what a base planner does is not counted on.
-_EGO = IdmParameters(accel=1.3, lateral=2.0)
+_GO = IdmParameters(accel=2.2)
+_EGO = IdmParameters(accel=2.0, lateral=2.0)
+_NEAR_M = 8.0
+_FOE_BRAKE_MPS2 = 3.5
+_STEP_M = 2.0
 _LONGEST_S = 15.0
 _LOOK_M = 90.0
 _COMMIT_MPS2 = 4.0
@@ -66,31 +74,40 @@ class GiveWayGuard:
         self._samples: PathSamples
         self._speeds: list[float]
         self._standing: dict[int, float] = {}
+        self._trend: dict[int, tuple[float, float]] = {}
         self._committed = False
 
     def guide(self, observation: Observation) -> RouteView:
         """The navigation's own route."""
         return observation.route
 
-    def ceiling(self, observation: Observation, route: RouteView) -> float:
-        """While somebody blocks: what still stops before the line."""
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        """While somebody blocks: what still stops before the line. In the junction: not slower than need be."""
         if route.path is not self._path:
             self._prepare(route.path)
         here = self._passage
-        if here is None or self._committed:
-            return math.inf
+        if here is None or route.s - HALF_LENGTH_M > here.end_s:
+            return FREE
         v, to_go = observation.ego.speed, here.line_s - route.s - HALF_LENGTH_M
         if to_go > _LOOK_M:
-            return math.inf
+            return FREE
         if to_go < 0.0:
             self._committed = True
-            return math.inf
-        self._note_standing(observation, to_go)
-        if self._free(observation, route, here):
+        if not self._committed:
+            self._note_standing(observation, to_go)
+            if not self._free(observation, route, here):
+                return -math.inf, slow_to(v, 0.0, to_go - self._caution.hold_m, self._caution.brake)
             # Beyond this point braking would end past the line.
             self._committed = v * v / (2.0 * _COMMIT_MPS2) >= to_go - 0.2
-            return math.inf
-        return slow_to(v, 0.0, to_go - self._caution.hold_m, self._caution.brake)
+        return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), math.inf
+
+    def _briskly(self, observation: Observation, route: RouteView, here: Passage) -> float:
+        """The acceleration with which a driver goes who was given the gap, unless somebody is in front."""
+        v = observation.ego.speed
+        reach = here.end_s - route.s + 2.0 * HALF_LENGTH_M + v * v / 4.0
+        if moving_ahead(self._samples, route.s, reach, observation.actors):
+            return -math.inf
+        return free_road(v, speed_at(self._speeds, route.s + 0.5 * v), _GO)
 
     def _prepare(self, path: RoutePath) -> None:
         self._path = path
@@ -112,6 +129,7 @@ class GiveWayGuard:
     def _free(self, observation: Observation, route: RouteView, here: Passage) -> bool:
         """May the ego go on now, if it goes on as it would?"""
         foes = self._finder.find(observation.actors)
+        self._note_trend(foes)
         coming = [(f, z) for f in foes if (z := here.zones[f.way]) is not None and f.s - f.length <= z.b_out]
         if not coming:
             return self._room_behind(observation, route, here)
@@ -129,11 +147,15 @@ class GiveWayGuard:
         at_line, left: seconds until the ego's front is at the line, until its rear has left the zone.
         """
         to_zone, c = zone.b_in - foe.s, self._caution
+        to_clear = zone.b_out + foe.length - foe.s
+        if foe.speed > 1.0 and to_clear / (0.9 * foe.speed) < at_line - c.behind_s:
+            # Gone before the ego is at the line; should it stop, there is still room to stop as well.
+            return False
         if to_zone <= 0.0:
             return True
         # It may keep its speed or gather more; which of the two is worse differs by clause.
         kept = to_zone - foe.speed * at_line
-        gone, speed = gather(foe.speed, self._limit(foe), c.foe_accel, at_line)
+        gone, speed = gather(foe.speed, self._limit(foe), self._gathers(foe), at_line)
         gap = self._gap + c.gap_s
         if min(kept, to_zone - gone) <= 0.0:
             return True
@@ -142,11 +164,36 @@ class GiveWayGuard:
             return to_zone / self._least < gap + at_line
         if kept / max(foe.speed, self._least) < gap or (to_zone - gone) / max(speed, self._least) < gap:
             return True
-        soonest = time_to_cover(to_zone, foe.speed, self._limit(foe), c.foe_accel)
+        soonest = self._soonest(foe, to_zone)
         return soonest < left + self._post_clear + c.clear_s
+
+    def _gathers(self, foe: Foe) -> float:
+        """With which acceleration it is reckoned: one who drives steadily is trusted to go on so, nearly."""
+        c = self._caution
+        if foe.speed < c.slow:
+            return c.foe_accel
+        seen = self._trend[foe.row][1]
+        return min(max(seen, 0.0) + c.trust, c.foe_accel)
+
+    def _note_trend(self, foes: list[Foe]) -> None:
+        """Smoothed acceleration of each vehicle with priority, from tick to tick."""
+        for foe in foes:
+            speed, accel = self._trend.get(foe.row, (foe.speed, 0.0))
+            self._trend[foe.row] = (foe.speed, accel + 0.3 * ((foe.speed - speed) / DT_S - accel))
 
     def _limit(self, foe: Foe) -> float:
         return max(foe.speed, self._ways[foe.way].source.speed)
+
+    def _soonest(self, foe: Foe, way: float) -> float:
+        """Least seconds until a vehicle has gone `way` metres: it gathers speed, but slows down for its turn."""
+        turn, limit, accel = self._ways[foe.way].inner[0].speed, self._limit(foe), self._gathers(foe)
+        gone, time, v = 0.0, 0.0, foe.speed
+        while gone < way:
+            cap = math.sqrt(turn * turn + 2.0 * _FOE_BRAKE_MPS2 * max(-foe.s - gone, 0.0))
+            faster = min(math.sqrt(v * v + 2.0 * accel * _STEP_M), limit, max(cap, 1.0))
+            time += 2.0 * _STEP_M / (v + faster)
+            gone, v = gone + _STEP_M, faster
+        return time - (gone - way) / v
 
     def _room_behind(self, observation: Observation, route: RouteView, here: Passage) -> bool:
         """Can the ego leave the junction, or does somebody stand in or just behind it?"""
@@ -180,12 +227,3 @@ def gather(v: float, limit: float, accel: float, time: float) -> tuple[float, fl
     ramp = min(max(limit - v, 0.0) / accel, time)
     end = v + accel * ramp
     return 0.5 * (v + end) * ramp + end * (time - ramp), end
-
-
-def time_to_cover(way: float, v: float, limit: float, accel: float) -> float:
-    """Seconds that the same vehicle takes for `way` metres."""
-    top = max(limit, v)
-    ramp_way = (top * top - v * v) / (2.0 * accel)
-    if way <= ramp_way:
-        return (math.sqrt(v * v + 2.0 * accel * way) - v) / accel
-    return (top - v) / accel + (way - ramp_way) / top

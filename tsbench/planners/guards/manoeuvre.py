@@ -7,6 +7,7 @@ from collections.abc import Set as AbstractSet
 
 from tsbench.errors import InputError
 from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.base import FREE
 from tsbench.sim.lanegraph import LaneGraph, Turn, heading_change, manoeuvre
 from tsbench.sim.navigation import Navigator, RouteView
 
@@ -25,10 +26,10 @@ class ManoeuvreGuard:
             return self._begin(observation)
         return self._navigator.update(observation.ego)
 
-    def ceiling(self, observation: Observation, route: RouteView) -> float:
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """The way is all that the rule asks for."""
         del observation, route
-        return math.inf
+        return FREE
 
     def _begin(self, observation: Observation) -> RouteView:
         graph, destination = self._context.graph, self._context.destination

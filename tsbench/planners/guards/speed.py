@@ -10,7 +10,7 @@ import math
 from tsbench.errors import InputError
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import slow_to
+from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 
@@ -38,19 +38,19 @@ class SpeedGuard:
         """The navigation's own route."""
         return observation.route
 
-    def ceiling(self, observation: Observation, route: RouteView) -> float:
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """Before the zone what it takes to be slow in time, inside it the limit, behind it nothing."""
         if self._over:
-            return math.inf
+            return FREE
         if route.path is not self._path:
             self._path = route.path
             self._line_s = self._place(route.path, self._sign.edge, self._sign.position_m)
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
         self._inside = self._inside or front >= self._line_s
         if not self._inside:
-            return slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
+            return -math.inf, slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
         self._over = self._passed_end(observation, front)
-        return slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
+        return -math.inf, slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
 
     def _passed_end(self, observation: Observation, front: float) -> bool:
         ends = [s for s in observation.signs if s.code in self._ended_by]
