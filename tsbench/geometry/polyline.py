@@ -121,7 +121,7 @@ class Polyline:
 
     def resampled(self, step: float) -> Polyline:
         """The same line with points every `step` metres (and its end)."""
-        n = max(int(math.ceil(self.length / step)), 1)
+        n = max(math.ceil(self.length / step), 1)
         at = np.linspace(0.0, self.length, n + 1)
         x = np.interp(at, self.s, self.points[:, 0])
         y = np.interp(at, self.s, self.points[:, 1])

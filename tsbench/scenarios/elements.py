@@ -33,7 +33,10 @@ def _vtype(name: str, driver: Driver, speed_factor: float, color: str) -> etree.
 
 def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> list[etree._Element]:
     """One vehicle type per background driver: `bg0`, `bg1`, ..."""
-    return [_vtype(f"bg{k}", d, f, "0.6,0.6,0.65") for k, (d, f) in enumerate(zip(drivers, speed_factors, strict=True))]
+    return [
+        _vtype(f"bg{k}", d, f, "0.6,0.6,0.65")
+        for k, (d, f) in enumerate(zip(drivers, speed_factors, strict=True))
+    ]
 
 
 def background(cars: Sequence[Car]) -> list[etree._Element]:
@@ -89,17 +92,24 @@ def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> li
         front = (lane.line.project(o.x, o.y)[0] + o.length / 2) * lane.length / lane.line.length
         elements.append(
             etree.Element(
-                "vType", id=f"{o.id}_type", vClass="passenger", length=_num(o.length), width=_num(o.width),
-                maxSpeed="0.1", minGap="0.5", color="orange",
-            )  # fmt: skip
+                "vType",
+                id=f"{o.id}_type",
+                vClass="passenger",
+                length=_num(o.length),
+                width=_num(o.width),
+                maxSpeed="0.1",
+                minGap="0.5",
+                color="orange",
+            )
         )
         vehicle = etree.Element(
             "vehicle", id=o.id, type=f"{o.id}_type", depart="0", departLane=str(lane.order),
             departPos=_num(front), departSpeed="0", insertionChecks="none",
         )  # fmt: skip
         etree.SubElement(vehicle, "route", edges=lane.edge)
+        rear = max(front - o.length, 0.0)
         etree.SubElement(
-            vehicle, "stop", lane=lane.id, startPos=_num(max(front - o.length, 0.0)), endPos=_num(front), duration="86400"
+            vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400"
         )  # fmt: skip
         elements.append(vehicle)
     return elements
@@ -121,6 +131,9 @@ def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:
     etree.indent(root, " ")
     content: bytes = etree.tostring(root, encoding="utf-8", xml_declaration=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as raw, gzip.GzipFile(filename="", mode="wb", fileobj=raw, mtime=0, compresslevel=9) as out:
+    with (
+        path.open("wb") as raw,
+        gzip.GzipFile(filename="", mode="wb", fileobj=raw, mtime=0, compresslevel=9) as out,
+    ):
         out.write(content)
     return content

@@ -53,7 +53,9 @@ class SceneLoader:
         """The scene of a row. Raises InputError for a missing, changed or malformed file."""
         net, additional = self.root / spec.net, self.root / spec.additional
         if content_sha256(additional) != spec.additional_sha256:
-            raise InputError(f"{additional}: is not the file that row {spec.scenario_id} names (SHA-256 differs)")
+            raise InputError(
+                f"{additional}: is not the file that row {spec.scenario_id} names (SHA-256 differs)"
+            )
         roads = self._load_roads(spec, net)
         layout = read_layout(additional)
         return scene_from_layout(layout, roads.network, net, additional, spec.horizon, spec.seed), roads
@@ -63,7 +65,9 @@ class SceneLoader:
         roads = self._roads.get(key)
         if roads is None:
             if content_sha256(net) != spec.net_sha256:
-                raise InputError(f"{net}: is not the file that row {spec.scenario_id} names (SHA-256 differs)")
+                raise InputError(
+                    f"{net}: is not the file that row {spec.scenario_id} names (SHA-256 differs)"
+                )
             network = read_network(net)
             roads = Roads(network, LaneGraph(network), LaneLocator(network))
             self._roads[key] = roads

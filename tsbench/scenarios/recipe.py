@@ -56,7 +56,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     if not isinstance(data, dict) or set(data) != _KEYS:
         raise InputError(f"{path}: expected the keys {', '.join(sorted(_KEYS))}")
     if data["schema"] != SCHEMA_VERSION or data["type"] != type_id:
-        raise InputError(f"{path}: schema {data['schema']!r} or type {data['type']!r} is not what was asked for")
+        raise InputError(
+            f"{path}: schema {data['schema']!r} or type {data['type']!r} is not what was asked for"
+        )
     for key, value in data["numbers"].items():
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise InputError(f"{path}: numbers: {key}: {value!r} is not a number")

@@ -15,7 +15,9 @@ SAMPLE_EVERY = 5
 LEAD_LIMIT_S = 40.0
 
 
-def lead_time(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float) -> float:
+def lead_time(
+    sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float
+) -> float:
     """Seconds from standing start until the convoy's lead has its front `way_m` further on.
 
     Raises SimulationError if it does not get there within 40 s.

@@ -15,9 +15,14 @@ from tsbench.maps.pool import PoolRow
 from tsbench.maps.source import SourceNetwork
 from tsbench.scenarios.drivers import Driver, draw_drivers
 from tsbench.scenarios.elements import (
-    background, convoy_elements, driver_types, ego_elements, obstacle_elements, write_additional,
+    background,
+    convoy_elements,
+    driver_types,
+    ego_elements,
+    obstacle_elements,
+    write_additional,
 )  # fmt: skip
-from tsbench.scenarios.families.base import Arrangement, ConvoySetup, UnfitMapError
+from tsbench.scenarios.families.base import Arrangement, ConvoySetup, SceneTask, UnfitMapError
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.load import Roads, content_sha256
 from tsbench.scenarios.recipe import Recipe
@@ -51,12 +56,12 @@ class Site:
 
 
 class SiteBuilder:
-    """Builds sites of one type below `root` (the `scenarios/` folder); holds a simulation for rehearsals."""
+    """Builds sites of one type below `root` (the `scenarios/` folder); `sim` is the process's one simulation."""
 
-    def __init__(self, recipe: Recipe, root: Path) -> None:
+    def __init__(self, recipe: Recipe, root: Path, sim: Simulation) -> None:
         self.recipe, self.root = recipe, root
         self.placement = placement_of(recipe)
-        self.sim = Simulation()
+        self.sim = sim
 
     def build(self, row: PoolRow, source: SourceNetwork, split: str) -> Site:
         """All variants of a map, or the reason that it can't carry the type."""
@@ -69,7 +74,8 @@ class SiteBuilder:
             network = read_network(net)
             roads = Roads(network, LaneGraph(network), LaneLocator(network))
             built = [
-                self._variant(row, roads, folder, v, split) for v in variants_of(self.recipe.type.id, row.map_id)
+                self._variant(row, roads, folder, v, split)
+                for v in variants_of(self.recipe.type.id, row.map_id)
             ]
         except (UnfitMapError, SimulationError) as error:
             return Site(row.map_id, (), (), " ".join(str(error).split()))
@@ -83,7 +89,9 @@ class SiteBuilder:
         seed = seed_of("scenario", scenario_id)
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
         a = self.placement.arrange(
-            row, roads.network, roads.graph, recipe, variant, drivers, rng_of("arrange", scenario_id)
+            SceneTask(
+                row, roads.network, roads.graph, recipe, variant, drivers, rng_of("arrange", scenario_id)
+            )
         )
         files = _SceneFiles(self.sim, roads, folder, variant, a, drivers, seed, scenario_id)
         density = files.write(recipe.horizon * DT_S)
@@ -163,7 +171,7 @@ class _SceneFiles:
         best: tuple[float, list[Car], float] | None = None
         for _ in range(REHEARSALS):
             ask = TrafficRequest(
-                asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, duration_s, scale, _blocked(a)
+                asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, duration_s, scale, a.blocked
             )
             cars = plan_traffic(self.roads.network, self.roads.graph, ask, rng_of("traffic", self.name))
             elements = [*fixed, *self._types(), *background(cars)]
@@ -193,9 +201,3 @@ class _SceneFiles:
         missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
         if missing:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
-
-
-def _blocked(a: Arrangement) -> tuple[tuple[str, float, float], ...]:
-    """Stretches (lane, from, to) where no car may stand at first: between the ego and an obstacle on its lane."""
-    return tuple((o.lane, a.start.s, a.start.s + 1e3) for o in a.obstacles)
-

@@ -13,7 +13,7 @@ class ScenarioSpec:
 
     net, additional: paths relative to the `scenarios/` folder. net_sha256, additional_sha256: of the uncompressed
     content. initial_speed: m/s. route_length: m from decision point to destination (NaN = the map's natural length).
-    density: asked moving cars per lane within 150 m (0 = none). drivers: number of the background-driver draw, -1 = none.
+    density: asked moving cars per lane within 150 m (0 = none). drivers: the background-driver draw, -1 = none.
     layout: number on the scene's own layout axis.
     """
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -22,7 +21,7 @@ _TEXT = (
 _WHOLE = ("variant", "drivers", "layout", "horizon")
 
 
-def _field(name: str) -> pa.Field:
+def _field(name: str) -> pa.Field[pa.DataType]:
     if name in _TEXT:
         return pa.field(name, pa.string(), nullable=False)
     if name == "seed":
@@ -48,7 +47,7 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
     part = path.with_suffix(".part")
     pq.write_table(table, part, compression="zstd", compression_level=9)
-    os.replace(part, path)
+    part.replace(path)
 
 
 def read_table(path: Path) -> list[ScenarioSpec]:
@@ -84,6 +83,8 @@ def _check(specs: list[ScenarioSpec], path: Path) -> None:
         if spec.split not in SPLITS:
             raise InputError(f"{where}: unknown split {spec.split!r}")
         if not 0 < spec.horizon <= 10_000 or spec.initial_speed < 0:
-            raise InputError(f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible")
+            raise InputError(
+                f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
+            )
         if ".." in Path(spec.net).parts or ".." in Path(spec.additional).parts:
             raise InputError(f"{where}: a scene file outside the data folder")

@@ -73,11 +73,15 @@ class _Router:
         route = [edge]
         while len(route) < _MAX_EDGES:
             options = [
-                e for e in self.graph.successors(route[-1]) if (route[-1], e) not in self.avoid and e not in route
+                e
+                for e in self.graph.successors(route[-1])
+                if (route[-1], e) not in self.avoid and e not in route
             ]
             if not options:
                 break
-            weight = np.array([_STRAIGHT_ON if self.graph.turn(route[-1], e) == "straight" else 1.0 for e in options])
+            weight = np.array(
+                [_STRAIGHT_ON if self.graph.turn(route[-1], e) == "straight" else 1.0 for e in options]
+            )
             route.append(options[int(rng.choice(len(options), p=weight / weight.sum()))])
         return tuple(route)
 
@@ -109,7 +113,9 @@ def _clear_of_ego(lane: Lane, s: float, start: EgoStart, network: RoadNetwork) -
     return ahead < -CLEAR_BEHIND_M or ahead > max(CLEAR_AHEAD_M, CLEAR_AHEAD_S * start.speed)
 
 
-def plan_traffic(network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest, rng: np.random.Generator) -> list[Car]:
+def plan_traffic(
+    network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest, rng: np.random.Generator
+) -> list[Car]:
     """The cars of a scene, by time of departure; the same draw for the same generator state."""
     router = _Router(graph, ask.avoid_turns)
     spacing = 1000.0 / ask.cars_per_lane_km
@@ -148,8 +154,14 @@ def _car(
 ) -> Car:
     # A car that would have to change lanes within a short crop takes a way that its lane leads to, if there is one.
     if not _lane_on(graph, lane, edges):
-        onward = [c for c in graph.network.outgoing[lane.index] if graph.network.lanes[c.to_lane].permits("passenger")]
-        usable = [c for c in onward if (lane.edge, graph.network.lanes[c.to_lane].edge) not in ask.avoid_turns]
+        onward = [
+            c
+            for c in graph.network.outgoing[lane.index]
+            if graph.network.lanes[c.to_lane].permits("passenger")
+        ]
+        usable = [
+            c for c in onward if (lane.edge, graph.network.lanes[c.to_lane].edge) not in ask.avoid_turns
+        ]
         if usable:
             target = graph.network.lanes[usable[int(rng.integers(len(usable)))].to_lane].edge
             edges = (lane.edge, *_Router(graph, ask.avoid_turns).walk(target, rng))

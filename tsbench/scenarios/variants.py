@@ -43,6 +43,8 @@ def variants_of(scenario_type: str, map_id: str) -> tuple[Variant, ...]:
     grid = list(product(ROUTE_LENGTHS_M, DENSITIES, INITIAL_SPEEDS_MPS, DRIVER_DRAWS, LAYOUTS))
     rng = rng_of("variants", scenario_type, map_id)
     chosen = rng.choice(len(grid), size=VARIANTS - 1, replace=False)
-    nominal = Variant(0, ROUTE_LENGTHS_M[0], 0.0, NOMINAL_SPEED_MPS, -1, seed_of("layout", map_id) % len(LAYOUTS))
+    nominal = Variant(
+        0, ROUTE_LENGTHS_M[0], 0.0, NOMINAL_SPEED_MPS, -1, seed_of("layout", map_id) % len(LAYOUTS)
+    )
     rest = [Variant(k + 1, *grid[int(i)]) for k, i in enumerate(chosen)]
     return (nominal, *rest)

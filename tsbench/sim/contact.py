@@ -29,7 +29,16 @@ def touched_actor(ego: EgoState, actors: Actors) -> int:
     for k in near.tolist():
         x, y, heading = pose[k].tolist()
         if boxes_overlap(
-            ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, float(length[k]), float(width[k])
+            ego.x,
+            ego.y,
+            ego.heading,
+            EGO_LENGTH_M,
+            EGO_WIDTH_M,
+            x,
+            y,
+            heading,
+            float(length[k]),
+            float(width[k]),
         ):
             return int(k)
     return -1

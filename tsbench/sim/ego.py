@@ -67,7 +67,9 @@ def advance(m: Motion, acceleration: float, steering: float) -> Motion:
 def check_trajectory(times: Array, poses: Array) -> None:
     """Raise PlannerOutputError, with the reason, for a trajectory that cannot be followed."""
     if times.ndim != 1 or poses.shape != (len(times), 3) or not 0 < len(times) <= MAX_TRAJECTORY_POSES:
-        raise PlannerOutputError(f"trajectory has shapes {times.shape} and {poses.shape}, expected (k,) and (k, 3)")
+        raise PlannerOutputError(
+            f"trajectory has shapes {times.shape} and {poses.shape}, expected (k,) and (k, 3)"
+        )
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise PlannerOutputError("trajectory holds NaN or infinity")
     if times[0] <= 0.0 or np.any(np.diff(times) <= 0.0):

@@ -177,12 +177,13 @@ class LaneGraph:
         """For each edge, the lane changes needed after leaving it from each lane; inf where there is no way on."""
         table: list[dict[int, float]] = [{} for _ in edges]
         permitted = [
-            [i for i in self.network.edges[e].lanes if self.network.lanes[i].permits(self.vclass)] for e in edges
+            [i for i in self.network.edges[e].lanes if self.network.lanes[i].permits(self.vclass)]
+            for e in edges
         ]
         for k in range(len(edges) - 1, -1, -1):
-            row = {i: math.inf for i in self.network.edges[edges[k]].lanes}
+            row = dict.fromkeys(self.network.edges[edges[k]].lanes, math.inf)
             if k == len(edges) - 1:
-                row.update({i: 0.0 for i in permitted[k]})
+                row.update(dict.fromkeys(permitted[k], 0.0))
             else:
                 reach = table[k + 1]
                 for c in self.connections(edges[k], edges[k + 1]):
@@ -248,7 +249,9 @@ class _PathBuilder:
             return None
         line = Polyline(np.vstack(self.chunks))
         sizes = [float(np.hypot(*np.diff(c, axis=0).T).sum()) for c in self.chunks]
-        gaps = [0.0] + [float(np.hypot(*(b[0] - a[-1]))) for a, b in zip(self.chunks, self.chunks[1:], strict=False)]
+        gaps = [0.0] + [
+            float(np.hypot(*(b[0] - a[-1]))) for a, b in zip(self.chunks, self.chunks[1:], strict=False)
+        ]
         pieces, s = [], 0.0
         for size, gap, lane in zip(sizes, gaps, self.lanes, strict=True):
             pieces.append(PathPiece(s, s + gap + size, lane))

@@ -104,7 +104,7 @@ def read_additional(path: Path) -> etree._Element:
 
 
 def _params(element: etree._Element) -> dict[str, str]:
-    return {p.attrib["key"]: p.attrib["value"] for p in element.iterfind("param")}
+    return {str(p.attrib["key"]): str(p.attrib["value"]) for p in element.iterfind("param")}
 
 
 def read_layout(path: Path) -> SceneLayout:
@@ -119,7 +119,9 @@ def read_layout(path: Path) -> SceneLayout:
             signs=signs,
             target=start["target"],
             obstacles=tuple(
-                _obstacle(p.attrib["id"], _params(p)) for p in root.iterfind("poly") if p.get("type") == "obstacle"
+                _obstacle(str(p.attrib["id"]), _params(p))
+                for p in root.iterfind("poly")
+                if p.get("type") == "obstacle"
             ),
             start=EgoStart(start["lane"], float(start["s"]), float(start["speed"])),
             destination=Destination(end["edge"], float(end["s"])),

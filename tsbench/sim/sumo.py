@@ -18,7 +18,7 @@ from tsbench.maps.network import RoadNetwork
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, Actors, ActorKind, ActorTable
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable
 
 VIEW_M = 120.0
 OBSTACLE_PREFIX = "obstacle"
@@ -47,10 +47,13 @@ class Simulation:
 
     def __init__(self) -> None:
         self._running = False
+        self._placed = False
         self._table = ActorTable()
         self._lane_index: dict[str, int] = {}
 
-    def load(self, net: Path, additional: Path, network: RoadNetwork, seed: int, warn_to: Path | None = None) -> None:
+    def load(
+        self, net: Path, additional: Path, network: RoadNetwork, seed: int, warn_to: Path | None = None
+    ) -> None:
         """Load a scene's files. Raises SimulationError with SUMO's own words.
 
         warn_to: a file that takes SUMO's warnings (collisions, teleports) for certification.
@@ -58,6 +61,9 @@ class Simulation:
         options = ["-n", str(net), "-a", str(additional), "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
         if warn_to is not None:
             options += ["--collision.action", "warn", "--no-warnings", "false", "--message-log", str(warn_to)]
+        if self._placed:
+            # A move that no step has carried out outlives its simulation and crashes the next one.
+            self.step()
         try:
             if self._running:
                 libsumo.load(options)
@@ -93,13 +99,17 @@ class Simulation:
             raise SimulationError(f"the ego's pose is not finite ({m})")
         libsumo.vehicle.moveToXY(EGO_ID, edge, lane_order, x, y, 90.0 - math.degrees(m.heading), 2)
         libsumo.vehicle.setPreviousSpeed(EGO_ID, m.speed)
+        self._placed = True
 
     def step(self) -> None:
         """Advance 0.1 s."""
+        self._placed = False
         try:
             libsumo.simulationStep()
         except _SUMO_ERRORS as error:
-            raise SimulationError(f"SUMO broke off at {libsumo.simulation.getTime():.1f} s ({error})") from error
+            raise SimulationError(
+                f"SUMO broke off at {libsumo.simulation.getTime():.1f} s ({error})"
+            ) from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
         """Tell SUMO where the ego is going, so that traffic sees it at junctions.
@@ -131,7 +141,9 @@ class Simulation:
     def _enter(self, vehicle: str) -> int:
         v = libsumo.vehicle
         kind = _KINDS.get(v.getVehicleClass(vehicle), ActorKind.CAR)
-        return self._table.add(vehicle, kind, v.getLength(vehicle), v.getWidth(vehicle), tuple(v.getRoute(vehicle)))
+        return self._table.add(
+            vehicle, kind, v.getLength(vehicle), v.getWidth(vehicle), tuple(v.getRoute(vehicle))
+        )
 
     def actors(self) -> Actors | None:
         """Road users within 120 m of the ego; None if the ego has left the map."""

@@ -51,8 +51,9 @@ class ConvoySetup:
 class Arrangement:
     """One scene, decided but not yet written.
 
-    extra: further SUMO elements (a speed plate's meaning for others). obey: edges where the posted value binds other
-    drivers, and the share of them that obeys it.
+    extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
+    quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
+    speed_factors: of the background drivers, () = all 1.
     """
 
     signs: tuple[SignInstance, ...]
@@ -68,6 +69,20 @@ class Arrangement:
     avoid_turns: AbstractSet[Turn] = frozenset()
     quiet_edges: AbstractSet[str] = frozenset()
     speed_factors: Sequence[float] = field(default_factory=tuple)
+    blocked: tuple[tuple[str, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """What a placement works with: the map and its finished network, the recipe, the variant, and its draws."""
+
+    row: PoolRow
+    network: RoadNetwork
+    graph: LaneGraph
+    recipe: Recipe
+    variant: Variant
+    drivers: tuple[Driver, ...]
+    rng: np.random.Generator
 
 
 class Placement(Protocol):
@@ -76,10 +91,7 @@ class Placement(Protocol):
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The crop with what the plates mean to other traffic. Raises UnfitMapError."""
 
-    def arrange(
-        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
-        drivers: Sequence[Driver], rng: np.random.Generator,
-    ) -> Arrangement:  # fmt: skip
+    def arrange(self, task: SceneTask) -> Arrangement:
         """One variant's scene. Raises UnfitMapError."""
 
 
@@ -99,8 +111,15 @@ def before_line(lane: Lane, distance: float) -> float:
     """Arc length of the ego's centre whose front is `distance` before the end of a lane. Raises UnfitMapError."""
     s = lane.line.length - distance - EGO_LENGTH_M / 2
     if s < EGO_LENGTH_M / 2:
-        raise UnfitMapError(f"lane {lane.id} of {lane.line.length:.0f} m has no room for the ego {distance:.0f} m before it")
+        raise UnfitMapError(
+            f"lane {lane.id} of {lane.line.length:.0f} m has no room for the ego {distance:.0f} m before it"
+        )
     return s
+
+
+def way_ahead(lanes: Sequence[Lane], start: EgoStart) -> tuple[tuple[str, float, float], ...]:
+    """The stretch from the ego to the end of its edge, on all its lanes: the ego is the first at the sign."""
+    return tuple((lane.id, start.s, lane.line.length) for lane in lanes)
 
 
 def require(condition: bool, reason: str) -> None:

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
+from itertools import pairwise
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork
 from tsbench.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.drivers import Driver
 from tsbench.scenarios.elements import obey_element
-from tsbench.scenarios.families.base import Arrangement, beside_road, passenger_lanes, require
+from tsbench.scenarios.families.base import Arrangement, SceneTask, beside_road, passenger_lanes, require
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.seeds import seed_of
-from tsbench.scenarios.variants import Variant
 from tsbench.signs.annotations import SignInstance
-from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Destination, EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -31,7 +27,7 @@ def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[Pl
     line = Polyline(edge.shape)
     ends = [0.0, *cuts, line.length]
     parts, nodes, links = [], [], []
-    for k, (a, b) in enumerate(zip(ends, ends[1:], strict=False)):
+    for k, (a, b) in enumerate(pairwise(ends)):
         shape = tuple((float(x), float(y)) for x, y in line.slice(a, b).points)
         source = edge.source if k == 0 else f"{edge_id}.cut{k}"
         target = edge.target if b == line.length else f"{edge_id}.cut{k + 1}"
@@ -39,7 +35,9 @@ def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[Pl
         if k:
             x, y = line.point_at(a)
             nodes.append(PlainNode(f"{edge_id}.cut{k}", x, y))
-            links += [PlainConnection(f"{edge_id}.{k - 1}", f"{edge_id}.{k}", i, i) for i in range(edge.num_lanes)]
+            links += [
+                PlainConnection(f"{edge_id}.{k - 1}", f"{edge_id}.{k}", i, i) for i in range(edge.num_lanes)
+            ]
     edges: list[PlainEdge] = [e for e in plain.edges if e.id != edge_id] + parts
     connections = [c for c in plain.connections if edge_id not in (c.source, c.target)]
     net = replace(plain, nodes=(*plain.nodes, *nodes), edges=tuple(edges), connections=(*connections, *links))
@@ -69,12 +67,12 @@ class SpeedZonePlacement:
         posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
         return split_edge(plain, row.fields["edge"], self._zone(row, recipe))[0]
 
-    def arrange(
-        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
-        drivers: Sequence[Driver], rng: np.random.Generator,
-    ) -> Arrangement:  # fmt: skip
+    def arrange(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
-        limit = posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        limit = posted_limit(
+            row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh")
+        )
         v = limit * KMH
         edge = row.fields["edge"]
         first, zone, last = (f"{edge}.{k}" for k in range(3))
@@ -85,17 +83,19 @@ class SpeedZonePlacement:
         need = (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
         room = lane.line.length - need - EGO_LENGTH_M
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
-        jitter = float(rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
+        jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
         end_lane = network.edge_lanes(last)[0]
         end_s = recipe.number("end_plate_before_destination_m")
         require(end_s < end_lane.line.length - 3.0, "no room for the destination")
         signs = (
-            self._plate(network, "sign_0", "3.24", zone, float(limit), "target", None),
-            self._plate(network, "sign_1", "3.25", last, float(limit), "end", "sign_0"),
+            self._plate(network, "sign_0", "3.24", zone, float(limit), {"zone_edges": f"{zone} {last}"}),
+            self._plate(network, "sign_1", "3.25", last, float(limit), {}),
         )
-        share = float(rng.uniform(recipe.number("obey_least"), recipe.number("obey_most")))
-        factors = [1.0 if k < share * len(drivers) else row.speed_mps / v for k in range(len(drivers))]
+        share = float(task.rng.uniform(recipe.number("obey_least"), recipe.number("obey_most")))
+        factors = [
+            1.0 if k < share * len(task.drivers) else row.speed_mps / v for k in range(len(task.drivers))
+        ]
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=(first, zone, last), route_length=network.edges[zone].length + end_s,
@@ -104,10 +104,10 @@ class SpeedZonePlacement:
 
     @staticmethod
     def _plate(
-        network: RoadNetwork, sign_id: str, code: str, edge: str, value: float, role: str, ends: str | None
+        network: RoadNetwork, sign_id: str, code: str, edge: str, value: float, params: dict[str, str]
     ) -> SignInstance:
         x, y, heading = beside_road(network, edge, 0.0)
-        params = {"zone_edges": edge} if role == "target" else {}
+        role, ends = ("target", None) if params else ("end", "sign_0")
         return SignInstance(sign_id, code, value, edge, -1, 0.0, x, y, heading, role, ends, params)
 
 
@@ -119,11 +119,9 @@ class DetourPlacement:
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
         return plain
 
-    def arrange(
-        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
-        drivers: Sequence[Driver], rng: np.random.Generator,
-    ) -> Arrangement:  # fmt: skip
+    def arrange(self, task: SceneTask) -> Arrangement:
         """The ego 60 m before the obstacle, in its lane."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         edge = row.fields["edge"]
         lanes = passenger_lanes(network, edge)
         require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")
@@ -134,7 +132,9 @@ class DetourPlacement:
         ahead = recipe.number("ego_before_obstacle_m")
         length_m = lane.line.length
         latest = length_m - recipe.number("least_after_m") - length
-        near = min(float(rng.uniform(0.0, recipe.number("jitter_m"))) + ahead + 1.5 * EGO_LENGTH_M, latest)
+        near = min(
+            float(task.rng.uniform(0.0, recipe.number("jitter_m"))) + ahead + 1.5 * EGO_LENGTH_M, latest
+        )
         start_s = near - ahead - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"the corridor is {length_m:.0f} m long")
         middle = near + length / 2
@@ -150,5 +150,5 @@ class DetourPlacement:
         return Arrangement(
             signs=(sign,), target=sign.id, start=EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed)),
             destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - middle,
-            obstacles=(obstacle,),
+            obstacles=(obstacle,), blocked=((lane.id, start_s, middle),),
         )  # fmt: skip

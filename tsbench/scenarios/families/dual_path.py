@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
+from itertools import pairwise
 
 from tsbench.maps.network import RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.drivers import Driver
-from tsbench.scenarios.families.base import Arrangement, UnfitMapError, before_line, beside_road, require
+from tsbench.scenarios.families.base import (
+    Arrangement,
+    SceneTask,
+    UnfitMapError,
+    before_line,
+    beside_road,
+    passenger_lanes,
+    require,
+    way_ahead,
+)
 from tsbench.scenarios.recipe import Recipe
-from tsbench.scenarios.variants import Variant
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Destination, EgoStart
@@ -23,7 +29,7 @@ _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 def drive_time(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str], turn_s: float) -> float:
     """A rough driving time (s): lengths by limits, and a few seconds for each turn."""
     time = sum(network.edges[e].length / network.lanes[network.edges[e].lanes[0]].speed for e in edges)
-    return time + turn_s * sum(graph.turn(a, b) != "straight" for a, b in zip(edges, edges[1:], strict=False))
+    return time + turn_s * sum(graph.turn(a, b) != "straight" for a, b in pairwise(edges))
 
 
 class ManoeuvrePlacement:
@@ -34,13 +40,13 @@ class ManoeuvrePlacement:
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The roads stay as they are: other traffic is routed as the plate says."""
+        way = float(row.fields["compliant_m"])
+        require(way <= recipe.number("longest_way_m"), f"the obedient way is {way:.0f} m long")
         return plain
 
-    def arrange(
-        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
-        drivers: Sequence[Driver], rng: np.random.Generator,
-    ) -> Arrangement:  # fmt: skip
+    def arrange(self, task: SceneTask) -> Arrangement:
         """The ego 40 to 60 m before the signed junction, in a lane that leads into the prohibited manoeuvre."""
+        row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
         fields = row.fields
         signed, target, junction = fields["signed_edge"], fields["destination_edge"], fields["junction"]
         for edge in (signed, target):
@@ -57,7 +63,7 @@ class ManoeuvrePlacement:
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
         options = [network.lanes[c.from_lane] for c in graph.connections(*banned)]
         lane = options[variant.layout % len(options)]
-        before = float(rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
+        before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
         start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
         goal = network.edge_lanes(target)[0].line.length
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
@@ -71,6 +77,7 @@ class ManoeuvrePlacement:
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(target, end_s), route_hint=short,
             compliant_hint=compliant, route_length=_length(network, graph, short[1:]), avoid_turns=frozenset({banned}),
+            blocked=way_ahead(passenger_lanes(network, signed), start),
         )  # fmt: skip
 
     @staticmethod
@@ -82,5 +89,5 @@ class ManoeuvrePlacement:
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:
-    inner = sum(graph.crossing_length(a, b) for a, b in zip(edges, edges[1:], strict=False))
+    inner = sum(graph.crossing_length(a, b) for a, b in pairwise(edges))
     return inner + sum(network.edges[e].length for e in edges)

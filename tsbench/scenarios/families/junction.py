@@ -6,7 +6,6 @@ Source: spec/scenes.md, "Arrangement per family" (Junction).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,12 +16,18 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import Connection, Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.drivers import Driver
 from tsbench.scenarios.families.base import (
-    Arrangement, ConvoySetup, UnfitMapError, before_line, beside_road, passenger_lanes, require,
+    Arrangement,
+    ConvoySetup,
+    SceneTask,
+    UnfitMapError,
+    before_line,
+    beside_road,
+    passenger_lanes,
+    require,
+    way_ahead,
 )  # fmt: skip
 from tsbench.scenarios.recipe import Recipe
-from tsbench.scenarios.variants import Variant
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.lanegraph import LaneGraph
@@ -53,7 +58,10 @@ class Conflict:
 
 def _rank(arm: dict[str, Any]) -> tuple[int, int]:
     name = str(arm["class"])
-    return (_CLASSES.index(name) if name in _CLASSES else len(_CLASSES), -int(arm["lanes_in"]) - int(arm["lanes_out"]))
+    return (
+        _CLASSES.index(name) if name in _CLASSES else len(_CLASSES),
+        -int(arm["lanes_in"]) - int(arm["lanes_out"]),
+    )
 
 
 def assign_arms(row: PoolRow, approach_m: float) -> Arms:
@@ -107,18 +115,20 @@ class GiveWayPlacement:
         nodes = tuple(replace(n, type="priority") if n.id == row.fields["node"] else n for n in plain.nodes)
         return replace(plain, nodes=nodes, edges=edges)
 
-    def arrange(
-        self, row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe, variant: Variant,
-        drivers: Sequence[Driver], rng: np.random.Generator,
-    ) -> Arrangement:  # fmt: skip
+    def arrange(self, task: SceneTask) -> Arrangement:
         """The ego 60 m before the line, a convoy timed to meet it."""
+        row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
         arms = assign_arms(row, recipe.number("ego_before_line_m"))
         options = _conflicts(network, graph, arms)
         require(bool(options), "no path of the ego meets one of the main road with priority")
         chosen = options[variant.layout % len(options)]
         lane = network.lanes[chosen.ego.from_lane]
         exit_lane = network.lanes[chosen.ego.to_lane]
-        start = EgoStart(lane.id, before_line(lane, recipe.number("ego_before_line_m")), min(variant.initial_speed, lane.speed))
+        start = EgoStart(
+            lane.id,
+            before_line(lane, recipe.number("ego_before_line_m")),
+            min(variant.initial_speed, lane.speed),
+        )
         end_s = min(variant.route_length, exit_lane.line.length - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
         plate_s = lane.line.length - recipe.number("plate_before_line_m")
@@ -132,8 +142,9 @@ class GiveWayPlacement:
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(exit_lane.edge, end_s),
-            route_hint=route, route_length=end_s, convoy=_convoy(network, chosen, variant, recipe, drivers, rng),
+            route_hint=route, route_length=end_s, convoy=_convoy(task, chosen),
             quiet_edges=frozenset({network.lanes[chosen.foe.from_lane].edge}),
+            blocked=way_ahead(passenger_lanes(network, lane.edge), start),
         )  # fmt: skip
 
 
@@ -164,17 +175,19 @@ def _conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms) -> list[Confl
     # One pair per pair of edges: lanes of the same roads are no different scene.
     unique: dict[tuple[str, str, str], Conflict] = {}
     for c in found:
-        key = (network.lanes[c.ego.to_lane].edge, network.lanes[c.foe.from_lane].edge, network.lanes[c.foe.to_lane].edge)
+        key = (
+            network.lanes[c.ego.to_lane].edge,
+            network.lanes[c.foe.from_lane].edge,
+            network.lanes[c.foe.to_lane].edge,
+        )
         if key not in unique or c.zone.a_in > unique[key].zone.a_in:
             unique[key] = c
     return [unique[k] for k in sorted(unique)]
 
 
-def _convoy(
-    network: RoadNetwork, chosen: Conflict, variant: Variant, recipe: Recipe, drivers: Sequence[Driver],
-    rng: np.random.Generator,
-) -> ConvoySetup:  # fmt: skip
+def _convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     """One to two cars, the lead so far away that it needs a little less time than the ego."""
+    network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
     foe_lane: Lane = network.lanes[chosen.foe.from_lane]
     ego_lane = network.lanes[chosen.ego.from_lane]
     turn, cruise = turn_speed(network, chosen.ego), ego_lane.speed
@@ -184,12 +197,22 @@ def _convoy(
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")
     share = recipe.number("convoy_time_share")
-    body = replace(drivers[0], speed=speed, accel=accel, decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85)
+    body = replace(
+        task.drivers[0], speed=speed, accel=accel, decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85
+    )
     room = foe_lane.line.length - body.length - 1.0
     # Distance that a car from standstill covers in a share of the ego's time: a ramp, then its cruise speed.
     ramp = speed / (0.8 * accel)
-    reach = 0.5 * speed * ramp + speed * max(share * eta - ramp, 0.0) if share * eta > ramp else 0.4 * accel * (share * eta) ** 2
-    back = min(max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")), room, recipe.number("convoy_farthest_m"))
+    reach = (
+        0.5 * speed * ramp + speed * max(share * eta - ramp, 0.0)
+        if share * eta > ramp
+        else 0.4 * accel * (share * eta) ** 2
+    )
+    back = min(
+        max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
+        room,
+        recipe.number("convoy_farthest_m"),
+    )
     lead = foe_lane.line.length - back
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     step = body.length + recipe.number("convoy_gap_m")

@@ -1,0 +1,254 @@
+"""Builds the scenario tables: split the pool, then fill each type's quotas map by map, in a fixed order.
+
+Resumable: every map that was tried leaves a JSON beside its scenes' build folder, keyed by what it was made from; a
+second build with the same inputs reads it instead of building again. Deterministic: which maps are taken depends on the
+order of candidates (tagged extracts first, then a stable hash), never on which worker is done first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+from tsbench.errors import InputError
+from tsbench.maps.paths import pool_file
+from tsbench.maps.pool import PoolRow, read_pool
+from tsbench.maps.source import load_source
+from tsbench.scenarios.fingerprint import maker_fingerprint
+from tsbench.scenarios.recipe import Recipe, load_recipe, recipe_types
+from tsbench.scenarios.seeds import seed_of
+from tsbench.scenarios.site import Site, SiteBuilder
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.split import split_pool
+from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.sumo import Simulation
+
+TEST_PER_TRAIN = 4
+APART_M = 60.0
+AHEAD = 8
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class BuildRequest:
+    """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill."""
+
+    types: tuple[str, ...]
+    osm: Path
+    root: Path
+    workers: int
+
+
+@dataclass(frozen=True)
+class TypeReport:
+    """What became of one type: maps per stratum and split, and the reasons of maps that were passed over."""
+
+    type_id: str
+    maps: dict[str, dict[str, int]]
+    missed: dict[str, dict[str, int]]
+    reasons: dict[str, int]
+
+
+def stratum_of(row: PoolRow) -> str:
+    """The quota that a map counts for, as recipes name it."""
+    if row.family == "corridor":
+        return f"{row.shape}/{row.lane_bucket}"
+    if row.family == "dual_path":
+        return f"{row.slot}/{row.shape}"
+    return row.shape
+
+
+_sim: Simulation | None = None
+
+
+def _build_one(recipe: Recipe, row: PoolRow, split: str, osm: Path, root: Path) -> dict[str, object]:
+    """In a worker process: one site, as plain data. One simulation per process."""
+    global _sim
+    if _sim is None:
+        _sim = Simulation()
+    site = SiteBuilder(recipe, root, _sim).build(row, load_source(row.source, osm), split)
+    return {
+        "map_id": site.map_id,
+        "rows": [asdict(r) for r in site.rows],
+        "densities": list(site.densities),
+        "reason": site.reason,
+    }
+
+
+def _site(data: dict[str, object]) -> Site:
+    rows, densities = data["rows"], data["densities"]
+    assert isinstance(rows, list)
+    assert isinstance(densities, list)
+    return Site(
+        str(data["map_id"]), tuple(ScenarioSpec(**r) for r in rows), tuple(densities), str(data["reason"])
+    )
+
+
+class TypeBuilder:
+    """Fills one type's quotas in one split after the other."""
+
+    def __init__(
+        self, request: BuildRequest, recipe: Recipe, pool: Executor, split_of: dict[str, str]
+    ) -> None:
+        self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
+        self.cache = request.root / "build" / recipe.type.id
+        self.cache.mkdir(parents=True, exist_ok=True)
+        self.reasons: Counter[str] = Counter()
+        self.key = _recipe_key(recipe)
+
+    def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
+        """Maps of the split that the recipe's family takes, in the order in which they are tried."""
+        name = self.recipe.type.id
+        usable = [r for r in rows if r.family == self.recipe.type.family and self.split_of[r.map_id] == split]
+        return sorted(
+            usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id)
+        )
+
+    def fill(
+        self, rows: Sequence[PoolRow], split: str, progress: Progress
+    ) -> tuple[list[Site], dict[str, int], dict[str, int]]:
+        """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
+        share = 1 if split == "train" else TEST_PER_TRAIN
+        quota = {k: v // share for k, v in self.recipe.maps.items()}
+        wanted = sum(quota.values())
+        taken: list[Site] = []
+        places: list[tuple[float, float]] = []
+        counts: Counter[str] = Counter()
+        tried: set[str] = set()
+        ordered = self.candidates(rows, split)
+        for strict in (True, False):
+            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in quota]
+            accept = quota if strict else {}
+            for row, site in self._sites(pick, split, counts, accept, wanted, taken, places):
+                tried.add(row.map_id)
+                if site.reason:
+                    self.reasons[_reason_class(site.reason)] += 1
+                    continue
+                taken.append(site)
+                places.append((row.east, row.north))
+                counts[stratum_of(row)] += 1
+                progress(f"{self.recipe.type.id} {split}", len(taken), wanted)
+            if len(taken) >= wanted:
+                break
+        if len(taken) < wanted:
+            raise InputError(
+                f"{self.recipe.type.id}: the pool gives {len(taken)} maps for {split}, {wanted} are asked"
+            )
+        missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
+        return taken, dict(sorted(counts.items())), missed
+
+    def _sites(
+        self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
+        taken: list[Site], places: list[tuple[float, float]],
+    ) -> Iterator[tuple[PoolRow, Site]]:  # fmt: skip
+        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
+        queue = iter(pick)
+        running: list[tuple[PoolRow, Callable[[], dict[str, object]]]] = []
+
+        def needed(row: PoolRow) -> bool:
+            if len(taken) >= wanted or (quota and counts[stratum_of(row)] >= quota[stratum_of(row)]):
+                return False
+            return all((row.east - e) ** 2 + (row.north - n) ** 2 > APART_M**2 for e, n in places)
+
+        while True:
+            while len(running) < self.request.workers + AHEAD:
+                row = next((r for r in queue if needed(r)), None)
+                if row is None:
+                    break
+                running.append((row, self._start(row, split)))
+            if not running:
+                return
+            row, get = running.pop(0)
+            data = get()
+            if needed(row):
+                yield row, _site(data)
+
+    def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, object]]:
+        path = self.cache / f"{row.map_id}.json"
+        stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
+        if path.is_file():
+            kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+            if kept.get("stamp") == stamp:
+                return lambda: kept
+        future = self.pool.submit(_build_one, self.recipe, row, split, self.request.osm, self.request.root)
+
+        def get() -> dict[str, object]:
+            data = future.result() | {"stamp": stamp}
+            part = path.with_suffix(".part")
+            part.write_text(json.dumps(data), encoding="utf-8")
+            part.replace(path)
+            return data
+
+        return get
+
+
+def _recipe_key(recipe: Recipe) -> str:
+    """What the scenes of a type are made from, beside the map: the recipe and the sources of the makers."""
+    return f"{maker_fingerprint()}|{recipe}"
+
+
+def _reason_class(reason: str) -> str:
+    """A reason without its numbers and names, for counting."""
+    words = ["#" if any(c.isdigit() for c in w) else w for w in reason.split()]
+    return " ".join(w for w in words if "/" not in w)
+
+
+def _remove_unused(root: Path, type_id: str, keep: set[str]) -> None:
+    folder = root / "scenes" / type_id
+    for place in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if place.name not in keep:
+            shutil.rmtree(place)
+
+
+def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeReport]:
+    """Build the asked types and write the tables; rows of other types already in them stay.
+
+    Raises InputError where the pool or the extracts are missing, or the pool is too small for a type.
+    """
+    catalog = load_catalog()
+    rows = read_pool(pool_file())
+    split_of = split_pool(rows)
+    types = request.types or recipe_types()
+    recipes = [load_recipe(t, catalog) for t in types]
+    reports: list[TypeReport] = []
+    table: dict[str, list[ScenarioSpec]] = defaultdict(list)
+    densities: dict[str, float] = {}
+    with ProcessPoolExecutor(request.workers, mp_context=get_context("spawn")) as pool:
+        for recipe in recipes:
+            builder = TypeBuilder(request, recipe, pool, split_of)
+            maps: dict[str, dict[str, int]] = {}
+            missed: dict[str, dict[str, int]] = {}
+            keep: set[str] = set()
+            for split in SPLITS:
+                sites, maps[split], missed[split] = builder.fill(rows, split, progress)
+                for site in sites:
+                    keep.add(site.map_id)
+                    table[split] += site.rows
+                    densities |= {r.scenario_id: d for r, d in zip(site.rows, site.densities, strict=True)}
+            _remove_unused(request.root, recipe.type.id, keep)
+            reports.append(TypeReport(recipe.type.id, maps, missed, dict(builder.reasons.most_common())))
+    for split in SPLITS:
+        path = table_path(split, request.root)
+        others = [s for s in read_table(path) if s.scenario_type not in types] if path.is_file() else []
+        write_table([*others, *table[split]], path)
+    _write_report(request.root, reports, densities)
+    return reports
+
+
+def _write_report(root: Path, reports: list[TypeReport], densities: dict[str, float]) -> None:
+    path = root / "build_report.json"
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"types": {}, "density": {}}
+    kept["types"] |= {r.type_id: asdict(r) for r in reports}
+    fresh = {r.type_id for r in reports}
+    kept["density"] = {k: v for k, v in kept["density"].items() if k.split("-")[0] not in fresh}
+    kept["density"] |= {k: round(v, 2) for k, v in densities.items() if v}
+    path.write_text(json.dumps(kept, indent=0, sort_keys=True) + "\n", encoding="utf-8")
