@@ -57,11 +57,12 @@ def conflict_zones(
     strips_a = np.array([strip(line, width) for line, width in a], dtype=object)
     strips_b = np.array([strip(line, width) for line, width in b], dtype=object)
     overlap = shapely.intersection(strips_a[:, None], strips_b[None, :])
-    if min_depth > 0.0:
-        # Morphological opening; mitred joins give convex corners back.
-        for distance in (-min_depth / 2, min_depth / 2):
-            overlap = shapely.buffer(overlap, distance, join_style="mitre")
     deep = shapely.area(overlap) >= min_area
+    if min_depth > 0.0 and deep.any():
+        # Morphological opening; mitred joins give convex corners back.
+        eroded = shapely.buffer(overlap[deep], -min_depth / 2, join_style="mitre")
+        overlap[deep] = shapely.buffer(eroded, min_depth / 2, join_style="mitre")
+        deep = shapely.area(overlap) >= min_area
     return tuple(
         tuple(
             _zone(line_a, line_b, overlap[k, j], min_area) if deep[k, j] else None
