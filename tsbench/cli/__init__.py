@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
+from typing import NoReturn
 
 import click
 
@@ -56,12 +58,25 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         code = cli.main(args=arguments, prog_name="tsbench", standalone_mode=False)
     except InputError as problem:
-        click.echo(f"error: {' '.join(str(problem).split())}", err=True)
+        _fail(str(problem))
+    except click.exceptions.NoArgsIsHelpError as problem:
+        problem.show()
         sys.exit(EXIT_INPUT)
     except click.ClickException as problem:
-        problem.show()
-        sys.exit(problem.exit_code)
+        where = getattr(problem, "ctx", None)
+        hint = f" (see {where.command_path} --help)" if where is not None else ""
+        _fail(problem.format_message() + hint)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
         sys.exit(EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # Who read our output has gone (`| head`): nothing is wrong, and nothing more can be said.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str) -> NoReturn:
+    """One line, exit code 2."""
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    sys.exit(EXIT_INPUT)

@@ -10,15 +10,14 @@ import click
 from rich.console import Console
 
 from tsbench.cli import EXIT_INTERRUPTED
-from tsbench.report.table import print_table
-from tsbench.run.plan import VARIANTS, Request
+from tsbench.run.plan import DEVICES, TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.rescore import rescore as rescore_run
-from tsbench.run.session import DEVICES, TRACES, Ending, Options
+from tsbench.run.session import Ending, Options
 from tsbench.run.session import run as run_session
 from tsbench.scenarios.table import SPLITS
 
 EXIT_ERRORS = 1
+_LOG_WIDTH = 160
 
 
 @click.command()
@@ -81,7 +80,9 @@ def run(
         out=out, trace=trace, device=device, mask_signs=mask_signs, allow_partial=allow_partial,
     )  # fmt: skip
     ending = run_session(options, ProgressWatcher(Console(stderr=True)))
-    _tell(ending, Console())
+    # Without a terminal there is no width to keep to: a log shall have the whole table.
+    fixed = sys.stdout.isatty() or "COLUMNS" in os.environ
+    _tell(ending, Console(width=None if fixed else _LOG_WIDTH))
     if ending.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)
     if ending.errors or ending.finished < ending.asked:
@@ -95,12 +96,16 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ.
     """
+    from tsbench.run.rescore import rescore as rescore_run  # brings SUMO's readers and statistics
+
     result = rescore_run(folder)
+    if result.note:
+        click.echo(f"note: {result.note}", err=True)
     for line in result.disagreements:
         click.echo(line)
     click.echo(
         f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
-        f"{len(result.disagreements)} disagreements"
+        f"disagreements: {len(result.disagreements)}"
     )
     if result.disagreements:
         sys.exit(EXIT_ERRORS)
@@ -109,6 +114,8 @@ def rescore(folder: Path) -> None:
 def _tell(ending: Ending, console: Console) -> None:
     """The table, and where everything is."""
     if ending.summary is not None:
+        from tsbench.report.table import print_table  # brings statistics, late as the summary itself
+
         print_table(ending.summary, console)
     lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
     if ending.finished < ending.asked:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tsbench.errors import InputError
-from tsbench.metrics.aggregate import Summary
 from tsbench.run.files import is_tmp, told_plainly, write_atomic, write_json
 from tsbench.run.journal import Journal, Key
 from tsbench.run.manifest import NAME, Manifest, difference, read_manifest, timestamp
@@ -14,6 +14,9 @@ from tsbench.run.record import Record
 from tsbench.run.schema import TABLES
 from tsbench.run.tables import file_hashes
 from tsbench.run.trace import trace_path
+
+if TYPE_CHECKING:
+    from tsbench.metrics.aggregate import Summary
 
 JOURNAL, SUMMARY, ASIDE = "journal.jsonl", "summary.json", "aside"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.

@@ -14,6 +14,8 @@ from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog
 
 VARIANTS = ("0", "all", "one-per-map")
+TRACES = ("none", "violations", "all")
+DEVICES = ("cpu", "cuda")
 
 
 @dataclass(frozen=True)

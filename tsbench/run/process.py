@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ Message = dict[str, Any]
 TAIL_BYTES = 1 << 16
 _READ_BYTES = 1 << 18
 _LAST_READS = 8
+_LAST_GASP_S = 2.0
 # One simulation is one thread; maths libraries that start one thread per core only get in each other's way.
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"),
@@ -48,12 +50,14 @@ class WorkerProcess:
     """A worker: its process, the line to it, its pulse, what it printed last, and the tasks that it holds.
 
     held: tasks sent and not answered, oldest first. changed: monotonic time at which its pulse was last seen
-    to move; stamp: what it was then. ready: it has come up. closed: nothing more will come from it.
+    to move; stamp: what it was then. ready: it has come up. closed: nothing more will come
+    from it. answer: to the last probe.
     """
 
     def __init__(self, now: float) -> None:
         self.held: deque[Task] = deque()
         self.ready = self.closed = False
+        self.answer: Message | None = None
         self.changed = self.begun = now
         self.stamp = 0
         self.tail = bytearray()
@@ -132,12 +136,17 @@ class WorkerProcess:
 
     def tail_text(self) -> str:
         """What it printed last, "" if nothing."""
-        text = self.tail.decode(errors="replace").strip()
+        lines = self.tail.decode(errors="replace").strip().splitlines()
+        # faulthandler's list of all loaded modules is long and says nothing.
+        text = "\n".join(line for line in lines if not line.startswith("Extension modules:"))
         cut = f"({self.printed} bytes printed, the last {len(self.tail)} follow)\n"
         return (cut if self.printed > len(self.tail) else "") + text
 
     def end(self) -> int:
         """Kill it with everything that it started, and return its exit status (negative: a signal)."""
+        if self.closed:
+            # It is on its way out: its own exit status says more than ours would.
+            select.select([self.death_fd], [], [], _LAST_GASP_S)
         # The group is signalled before its leader is reaped: until then its number is nobody else's.
         os.killpg(self.process.pid, signal.SIGKILL)
         status = self.process.wait()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tsbench.metrics.episode import EpisodeMetrics, episode_metrics
-from tsbench.metrics.outcome import EpisodeFacts, Outcome
-from tsbench.rules.base import Violation
+from tsbench.metrics.outcome import Outcome
 from tsbench.run.result import EpisodeResult
+from tsbench.run.schema import EPISODES
 from tsbench.scenarios.spec import ScenarioSpec
 
 Row = dict[str, Any]
@@ -21,8 +20,9 @@ SPEC_COLUMNS = (
     "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "map_id", "family", "shape", "slot",
     "variant", "split", "seed",
 )  # fmt: skip
+_RUN_COLUMNS = ("planner", "privileged", "outcome", "error")
 # Columns that are copied from the episode's metrics; all null where the outcome is an error.
-METRIC_COLUMNS = tuple(field.name for field in fields(EpisodeMetrics))
+METRIC_COLUMNS = tuple(name for name in EPISODES.names if name not in (*SPEC_COLUMNS, *_RUN_COLUMNS))
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
 _ERROR_CHARS = 300
 
@@ -41,37 +41,9 @@ class Record:
     detail: str
 
 
-def make_record(result: EpisodeResult, privileged: bool) -> Record:
-    """The record of an episode that came to its end, error outcomes included."""
-    if result.outcome.is_error or result.facts is None:
-        outcome = result.outcome if result.outcome.is_error else Outcome.SIM_ERROR
-        row = error_row(result.spec, result.planner, privileged, outcome, result.error)
-        return Record(row, [], make_timing(result), result.detail or result.error)
-    row, events = score(result.spec, result.planner, privileged, result.facts)
-    return Record(row, events, make_timing(result), "")
-
-
-def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFacts) -> tuple[Row, list[Row]]:
-    """Row and events of an episode that ended without an error."""
-    metrics = episode_metrics(facts)
-    row = _head(spec, planner, privileged, facts.outcome, None)
-    row.update({name: _plain(getattr(metrics, name)) for name in METRIC_COLUMNS})
-    key = {"planner": planner, "scenario_id": spec.scenario_id}
-    verdicts = [(facts.target, True), *((verdict, False) for verdict in facts.others)]
-    events = [
-        {**key, "target": target, **_event(event)}
-        for verdict, target in verdicts
-        for event in verdict.violations
-    ]
-    events.sort(key=lambda event: (not event["target"], event["start_s"], event["sign_id"], event["clause"]))
-    for number, event in enumerate(events):
-        event["number"] = number
-    return row, events
-
-
 def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:
     """A row without figures: what did not happen is null, never zero; as a success it counts as none."""
-    row = _head(spec, planner, privileged, outcome, one_line(error) or "no cause given")
+    row = head_row(spec, planner, privileged, outcome, one_line(error) or "no cause given")
     row.update(dict.fromkeys(METRIC_COLUMNS))
     row["scd"] = False
     return row
@@ -126,17 +98,9 @@ def last_seconds(result: EpisodeResult, ticks: int = 30) -> str:
     return "\n".join(lines)
 
 
-def _head(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str | None) -> Row:
+def head_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str | None) -> Row:
+    """The columns that do not depend on what happened."""
     row: Row = {"planner": planner}
     row.update({name: getattr(spec, name) for name in SPEC_COLUMNS})
     row.update(privileged=privileged, outcome=outcome.value, error=error)
     return row
-
-
-def _event(event: Violation) -> Row:
-    return {field.name: _plain(getattr(event, field.name)) for field in fields(Violation)}
-
-
-def _plain(value: Any) -> Any:
-    """NumPy scalars as Python's own, so that JSON takes them and types do not depend on the path taken."""
-    return value.item() if isinstance(value, np.generic) else value

@@ -18,7 +18,8 @@ from tsbench.run.files import told_plainly
 from tsbench.run.folder import SUMMARY
 from tsbench.run.journal import Key
 from tsbench.run.manifest import Manifest, read_manifest
-from tsbench.run.record import Row, score
+from tsbench.run.record import Row
+from tsbench.run.score import score
 from tsbench.run.tables import read_table
 from tsbench.run.trace import Trace, read_trace, trace_path
 from tsbench.scenarios.load import SceneLoader
@@ -29,10 +30,14 @@ from tsbench.signs.catalog import Catalog, load_catalog
 
 @dataclass(frozen=True)
 class Rescore:
-    """traces: judged again; untraced: episodes that only stand in the table; disagreements: one line each."""
+    """traces: judged again; untraced: episodes that only stand in the table; disagreements: one line each.
+
+    note: what to know before reading them, "" if nothing.
+    """
 
     traces: int
     untraced: int
+    note: str
     disagreements: tuple[str, ...]
 
 
@@ -44,7 +49,7 @@ def rescore(folder: Path) -> Rescore:
     episodes = read_table(folder / "episodes.parquet")
     rows: dict[Key, Row] = {(row["planner"], row["scenario_id"]): row for row in episodes.to_pylist()}
     events: dict[Key, list[Row]] = {key: [] for key in rows}
-    lines = list(_contract_lines(manifest))
+    lines: list[str] = []
     for event in read_table(folder / "violations.parquet").to_pylist():
         key = (event["planner"], event["scenario_id"])
         if key in events:
@@ -61,7 +66,7 @@ def rescore(folder: Path) -> Rescore:
         if path not in expected and not path.name.startswith("."):
             lines.append(f"{path}: a trace without its episode")
     lines += _summary_lines(folder, manifest, episodes)
-    return Rescore(len(traced), len(rows) - len(traced), tuple(lines))
+    return Rescore(len(traced), len(rows) - len(traced), _contract_note(manifest), tuple(lines))
 
 
 class Judge:
@@ -106,12 +111,13 @@ class Judge:
         return replace(facts, target=target.finish(), others=tuple(monitor.finish() for monitor in others))
 
 
-def _contract_lines(manifest: Manifest) -> Iterator[str]:
-    """Under another contract a disagreement is no wonder: say so first."""
+def _contract_note(manifest: Manifest) -> str:
+    """Under another contract a disagreement is no wonder."""
     split = manifest["effective"]["split"]
     now = contract_hash(read_scenarios(table_path(split)), load_catalog())
-    if now != manifest["contract"]:
-        yield f"contract: the run has {manifest['contract'][:12]}, this tsbench {now[:12]}"
+    if now == manifest["contract"]:
+        return ""
+    return f"the run's contract is {manifest['contract'][:12]}, that of this tsbench {now[:12]}"
 
 
 def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iterator[str]:

@@ -9,13 +9,12 @@ from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import quote
 
 import pyarrow as pa
 
 from tsbench.errors import InputError
-from tsbench.metrics.aggregate import Summary, summarise
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contract import contract_hash
 from tsbench.run.folder import RunFolder
@@ -28,9 +27,10 @@ from tsbench.run.tables import read_table, write_tables
 from tsbench.run.workers import Limits, Pool
 from tsbench.signs.catalog import load_catalog
 
+if TYPE_CHECKING:
+    from tsbench.metrics.aggregate import Summary
+
 RUNNER = "tsbench.run.episode:EpisodeRunner"
-TRACES = ("none", "violations", "all")
-DEVICES = ("cpu", "cuda")
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,8 @@ def run(options: Options, watcher: Watcher) -> Ending:
     """
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
-    with Pool(options.workers, options.limits) as pool:
+    episodes = len(plan.scenarios) * len(options.request.planners)
+    with Pool(min(options.workers, episodes), options.limits) as pool:
         planners = pool.probe(plan.request.planners)
         _check_names(planners)
         contract = contract_hash(plan.table, catalog)
@@ -167,6 +168,9 @@ def _drive(
 
 def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_partial: bool) -> Ending:
     """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
+    # Statistics take long to import, and nothing before the end needs them.
+    from tsbench.metrics.aggregate import summarise
+
     contract = folder.manifest["contract"]
     episodes = read_table(folder.path / "episodes.parquet")
     holes = len(episodes) < sum(asked.values())

@@ -21,8 +21,9 @@ from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contestant import describe
 from tsbench.run.pulse import IDLE, PLANNING, SCORING, Pulse
-from tsbench.run.record import Record, error_row, last_seconds, lost_timing, make_record, make_timing
+from tsbench.run.record import Record, error_row, last_seconds, lost_timing, make_timing
 from tsbench.run.result import EpisodeResult
+from tsbench.run.score import make_record
 from tsbench.run.trace import trace_path, write_trace
 from tsbench.scenarios.spec import ScenarioSpec
 

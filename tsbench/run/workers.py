@@ -52,16 +52,20 @@ class Pool:
         self._slow_starters: set[int] = set()
 
     def __enter__(self) -> Pool:
+        """Start all: they come up while the parent has other things to do."""
+        for slot in range(len(self._workers)):
+            self._start(slot)
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
         """End all workers: kindly if all went well, at once if not."""
         workers = [worker for worker in self._workers if worker is not None]
         if kind is None:
-            for worker in workers:
+            idle = [worker for worker in workers if worker.ready and not worker.held]
+            for worker in idle:
                 self._forget(worker.connection)
                 worker.leave()
-            self._wait_for_ends(workers)
+            self._wait_for_ends(idle)
         for worker in workers:
             worker.end()
         self._workers = [None] * len(self._workers)
@@ -128,31 +132,36 @@ class Pool:
 
     def _handle(self, slot: int, event: str, tasks: HandOut, keep: Callable[[Record], None]) -> None:
         worker = self._workers[slot]
-        if worker is None:
-            # It was buried by an event of the same round.
-            return
+        # None: it was buried by an event of the same round.
+        if worker is not None:
+            self._take_in(worker, event, keep)
+            if worker.closed:
+                self._bury(slot, tasks, keep)
+
+    def _take_in(self, worker: WorkerProcess, event: str, keep: Callable[[Record], None]) -> None:
         if event == "log":
             if not worker.read_log():
                 self._forget(worker.log_fd)
             return
         self._receive(worker, keep)
-        if event == "death" or worker.closed:
-            self._bury(slot, tasks, keep)
+        worker.closed = worker.closed or event == "death"
 
     def _receive(self, worker: WorkerProcess, keep: Callable[[Record], None]) -> None:
         for message in worker.receive():
             if "ready" in message:
                 worker.ready = True
                 worker.changed = time.monotonic()
-                continue
-            if "fatal" in message:
+            elif "task" not in message:
+                worker.answer = message
+            elif "fatal" in message:
                 with told_plainly(Path()):
                     raise OSError(*message["fatal"])
-            task = worker.held.popleft()
-            assert task.number == message["task"]
-            self._stillborn = 0
-            keep(_with_output(message, worker))
-            worker.drop_tail()
+            else:
+                task = worker.held.popleft()
+                assert task.number == message["task"]
+                self._stillborn = 0
+                keep(_with_output(message, worker))
+                worker.drop_tail()
 
     def _watch(self, tasks: HandOut, keep: Callable[[Record], None]) -> None:
         """Kill whoever has shown no sign of life for too long."""
@@ -182,10 +191,7 @@ class Pool:
         """A worker is at its end: settle what it was doing, give back what it had not begun."""
         worker = self._workers[slot]
         assert worker is not None
-        for file in (worker.connection, worker.log_fd, worker.death_fd):
-            self._forget(file)
-        self._workers[slot] = None
-        status = worker.end()
+        status = self._drop(slot, worker)
         begun = bool(worker.held) and worker.pulse.task == worker.held[0].number
         self._stillborn = 0 if begun else self._stillborn + 1
         if begun:
@@ -222,28 +228,35 @@ class Pool:
 
     def _await_probe(self, worker: WorkerProcess, spec: str) -> dict[str, Any]:
         end = time.monotonic() + self._limits.start
-        while time.monotonic() < end and not worker.closed:
+        while worker.answer is None and not worker.closed and time.monotonic() < end:
             for key, _ in self._selector.select(_TICK_S):
-                if key.data[1] == "log":
-                    if not worker.read_log():
-                        self._forget(worker.log_fd)
-                    continue
-                for message in worker.receive():
-                    if "problem" in message:
-                        raise InputError(message["problem"])
-                    if "planner" in message:
-                        planner: dict[str, Any] = message["planner"]
-                        return planner
-                    worker.ready = True
-                worker.closed = worker.closed or key.data[1] == "death"
-        self._workers[0] = None
-        status = worker.end()
-        if not worker.closed:
+                slot, event = key.data
+                other = self._workers[slot]
+                if other is not None:
+                    self._take_in(other, event, _no_record)
+                    if other.closed and other is not worker:
+                        self._drop(slot, other)
+        if worker.answer is not None:
+            answer, worker.answer = worker.answer, None
+            if "problem" in answer:
+                raise InputError(answer["problem"])
+            planner: dict[str, Any] = answer["planner"]
+            return planner
+        late = not worker.closed
+        status = self._drop(0, worker)
+        if late:
             raise InputError(f"--planner {spec}: was not imported within {self._limits.start:g} s")
         said = worker.tail_text().splitlines() or ["it said nothing"]
         raise InputError(
             f"--planner {spec}: importing it ended the process ({cause_of_end(status)}): {said[-1]}"
         )
+
+    def _drop(self, slot: int, worker: WorkerProcess) -> int:
+        """End a worker and leave its slot empty; returns its exit status."""
+        for file in (worker.connection, worker.log_fd, worker.death_fd):
+            self._forget(file)
+        self._workers[slot] = None
+        return worker.end()
 
     def _wait_for_ends(self, workers: Sequence[WorkerProcess]) -> None:
         """Until all have ended by themselves, or the time for that is over."""
@@ -258,6 +271,10 @@ class Pool:
     def _forget(self, file: Any) -> None:
         if file in self._selector.get_map():
             self._selector.unregister(file)
+
+
+def _no_record(record: Record) -> None:
+    raise AssertionError(f"a record before the first task: {record.row}")
 
 
 def _with_output(message: Message, worker: WorkerProcess) -> Record:
