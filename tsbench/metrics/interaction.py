@@ -101,7 +101,7 @@ def min_pet(tracks: Tracks) -> float | None:
     keep = (turn > PET_CROSSING_RAD) & (gap * DT_S <= PET_HORIZON_S)
     i, k, gap = i[keep], k[keep], gap[keep]
     touch = _overlap(tracks, i, k)
-    return float(gap[touch].min() * DT_S) if touch.any() else None
+    return round(float(gap[touch].min()) * DT_S, 6) if touch.any() else None
 
 
 def _moving(x: Array, y: Array, heading: Array) -> _Index:

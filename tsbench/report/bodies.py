@@ -25,6 +25,7 @@ _COLOURS: dict[int, Colour] = {
 _HALF_BODY = [(0.5, 0.28), (0.44, 0.44), (0.3, 0.5), (-0.44, 0.5), (-0.5, 0.4)]
 _BODY = np.array(_HALF_BODY + [(u, -v) for u, v in reversed(_HALF_BODY)])
 _SCREEN = np.array([(0.26, 0.4), (0.1, 0.33), (0.1, -0.33), (0.26, -0.4)])
+_SHAPE = np.vstack((_BODY, _SCREEN))
 
 
 def draw_actors(image: Image, camera: Camera, actors: Actors) -> None:
@@ -33,15 +34,16 @@ def draw_actors(image: Image, camera: Camera, actors: Actors) -> None:
     middles = camera.px(actors.pose[:, :2])
     reach = 10.0 * camera.scale
     inside = np.all((middles > -reach) & (middles < (camera.width + reach, camera.height + reach)), axis=1)
-    for k in np.nonzero(inside)[0].tolist():
-        row = int(actors.index[k])
+    seen = np.nonzero(inside)[0]
+    rows = actors.index[seen]
+    shapes = _placed(camera, actors.pose[seen], table.length[rows], table.width[rows])
+    for k, row, shape in zip(seen.tolist(), rows.tolist(), shapes, strict=True):
         kind = int(table.kind[row])
         if kind == ActorKind.PEDESTRIAN:
             draw_disc(image, camera, actors.pose[k, :2], 0.35, _COLOURS[kind])
-            continue
-        colour = STYLE.convoy if table.ids[row].startswith(CONVOY_PREFIX) else _COLOURS[kind]
-        x, y, heading = actors.pose[k].tolist()
-        draw_vehicle(image, camera, x, y, heading, float(table.length[row]), float(table.width[row]), colour)
+        else:
+            convoy = table.ids[row].startswith(CONVOY_PREFIX)
+            _draw_body(image, shape, STYLE.convoy if convoy else _COLOURS[kind])
 
 
 def draw_ego(image: Image, camera: Camera, x: float, y: float, heading: float) -> None:
@@ -60,25 +62,30 @@ def draw_vehicle(
     colour: Colour,
 ) -> None:
     """A body with a windscreen that shows its front."""
-    body = _placed(camera, _BODY, x, y, heading, length, width)
-    cv2.fillConvexPoly(image, body, colour, cv2.LINE_AA, SHIFT)
-    cv2.polylines(image, [body], True, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
-    screen = _placed(camera, _SCREEN, x, y, heading, length, width)
-    cv2.fillConvexPoly(image, screen, STYLE.glass, cv2.LINE_AA, SHIFT)
+    pose = np.array([(x, y, heading)])
+    _draw_body(image, _placed(camera, pose, np.array([length]), np.array([width]))[0], colour)
 
 
 def draw_ghost(image: Image, camera: Camera, x: float, y: float, heading: float, colour: Colour) -> None:
     """The ego's outline only: where it was."""
-    body = _placed(camera, _BODY, x, y, heading, EGO_LENGTH_M, EGO_WIDTH_M)
-    cv2.polylines(image, [body], True, colour, 2, cv2.LINE_AA, SHIFT)
+    pose = np.array([(x, y, heading)])
+    shape = _placed(camera, pose, np.array([EGO_LENGTH_M]), np.array([EGO_WIDTH_M]))[0]
+    cv2.polylines(image, [shape[: len(_BODY)]], True, colour, 2, cv2.LINE_AA, SHIFT)
 
 
-def _placed(
-    camera: Camera, shape: Array, x: float, y: float, heading: float, length: float, width: float
-) -> Fixed:
-    c, s = math.cos(heading), math.sin(heading)
-    u, v = shape[:, 0] * length, shape[:, 1] * width
-    return camera.fixed(np.column_stack((x + u * c - v * s, y + u * s + v * c)))
+def _draw_body(image: Image, shape: Fixed, colour: Colour) -> None:
+    body = shape[: len(_BODY)]
+    cv2.fillConvexPoly(image, body, colour, cv2.LINE_AA, SHIFT)
+    cv2.polylines(image, [body], True, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
+    cv2.fillConvexPoly(image, shape[len(_BODY) :], STYLE.glass, cv2.LINE_AA, SHIFT)
+
+
+def _placed(camera: Camera, pose: Array, length: Array, width: Array) -> Fixed:
+    """(n, points, 2): the shapes of n vehicles, body first, then windscreen, where OpenCV draws them."""
+    c, s = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
+    u, v = _SHAPE[:, 0] * length[:, None], _SHAPE[:, 1] * width[:, None]
+    points = np.stack((pose[:, :1] + u * c - v * s, pose[:, 1:2] + u * s + v * c), axis=-1)
+    return camera.fixed(points).reshape(len(pose), len(_SHAPE), 2)
 
 
 def draw_disc(image: Image, camera: Camera, at: Array, radius: float, colour: Colour) -> None:

@@ -8,14 +8,15 @@ import numpy as np
 
 from tsbench.report.camera import Image
 from tsbench.report.lettering import (
+    label,
     line_height,
     paste,
     shorten,
+    stamp,
     text_width,
+    tile,
     wrap,
     write,
-    write_changing,
-    write_halo,
 )
 from tsbench.report.style import ATTRIBUTION, STYLE
 from tsbench.rules.base import Violation
@@ -68,14 +69,16 @@ class Hud:
         height = STYLE.header_px
         page[:height] = self._header
         right = self._width - _PAD_PX
-        x = write_changing(
-            page, right - _CLOCK_PX, 12, f"{moment.time:5.1f}".rjust(5), 26, STYLE.ink, bold=True
-        )
-        write(page, x + 4, 23, "s", 14, STYLE.faint)
+        self._number(page, right - _CLOCK_PX, f"{moment.time:5.1f}", "s")
         speed = f"{3.6 * moment.speed:.0f}"
-        unit_x = right - text_width("km/h", 14)
-        write(page, unit_x, 23, "km/h", 14, STYLE.faint)
-        write_changing(page, unit_x - 4 - text_width(speed, 26, True), 12, speed, 26, STYLE.ink, bold=True)
+        width = text_width("km/h", 14) + 4 + sum(_digit(sign).shape[1] for sign in speed)
+        self._number(page, right - width, speed, "km/h")
+
+    @staticmethod
+    def _number(page: Image, x: int, text: str, unit: str) -> None:
+        for sign in text:
+            x = stamp(page, x, 12, _digit(sign))
+        stamp(page, x + 4, 23, tile(unit, 14, STYLE.faint, STYLE.panel))
 
     def footer(self, page: Image, moment: Moment) -> None:
         """Write the footer into the bottom of a page: the time line, and the violation or the outcome."""
@@ -112,16 +115,21 @@ class Hud:
         return image
 
 
+def _digit(sign: str) -> Image:
+    return tile(sign, 26, STYLE.ink, STYLE.panel, bold=True)
+
+
 def draw_scale_bar(view: Image, scale: float) -> None:
     """A bar of a round length at the lower left."""
     metres = next((m for m in (50, 20, 10, 5, 2) if m * scale <= view.shape[1] / 4), 1)
     length, x, y = round(metres * scale), _PAD_PX, view.shape[0] - 14
     view[y - 1 : y + 5, x - 2 : x + length + 2] = STYLE.marking
     view[y : y + 4, x : x + length] = STYLE.outline
-    write_halo(view, x, y - 19, f"{metres} m", 12, STYLE.outline, STYLE.marking)
+    text = label(f"{metres} m", 12, STYLE.outline, STYLE.marking)
+    paste(view, x - 1, y - 20, text.picture, text.alpha)
 
 
 def draw_attribution(view: Image) -> None:
     """Whose map it is, at the lower right."""
-    x = view.shape[1] - text_width(ATTRIBUTION, 11) - 8
-    write_halo(view, x, view.shape[0] - 20, ATTRIBUTION, 11, STYLE.outline, STYLE.marking)
+    text = label(ATTRIBUTION, 11, STYLE.outline, STYLE.marking)
+    paste(view, view.shape[1] - text.alpha.shape[1] - 8, view.shape[0] - 21, text.picture, text.alpha)

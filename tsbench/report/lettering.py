@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -47,21 +48,40 @@ def write(image: Image, x: int, y: int, text: str, size: int, colour: Colour, bo
     return x + int(mask.shape[1])
 
 
-def write_halo(image: Image, x: int, y: int, text: str, size: int, colour: Colour, halo: Colour) -> None:
-    """Write a line that is legible on any ground."""
-    mask = _mask(text, size, False)
-    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        blend(image, x + dx, y + dy, mask, halo)
-    blend(image, x, y, mask, colour)
+@lru_cache(maxsize=512)
+def tile(text: str, size: int, colour: Colour, ground: Colour, bold: bool = False) -> Image:
+    """A piece of text on a ground of one colour, (h, w, 3): to be copied into frames without blending."""
+    mask = _mask(text, size, bold)
+    image = np.empty((*mask.shape, 3), dtype=np.uint8)
+    image[:] = ground
+    blend(image, 0, 0, mask, colour)
+    return image
 
 
-def write_changing(
-    image: Image, x: int, y: int, text: str, size: int, colour: Colour, bold: bool = False
-) -> int:
-    """The same sign by sign, for numbers that change with every frame: each digit is rendered once."""
-    for sign in text:
-        x = write(image, x, y, sign, size, colour, bold)
-    return x
+def stamp(image: Image, x: int, y: int, picture: Image) -> int:
+    """Copy an opaque picture (h, w, 3) that lies within the image; returns the x behind it."""
+    height, width = picture.shape[:2]
+    image[y : y + height, x : x + width] = picture
+    return int(x + width)
+
+
+@dataclass(frozen=True)
+class Label:
+    """Text with a halo, legible on any ground. picture: (h, w, 3); alpha: (h, w)."""
+
+    picture: Image
+    alpha: Image
+
+
+@cache
+def label(text: str, size: int, colour: Colour, halo: Colour) -> Label:
+    """Make a label, once."""
+    inner = np.pad(_mask(text, size, False), 1)
+    outer = np.max([np.roll(inner, step, axis) for step in (-1, 1) for axis in (0, 1)], axis=0)
+    picture = np.empty((*inner.shape, 3), dtype=np.uint8)
+    picture[:] = halo
+    blend(picture, 0, 0, inner, colour)
+    return Label(picture, np.maximum(outer, inner))
 
 
 def blend(image: Image, x: int, y: int, mask: Image, colour: Colour) -> None:

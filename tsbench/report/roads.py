@@ -16,7 +16,7 @@ _ROUND_M = 0.15
 _KERB_M = 0.25
 _SOLID_STATES = frozenset("swoOrRyYuUgG")
 _GIVE_WAY_STATES = frozenset("m=")
-_TOOTH_M = (0.5, 0.35)
+_TOOTH_M = (0.35, 0.75)
 
 
 def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
@@ -82,7 +82,10 @@ def _mark_edge(image: Image, camera: Camera, lanes: list[Lane], two_way: bool) -
 
 def _mark_end(image: Image, camera: Camera, network: RoadNetwork, lane: Lane) -> None:
     """The line that the strictest of the lane's connections asks for."""
-    states = {c.state for c in network.outgoing[lane.index]}
+    states = {c.state for c in network.outgoing[lane.index] if c.direction != "t"}
+    if "M" in states:
+        # A main road: only its left turns give way, and nobody paints a line for them.
+        return
     end = lane.line.length - STYLE.stop_line_m / 2
     across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
     if states & _SOLID_STATES:
