@@ -73,9 +73,10 @@ class NoNetwork:
     class settings:  # noqa: N801 (OSMnx's own name)
         pass
 
-    @staticmethod
-    def graph_from_place(place: str, **options: object) -> object:
-        raise ConnectionError("Max retries exceeded:\nname resolution failed")
+    class graph:  # noqa: N801
+        @staticmethod
+        def graph_from_place(place: str, **options: object) -> object:
+            raise ConnectionError("Max retries exceeded:\nname resolution failed")
 
 
 def test_fetch_without_a_network_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

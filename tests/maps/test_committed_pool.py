@@ -40,7 +40,7 @@ def test_ids_and_places(pool: list[PoolRow]) -> None:
         assert 36.9 < row.lon < 38.0
         assert row.osm_ids
         assert row.lane_bucket == min(row.lanes, 3) >= 1
-        assert 2 < row.speed_mps < 32
+        assert 1 < row.speed_mps < 32
 
 
 def test_junctions(pool: list[PoolRow]) -> None:

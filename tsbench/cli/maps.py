@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 if TYPE_CHECKING:
     from tsbench.maps.stats import CountTable
@@ -57,14 +58,12 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 
         result = run_harvest(osm_dir or paths.sources_dir(), target, report, workers, show)
     _print_counts(count_tables(result.rows)[:2])
-    rejected = Table("refused, by reason", *result.rejected, "sum", title="Refused")
-    for reason in sorted({reason for counts in result.rejected.values() for reason in counts}):
-        numbers = [counts.get(reason, 0) for counts in result.rejected.values()]
-        rejected.add_row(reason, *(f"{number:,}" for number in (*numbers, sum(numbers))))
-    Console().print(rejected)
-    rings = {tuple(row.fields["ring"]) for row in result.rows if row.family == "roundabout"}
+    refused = Table("refused, by reason", Column("sum", justify="right"), box=SIMPLE_HEAD)
+    for reason, number in result.refused.items():
+        refused.add_row(reason, f"{number:,}")
+    Console().print(refused)
     click.echo(
-        f"{len(rings)} rings in all extracts; {len(result.rows):,} maps in {target}, counts in {report}"
+        f"{result.rings} rings in all extracts; {len(result.rows):,} maps in {target}, counts in {report}"
     )
 
 
@@ -115,7 +114,7 @@ def show(map_ids: tuple[str, ...], osm_dir: Path | None, png: Path) -> None:
 def _print_counts(tables: list[CountTable]) -> None:
     console = Console()
     for counts in tables:
-        table = Table("", title=counts.title)
+        table = Table(Column("", no_wrap=True), title=counts.title, box=SIMPLE_HEAD, title_justify="left")
         for column in counts.columns:
             table.add_column(column, justify="right")
         for name, numbers in counts.rows:

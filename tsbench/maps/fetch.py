@@ -91,13 +91,13 @@ def _download(place: str | None, box: Box | None) -> bytes:
     try:
         options: dict[str, Any] = {"network_type": "drive", "simplify": False, "retain_all": True}
         graph = (
-            osmnx.graph_from_place(place, **options)
+            osmnx.graph.graph_from_place(place, **options)
             if place is not None
-            else osmnx.graph_from_bbox(box, **options)
+            else osmnx.graph.graph_from_bbox(box, **options)
         )
         with tempfile.TemporaryDirectory(prefix="tsbench-fetch-") as folder:
             path = Path(folder) / "extract.osm"
-            osmnx.save_graph_xml(graph, filepath=path)
+            osmnx.io.save_graph_xml(graph, filepath=path)
             return path.read_bytes()
     except (OSError, ValueError, TypeError, RuntimeError) as failure:
         reason = " ".join(str(failure).split())[:200]

@@ -7,11 +7,12 @@ import multiprocessing
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.errors import InputError, TsbenchError
 from tsbench.maps.crop import plain_crop
 from tsbench.maps.extracts import by_preference
 from tsbench.maps.families.expectations import expectations
@@ -34,6 +35,19 @@ class HarvestResult:
 
     rows: list[PoolRow]
     rejected: dict[str, dict[str, int]]
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """What was refused, summed over the sources, by reason."""
+        total: Counter[str] = Counter()
+        for counts in self.rejected.values():
+            total.update(counts)
+        return dict(sorted(total.items()))
+
+    @property
+    def rings(self) -> int:
+        """How many different roundabouts the roundabout maps are of."""
+        return len({(row.source, *row.fields["ring"]) for row in self.rows if row.family == "roundabout"})
 
 
 @dataclass(frozen=True)
@@ -81,6 +95,8 @@ def _wait(jobs: Sequence[Future[None]], what: str, progress: Progress) -> None:
         for done, job in enumerate(as_completed(jobs), start=1):
             job.result()
             progress(what, done, len(jobs))
+    except BrokenProcessPool as died:
+        raise TsbenchError(f"a worker died while {what}; run the harvest again, it goes on there") from died
     except BaseException:
         for job in jobs:
             job.cancel()
@@ -174,13 +190,12 @@ def _rings_seen_before(rows: Sequence[PoolRow], names: list[str]) -> dict[str, s
 
 def _summary(result: HarvestResult, extracts: dict[str, Path]) -> dict[str, object]:
     kinds = Counter(f"{row.family}/{row.shape}" for row in result.rows)
-    rings = {tuple(row.fields["ring"]) for row in result.rows if row.family == "roundabout"}
     return {
         "schema": 1,
         "extracts_sha256": {name: sha256_of(path) for name, path in extracts.items()},
         "maps": len(result.rows),
         "kinds": dict(kinds),
         "by_source": dict(Counter(f"{row.source}/{row.family}" for row in result.rows)),
-        "rings": len(rings),
+        "rings": result.rings,
         "rejected": result.rejected,
     }

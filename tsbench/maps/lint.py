@@ -80,9 +80,12 @@ def loads_in_sumo(net: Path) -> bool:
         "--xml-validation",
         "never",
     ]
-    done = subprocess.run(
-        command, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
-    )
+    try:
+        done = subprocess.run(
+            command, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
     return done.returncode == 0
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tsbench.maps.extracts import by_preference, extract_info
 from tsbench.maps.pool import FAMILIES, SLOTS, PoolRow
 
 COLOURS = {"corridor": "#8c959f", "dual_path": "#2da44e", "junction": "#1f6feb", "roundabout": "#d1242f"}
@@ -27,13 +28,11 @@ class CountTable:
 
 def count_tables(pool: Sequence[PoolRow]) -> list[CountTable]:
     """All tables that `tsbench maps stats` prints."""
-    sources = list(
-        dict.fromkeys(row.source for row in sorted(pool, key=lambda r: (not r.well_tagged, r.source)))
-    )
+    sources = [extract_info(name).code for name in by_preference(sorted({row.source for row in pool}))]
     corridors = [row for row in pool if row.family == "corridor"]
     dual = [row for row in pool if row.family == "dual_path"]
     return [
-        _table("Maps by family and shape", pool, _kind, sources, lambda row: row.source),
+        _table("Maps by family and shape", pool, _kind, sources, _code),
         _table("Dual paths by slot", dual, lambda row: row.slot, ["T", "X"], lambda row: row.shape, SLOTS),
         _table("Dual paths by slot, well tagged", dual, lambda row: row.slot, ["yes", "no"], _tagged, SLOTS),
         _table(
@@ -62,6 +61,10 @@ def _kind(row: PoolRow) -> str:
 
 def _corridor_kind(row: PoolRow) -> str:
     return f"{row.shape}, {'one-way' if row.oneway else 'two-way'}"
+
+
+def _code(row: PoolRow) -> str:
+    return extract_info(row.source).code
 
 
 def _tagged(row: PoolRow) -> str:
