@@ -27,6 +27,7 @@ WHOLE_SCENE_PX_PER_M = 6.0
 FOLLOW_PX_PER_M = 7.0
 LARGEST_PX_PER_M = 14.0
 _EDGE_PX = 8
+_ROUTE_STEP_M = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ class BirdsEye:
         draw_furniture(self.ground, camera, scene, plate_px=round(min(max(4.5 * camera.scale, 30), 60)))
         self._last = max(trace.snapshots[-1].time, 1e-9)
         self._hud = self._make_hud()
-        self._paths: dict[int, tuple[RoutePath, Fixed]] = {}
+        self._paths: dict[int, tuple[RoutePath, Array, Fixed]] = {}
         self._trailed = 0
         self._marked = 0
 
@@ -129,12 +130,12 @@ class BirdsEye:
         route = self._views[tick]
         key = id(route.path)
         if key not in self._paths:
-            self._paths[key] = (route.path, self._ground_camera.fixed(route.path.line.points))
-        s = route.path.line.s
-        first = int(np.searchsorted(s, route.s))
-        last = int(np.searchsorted(s, route.path.destination_s))
+            line = route.path.line.resampled(_ROUTE_STEP_M)
+            self._paths[key] = (route.path, line.s, self._ground_camera.fixed(line.points))
+        _, s, fixed = self._paths[key]
+        first, last = np.searchsorted(s, (route.s, route.path.destination_s)).tolist()
         if last - first > 1 and math.isfinite(route.remaining):
-            points = self._paths[key][1][first:last] - np.array((left << SHIFT, top << SHIFT), dtype=np.int32)
+            points = fixed[first:last] - np.array((left << SHIFT, top << SHIFT), dtype=np.int32)
             cv2.polylines(view, [points], False, STYLE.route, 2, cv2.LINE_AA, SHIFT)
 
     def _trail(self, tick: int) -> None:

@@ -103,8 +103,10 @@ def draw_obstacle(image: Image, camera: Camera, obstacle: Obstacle) -> None:
         for k in range(n):
             along = (k / (n - 1) - 0.5) * (o.length - 0.4)
             at = np.array([o.x + along * math.cos(o.heading), o.y + along * math.sin(o.heading)])
-            draw_disc(image, camera, at, 0.32, STYLE.cone)
-            draw_disc(image, camera, at, 0.13, STYLE.marking)
+            # Wider than a cone is, where the scale would make it a speck.
+            radius = max(0.35, 4.5 / camera.scale)
+            draw_disc(image, camera, at, radius, STYLE.cone)
+            draw_disc(image, camera, at, 0.45 * radius, STYLE.marking)
         return
     box = camera.fixed(np.array(corners(o.x, o.y, o.heading, o.length, o.width)))
     cv2.fillConvexPoly(image, box, STYLE.island, cv2.LINE_AA, SHIFT)

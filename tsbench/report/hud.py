@@ -18,7 +18,7 @@ from tsbench.report.lettering import (
     wrap,
     write,
 )
-from tsbench.report.style import ATTRIBUTION, STYLE
+from tsbench.report.style import ATTRIBUTION, STYLE, VIOLATION_SHADE
 from tsbench.rules.base import Violation
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plates import plate_rgba
@@ -96,7 +96,9 @@ class Hud:
     def _draw_footer(self, moment: Moment) -> Image:
         image = np.empty((STYLE.footer_px, self._width, 3), dtype=np.uint8)
         event, pad = moment.event, _PAD_PX
-        image[:] = STYLE.panel if event is None else tuple(round(0.62 * c) for c in STYLE.violation)
+        image[:] = (
+            STYLE.panel if event is None else tuple(round(VIOLATION_SHADE * c) for c in STYLE.violation)
+        )
         image[:_BAR_PX] = (60, 66, 74)
         right = self._width - pad
         if moment.outcome:

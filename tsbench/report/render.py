@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tsbench.report.furniture import convoy_places, draw_furniture, draw_start, 
 from tsbench.report.hud import draw_attribution, draw_scale_bar
 from tsbench.report.lettering import paste, shorten, write
 from tsbench.report.roads import draw_roads
-from tsbench.report.style import STYLE
+from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, find_trace, read_trace
 from tsbench.scenarios.load import load_scene
 from tsbench.signs.plates import plate_rgba
@@ -127,13 +128,23 @@ def render_gif(trace: Trace, scene: Scene, path: Path) -> None:
     for page in film(trace, scene, GIF_SIZE, GIF_EVERY):
         picture = PilImage.fromarray(page)
         if palette is None:
-            palette = picture.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT)
+            palette = _palette(picture)
         frames.append(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
     step = round(1000 * DT_S * GIF_EVERY)
     durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
     _write(path, lambda: frames[0].save(
         path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
     ))  # fmt: skip
+
+
+def _palette(first: PilImage.Image) -> PilImage.Image:
+    """The first page's colours, and all that may come later, such as those of a violation."""
+    found = first.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT).getpalette() or []
+    named = [c for colour in astuple(STYLE) if isinstance(colour, tuple) and len(colour) == 3 for c in colour]
+    dark = [round(VIOLATION_SHADE * c) for c in STYLE.violation]
+    palette = PilImage.new("P", (1, 1))
+    palette.putpalette([*found[: 3 * _GIF_COLOURS], *named, *dark])
+    return palette
 
 
 def render_scene_png(scene: Scene, path: Path, title: str) -> None:

@@ -44,4 +44,5 @@ class Style:
 
 
 STYLE = Style()
+VIOLATION_SHADE = 0.62  # of the violation's colour behind white text
 ATTRIBUTION = "© OpenStreetMap contributors"
