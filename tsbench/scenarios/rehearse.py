@@ -10,7 +10,7 @@ from tsbench.scenarios.traffic import lane_km
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-DENSITY_WINDOW_S = 20.0
+DENSITY_WINDOW_S = 30.0
 SAMPLE_EVERY = 5
 LEAD_LIMIT_S = 40.0
 
@@ -36,7 +36,7 @@ def lead_time(
 
 
 def realised_density(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> float:
-    """Background cars per lane-km, the mean over the first 20 s."""
+    """Background cars per lane-km, the mean over the first 30 s."""
     sim.load(net, additional, network, seed)
     total, samples = 0, 0
     for tick in range(int(DENSITY_WINDOW_S / DT_S)):

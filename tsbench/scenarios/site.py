@@ -171,7 +171,15 @@ class _SceneFiles:
         best: tuple[float, list[Car], float] | None = None
         for _ in range(REHEARSALS):
             ask = TrafficRequest(
-                asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, duration_s, scale, a.blocked
+                asked,
+                self.drivers,
+                a.start,
+                a.avoid_turns,
+                a.quiet_edges,
+                duration_s,
+                scale,
+                a.blocked,
+                a.platoons,
             )
             cars = plan_traffic(self.roads.network, self.roads.graph, ask, rng_of("traffic", self.name))
             elements = [*fixed, *self._types(), *background(cars)]

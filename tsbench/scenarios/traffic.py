@@ -22,6 +22,8 @@ CLEAR_AHEAD_M = 20.0
 CLEAR_AHEAD_S = 3.0
 ENTER_AFTER_EGO_S = 4.0
 SHORTEST_LANE_M = 15.0
+CYCLE_S = 30.0
+GREEN_S = 12.0
 _STRAIGHT_ON = 2.0
 _MAX_EDGES = 40
 
@@ -44,6 +46,7 @@ class TrafficRequest:
 
     avoid_turns: what the plates forbid. quiet_edges: edges kept free at the start (the convoy's).
     scale: factor on the rate of entering. blocked: (lane id, from, to) stretches where no car stands at first.
+    platoons: cars enter in platoons, as from signals upstream, so that who gives way finds a gap in time.
     """
 
     cars_per_lane_km: float
@@ -54,6 +57,7 @@ class TrafficRequest:
     duration_s: float
     scale: float = 1.0
     blocked: tuple[tuple[str, float, float], ...] = ()
+    platoons: bool = False
 
     def allows(self, lane: Lane, s: float) -> bool:
         """May a car stand here when the episode begins?"""
@@ -129,17 +133,25 @@ def plan_traffic(
                 edges = router.walk(lane.edge, rng)
                 cars.append(_car(cars, rng, 0.0, edges, lane, s, ask, graph))
             s += max(spacing * float(rng.uniform(0.75, 1.25)), 9.0)
+    green = GREEN_S / CYCLE_S if ask.platoons else 1.0
+    phase = float(rng.uniform(0.0, CYCLE_S)) if ask.platoons else 0.0
     for lane in driving_lanes(network):
         if lane.index in entered or lane.line.length < SHORTEST_LANE_M:
             continue
         mean = float(np.mean([min(d.speed, lane.speed) for d in ask.drivers]))
-        gap = spacing / (mean * ask.scale)
-        t = float(rng.uniform(0.2, 1.0)) * gap
-        while t < ask.duration_s:
-            if lane.edge != ego_edge or t > ENTER_AFTER_EGO_S:
+        gap = green * spacing / (mean * ask.scale)
+        clock = float(rng.uniform(0.2, 1.0)) * gap
+        while (t := _on_green(clock, phase) if ask.platoons else clock) < ask.duration_s:
+            if t > 0.0 and (lane.edge != ego_edge or t > ENTER_AFTER_EGO_S):
                 cars.append(_car(cars, rng, round(t, 1), router.walk(lane.edge, rng), lane, None, ask, graph))
-            t += gap * float(rng.uniform(0.6, 1.4))
+            clock += gap * float(rng.uniform(0.6, 1.4))
     return sorted(cars, key=lambda c: (c.depart, c.id))
+
+
+def _on_green(clock: float, phase: float) -> float:
+    """The time at which as much green has passed since the cycle that runs at time 0 began."""
+    cycles, within = divmod(clock, GREEN_S)
+    return cycles * CYCLE_S + within - phase
 
 
 def _car(

@@ -1,0 +1,157 @@
+"""`tsbench scenarios`: build, list, show, open, verify, stats."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tsbench.errors import InputError
+from tsbench.maps.paths import sources_dir
+from tsbench.paths import data_root
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import SPLITS, read_table, table_path
+
+
+def _all_rows() -> list[ScenarioSpec]:
+    return [spec for split in SPLITS for spec in read_table(table_path(split))]
+
+
+def _find(scenario_id: str) -> ScenarioSpec:
+    for spec in _all_rows():
+        if spec.scenario_id == scenario_id:
+            return spec
+    raise InputError(f"no scenario {scenario_id!r} (tsbench scenarios list names them)")
+
+
+def _progress() -> Progress:
+    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+
+
+@click.group()
+def scenarios() -> None:
+    """Build and inspect the scenario tables and scene files."""
+
+
+@scenarios.command()
+@click.option("--types", default="", help="Comma-separated type ids; default: all that have a recipe.")
+@click.option("--osm", type=click.Path(path_type=Path), default=None, help="Folder of OSM extracts.")
+@click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
+def build(types: str, osm: Path | None, workers: int) -> None:
+    """Fill each type's quotas from the pool and write tables and scene files. Resumable."""
+    from tsbench.scenarios.build import BuildRequest, build_scenarios
+
+    chosen = tuple(t.strip() for t in types.split(",") if t.strip())
+    request = BuildRequest(chosen, osm or sources_dir(), data_root() / "scenarios", workers)
+    with _progress() as bar:
+        tasks: dict[str, int] = {}
+
+        def report(name: str, done: int, total: int) -> None:
+            if name not in tasks:
+                tasks[name] = bar.add_task(name, total=total)
+            bar.update(tasks[name], completed=done)
+
+        reports = build_scenarios(request, report)
+    table = Table("type", "train maps", "test maps", "quota missed", "maps passed over, by reason")
+    for r in reports:
+        reasons = "\n".join(f"{n} {why}" for why, n in r.reasons.items())
+        missed = {k: v for k, v in r.missed.items() if v}
+        table.add_row(r.type_id, str(r.maps["train"]), str(r.maps["test"]), str(missed or "none"), reasons)
+    Console().print(table)
+
+
+@scenarios.command("list")
+@click.option("--split", type=click.Choice(SPLITS), default=None)
+@click.option("--type", "type_id", default=None, help="Only this scenario type.")
+def list_(split: str | None, type_id: str | None) -> None:
+    """One scenario id per line."""
+    for spec in _all_rows():
+        if (split is None or spec.split == split) and (type_id is None or spec.scenario_type == type_id):
+            click.echo(spec.scenario_id)
+
+
+@scenarios.command()
+@click.argument("scenario_id")
+@click.option("--png", type=click.Path(path_type=Path), default=None, help="Draw the scene to this file.")
+def show(scenario_id: str, png: Path | None) -> None:
+    """A scenario as text, and as a picture."""
+    from tsbench.scenarios.load import load_scene
+
+    spec = _find(scenario_id)
+    scene = load_scene(spec)
+    table = Table("field", "value", title=scenario_id)
+    for key, value in asdict(spec).items():
+        table.add_row(key, str(value))
+    table.add_row("plates", ", ".join(f"{s.code} ({s.role}) on {s.edge}" for s in scene.signs))
+    table.add_row("obstacles", ", ".join(f"{o.shape} on {o.lane}" for o in scene.obstacles) or "none")
+    table.add_row("convoy", str(len(scene.convoy.vehicles)) + " vehicles" if scene.convoy else "none")
+    table.add_row("navigation", " > ".join(scene.route_hint))
+    table.add_row("obedient way", " > ".join(scene.compliant_hint) or "the same")
+    Console().print(table)
+    if png is not None:
+        from tsbench.report.render import render_scene_png
+
+        render_scene_png(scene, png, scenario_id)
+        click.echo(f"picture: {png}")
+
+
+@scenarios.command("open")
+@click.argument("scenario_id")
+@click.option("--run", "launch", is_flag=True, help="Start sumo-gui instead of printing the command.")
+def open_(scenario_id: str, launch: bool) -> None:
+    """The sumo-gui command that opens a scene's files as they are."""
+    import shlex
+    import subprocess
+
+    spec = _find(scenario_id)
+    root = data_root() / "scenarios"
+    command = ["sumo-gui", "-n", str(root / spec.net), "-a", str(root / spec.additional), "--step-length", "0.1"]
+    click.echo(shlex.join(command))
+    if launch:
+        try:
+            subprocess.run(command, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            raise InputError(f"sumo-gui does not start here: {error}") from None
+
+
+@scenarios.command()
+@click.option("--split", type=click.Choice(SPLITS), default=None)
+def verify(split: str | None) -> None:
+    """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
+    from tsbench.scenarios.verify import verify_rows, verify_split
+
+    rows = [s for s in _all_rows() if split is None or s.split == split]
+    with _progress() as bar:
+        task = bar.add_task("verify", total=len(rows))
+        problems = verify_rows(rows, None, lambda n: bar.update(task, completed=n))
+    problems += verify_split(rows)
+    for name, problem in problems:
+        click.echo(f"{name}: {problem}")
+    click.echo(f"{len(rows)} rows, {len(problems)} problems")
+    if problems:
+        raise SystemExit(1)
+
+
+@scenarios.command()
+def stats() -> None:
+    """Rows, maps, unique places and quotas per type and split."""
+    from tsbench.scenarios.overview import build_report, type_stats
+
+    table = Table("type", "split", "rows", "maps", "places", "by stratum", "tagged", "density within 25 %")
+    for t in type_stats(_all_rows()):
+        strata = ", ".join(f"{k} {v}" for k, v in t.strata.items())
+        table.add_row(
+            t.type_id, t.split, str(t.rows), str(t.maps), str(t.places), strata, f"{t.tagged_share:.0%}",
+            f"{t.density_within:.0%}",
+        )  # fmt: skip
+    console = Console()
+    console.print(table)
+    passed = Table("type", "quota missed", "maps passed over, by reason")
+    for name, entry in sorted(build_report()["types"].items()):
+        missed = {k: v for k, v in entry["missed"].items() if v}
+        passed.add_row(name, str(missed or "none"), "\n".join(f"{n} {why}" for why, n in entry["reasons"].items()))
+    console.print(passed)

@@ -1,0 +1,75 @@
+"""Figures about the scenario tables: what there is, where, and how evenly."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tsbench.maps.paths import pool_file
+from tsbench.maps.pool import read_pool
+from tsbench.paths import data_root
+from tsbench.scenarios.build import stratum_of
+from tsbench.scenarios.spec import ScenarioSpec
+
+PLACE_M = 300.0
+
+
+@dataclass(frozen=True)
+class TypeStats:
+    """Rows, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts."""
+
+    type_id: str
+    split: str
+    rows: int
+    maps: int
+    places: int
+    strata: dict[str, int]
+    tagged_share: float
+    density_within: float
+
+
+def places(points: Sequence[tuple[float, float]]) -> int:
+    """How many places more than 300 m apart cover all points: greedy, in the order given."""
+    chosen: list[tuple[float, float]] = []
+    for e, n in points:
+        if all((e - a) ** 2 + (n - b) ** 2 > PLACE_M**2 for a, b in chosen):
+            chosen.append((e, n))
+    return len(chosen)
+
+
+def build_report(root: Path | None = None) -> dict[str, Any]:
+    """What the last build wrote down: maps passed over with reasons, realised densities."""
+    path = (data_root() / "scenarios" if root is None else root) / "build_report.json"
+    report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return report
+
+
+def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
+    """One entry per type and split, in alphabetical order."""
+    pool = {r.map_id: r for r in read_pool(pool_file())}
+    density: dict[str, float] = build_report()["density"]
+    groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
+    for spec in specs:
+        groups[(spec.scenario_type, spec.split)].append(spec)
+    result = []
+    for (type_id, split), rows in sorted(groups.items()):
+        maps = [pool[m] for m in sorted({r.map_id for r in rows})]
+        dense = [r for r in rows if r.density > 0]
+        close = sum(abs(density[r.scenario_id] / (r.density / 0.3) - 1.0) <= 0.25 for r in dense)
+        result.append(
+            TypeStats(
+                type_id=type_id,
+                split=split,
+                rows=len(rows),
+                maps=len(maps),
+                places=places([(m.east, m.north) for m in maps]),
+                strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
+                tagged_share=sum(m.well_tagged for m in maps) / len(maps),
+                density_within=close / max(len(dense), 1),
+            )
+        )
+    return result
