@@ -114,7 +114,13 @@ def show(map_ids: tuple[str, ...], osm_dir: Path | None, png: Path) -> None:
 def _print_counts(tables: list[CountTable]) -> None:
     console = Console()
     for counts in tables:
-        table = Table(Column("", no_wrap=True), title=counts.title, box=SIMPLE_HEAD, title_justify="left")
+        table = Table(
+            Column("", no_wrap=True),
+            title=counts.title,
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+        )
         for column in counts.columns:
             table.add_column(column, justify="right")
         for name, numbers in counts.rows:

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from tsbench.maps.extracts import by_preference, extract_info
 from tsbench.maps.pool import FAMILIES, SLOTS, PoolRow
 
-COLOURS = {"corridor": "#8c959f", "dual_path": "#2da44e", "junction": "#1f6feb", "roundabout": "#d1242f"}
+# drawn in this order: the many first
+COLOURS = {"corridor": "#8c959f", "junction": "#1f6feb", "dual_path": "#2da44e", "roundabout": "#d1242f"}
 ATTRIBUTION = "© OpenStreetMap contributors, ODbL 1.0"
 
 
@@ -117,7 +118,7 @@ def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
     axis.set_xlabel("east, km (UTM 37 N)")
     axis.set_ylabel("north, km")
     axis.set_title(f"{len(pool):,} maps")
-    axis.legend(markerscale=4, loc="upper left")
+    axis.legend(markerscale=3, loc="upper right")
     axis.text(0.99, 0.01, ATTRIBUTION, transform=axis.transAxes, ha="right", fontsize=8)
     png.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(png, dpi=110, metadata={"Software": None})
