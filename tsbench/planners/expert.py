@@ -13,13 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.errors import InputError
+from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
-from tsbench.planners.guards.base import Guard
+from tsbench.planners.guards.base import Guard, slow_to
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
 from tsbench.planners.guards.speed import SpeedGuard
 from tsbench.planners.idm import Idm
+from tsbench.planners.lane_change import LaneChanges
 from tsbench.planners.steering import follow
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
@@ -31,6 +33,8 @@ GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "manoeuvre": ManoeuvreGuard,
 }
 
+_BRAKE_MPS2 = 2.0
+
 
 class Expert:
     """One wrapper for every base planner."""
@@ -41,6 +45,7 @@ class Expert:
     def __init__(self, base: Planner) -> None:
         self._base = base
         self._guard: Guard
+        self._lanes: LaneChanges
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; the base planner is not told what the expert may know."""
@@ -55,6 +60,7 @@ class Expert:
                 f"no expert for rule {name!r} (sign {privilege.sign.code}): it has {', '.join(GUARDS)}"
             )
         self._guard = GUARDS[name](context, privilege)
+        self._lanes = LaneChanges(context)
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
@@ -66,10 +72,12 @@ class Expert:
         if led:
             seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
         acceleration, steering = _control(self._base.act(seen), o.ego)
-        if led:
-            # A base that has learned its own way would leave the guard's: here the way is the rule.
-            steering = follow(route, o.ego)
         least, most = guard.bounds(o, route)
+        if led and not getattr(self._base, "follows_route", False):
+            # A base that has learned its own way would leave the guard's: here the way is the rule.
+            way, stop = self._lanes.guide(o, route)
+            steering = follow(way, o.ego)
+            most = min(most, slow_to(o.ego.speed, 0.0, stop - way.s - HALF_LENGTH_M, _BRAKE_MPS2))
         return Control(min(max(acceleration, least), most), steering)
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.lane_change import LaneChanges
 from tsbench.planners.profile import PathSamples, speed_at, speed_profile
 from tsbench.planners.steering import follow
 from tsbench.sim.lanegraph import RoutePath
@@ -62,6 +63,7 @@ class Idm:
 
     privileged = False
     sign_access = False
+    follows_route = True
 
     def __init__(self, parameters: IdmParameters | None = None) -> None:
         self.parameters = parameters or IdmParameters()
@@ -69,15 +71,16 @@ class Idm:
         self._samples: PathSamples
         self._speeds: list[float]
         self._fixed: dict[str, float] = {}
+        self._lanes: LaneChanges
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode."""
-        del context
         self._path = None
+        self._lanes = LaneChanges(context)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""
-        route = observation.route
+        route, stop = self._lanes.guide(observation, observation.route)
         if route.path is not self._path:
             self._prepare(route.path)
         p, v, s = self.parameters, observation.ego.speed, route.s
@@ -92,6 +95,10 @@ class Idm:
             end = self._obstacle(obstacle, s)
             if end - front < reach and end + 10.0 > front:
                 nearest = min(nearest, acceleration - interaction(v, end - front, 0.0, p))
+        if stop < front + reach:
+            # Somebody is in the way of the lane change: the end of the room for it is like a car that stands.
+            gap = stop + p.min_gap_m - front
+            nearest = min(nearest, acceleration - interaction(v, gap, 0.0, p))
         return Control(max(min(acceleration, nearest), -p.emergency), follow(route, observation.ego))
 
     def _prepare(self, path: RoutePath) -> None:

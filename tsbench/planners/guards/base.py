@@ -13,6 +13,7 @@ FREE = (-math.inf, math.inf)
 _GENTLE_MPS2 = 1.5
 _SETTLE_S = 0.3
 _AT_POINT_M = 0.05
+_FAR = 0.1
 
 
 class Guard(Protocol):
@@ -37,4 +38,6 @@ def slow_to(v: float, target: float, distance: float, comfortable: float) -> flo
         return math.inf
     needed = (v * v - target * target) / (2.0 * distance)
     share = needed / comfortable
+    if share < _FAR:
+        return math.inf
     return -needed if share >= 1.0 else (1.0 - share) * _GENTLE_MPS2 - share * needed

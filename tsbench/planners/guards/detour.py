@@ -14,8 +14,8 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import Lane
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.gaps import gap_free
 from tsbench.planners.guards.base import FREE, slow_to
-from tsbench.planners.guards.gaps import gap_free
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
@@ -146,4 +146,7 @@ def shifted(path: RoutePath, s: float, length: float, offset: float) -> RoutePat
     sideways = offset * (0.5 - 0.5 * np.cos(np.pi * share))
     points = [path.line.point_at(float(t), float(d)) for t, d in zip(at, sideways, strict=True)]
     line = Polyline(np.asarray(points))
-    return replace(path, line=line, destination_s=path.destination_s + line.length - path.line.length)
+    # No lanes: nobody needs to ask again whether it may change them.
+    return replace(
+        path, line=line, pieces=(), destination_s=path.destination_s + line.length - path.line.length
+    )

@@ -21,6 +21,15 @@ from tsbench.sim.world import DT_S
 
 
 @dataclass(frozen=True, slots=True)
+class Plan:
+    """Seconds until the ego's front is at the line, until it enters a zone, until its rear has left that."""
+
+    at_line: float
+    enters: float
+    left: float
+
+
+@dataclass(frozen=True, slots=True)
 class Caution:
     """How much more than the rule an expert asks for.
 
@@ -133,19 +142,24 @@ class GiveWayGuard:
         coming = [(f, z) for f in foes if (z := here.zones[f.way]) is not None and f.s - f.length <= z.b_out]
         if not coming:
             return self._room_behind(observation, route, here)
-        ends = sorted({here.line_s + z.a_out for _, z in coming})
-        at_line, out = self._times(route.s, observation.ego.speed, here.line_s, ends)
+        # The centre's place when the front is at the line, at each zone, and when the rear has left it.
+        line = here.line_s - HALF_LENGTH_M
+        marks = sorted({line, *(m for _, z in coming for m in self._ends(here, z))})
+        times = dict(zip(marks, self._times(route.s, observation.ego.speed, marks), strict=True))
         for foe, zone in coming:
-            left = out[ends.index(here.line_s + zone.a_out)]
-            if self._blocks(foe, zone, at_line, left, observation.time):
+            first, last = self._ends(here, zone)
+            plan = Plan(times[line], times[first], times[last])
+            if self._blocks(foe, zone, plan, observation.time):
                 return False
         return self._room_behind(observation, route, here)
 
-    def _blocks(self, foe: Foe, zone: ConflictZone, at_line: float, left: float, now: float) -> bool:
-        """Would the rule, or a careful driver, say that this vehicle is in the way?
+    def _ends(self, here: Passage, zone: ConflictZone) -> tuple[float, float]:
+        """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
+        return here.line_s + zone.a_in - HALF_LENGTH_M, here.line_s + zone.a_out + HALF_LENGTH_M
 
-        at_line, left: seconds until the ego's front is at the line, until its rear has left the zone.
-        """
+    def _blocks(self, foe: Foe, zone: ConflictZone, plan: Plan, now: float) -> bool:
+        """Would the rule, or a careful driver, say that this vehicle is in the way?"""
+        at_line = plan.at_line
         to_zone, c = zone.b_in - foe.s, self._caution
         to_clear = zone.b_out + foe.length - foe.s
         if foe.speed > 1.0 and to_clear / (0.9 * foe.speed) < at_line - c.behind_s:
@@ -164,8 +178,9 @@ class GiveWayGuard:
             return to_zone / self._least < gap + at_line
         if kept / max(foe.speed, self._least) < gap or (to_zone - gone) / max(speed, self._least) < gap:
             return True
-        soonest = self._soonest(foe, to_zone)
-        return soonest < left + self._post_clear + c.clear_s
+        if foe.speed > c.slow and to_clear / (0.8 * foe.speed) < plan.enters - c.behind_s:
+            return False  # through before the ego gets there, even if it dawdles
+        return self._soonest(foe, to_zone) < plan.left + self._post_clear + c.clear_s
 
     def _gathers(self, foe: Foe) -> float:
         """With which acceleration it is reckoned: one who drives steadily is trusted to go on so, nearly."""
@@ -201,25 +216,18 @@ class GiveWayGuard:
         ahead = moving_ahead(self._samples, route.s, reach, observation.actors)
         return not any(end > here.line_s and speed < 1.0 for end, speed in ahead)
 
-    def _times(self, s: float, v: float, line_s: float, ends: list[float]) -> tuple[float, list[float]]:
-        """Seconds until the front is at the line, and until the rear is past each of `ends` (ascending)."""
-        time, at_line = 0.0, -1.0
-        out: list[float] = []
-        step = 2.0 * DT_S
-        while len(out) < len(ends):
-            if at_line < 0.0 and s + HALF_LENGTH_M >= line_s:
-                at_line = time
-            while len(out) < len(ends) and s - HALF_LENGTH_M > ends[len(out)]:
-                out.append(time)
-            if time > _LONGEST_S:
-                out.extend([_LONGEST_S] * (len(ends) - len(out)))
-                break
-            a = free_road(v, speed_at(self._speeds, s + 0.5 * v), _EGO)
-            faster = max(v + a * step, 0.3)
+    def _times(self, s: float, v: float, marks: list[float]) -> list[float]:
+        """Seconds until the ego's centre is at each of `marks` (arc lengths, ascending) if it goes on freely."""
+        times: list[float] = []
+        time, step = 0.0, 2.0 * DT_S
+        while len(times) < len(marks) and time < _LONGEST_S:
+            while len(times) < len(marks) and s >= marks[len(times)]:
+                times.append(time)
+            faster = max(v + step * free_road(v, speed_at(self._speeds, s + 0.5 * v), _EGO), 0.3)
             s += 0.5 * (v + faster) * step
             v = faster
             time += step
-        return (at_line if at_line >= 0.0 else _LONGEST_S), out
+        return times + [_LONGEST_S] * (len(marks) - len(times))
 
 
 def gather(v: float, limit: float, accel: float, time: float) -> tuple[float, float]:
