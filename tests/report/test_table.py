@@ -1,0 +1,91 @@
+"""The tables: right figures, readable at 100 columns, hostile names are only text."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+from tables import random_rows, records, row
+
+from tsbench.metrics.aggregate import Summary, summarise
+from tsbench.report.table import print_table, to_markdown
+
+HOSTILE = "[red]<b>my.py:Planner|x[/red]"
+
+
+def made(planners: tuple[str, ...] = ("idm",), errors: float = 0.0, extra: int = 0) -> Summary:
+    rows = random_rows(planners, errors=errors)
+    asked = dict.fromkeys(planners, 144 + extra)
+    return summarise(records(rows), contract_hash="4f" * 32, asked=asked, allow_partial=bool(extra))
+
+
+def printed(summary: Summary, width: int = 100) -> str:
+    file = io.StringIO()
+    print_table(summary, Console(file=file, width=width, color_system=None))
+    return file.getvalue()
+
+
+def test_it_fits_and_says_what_it_rests_on() -> None:
+    text = printed(made(("idm", "idm-e", "plant2-ft")))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    assert "6 of 29 types" in text
+    assert "contract " + "4f" * 32 in text
+    assert "±" in text
+    assert "/ 144" in text
+    assert "type05" in text
+    assert "PARTIAL" not in text
+
+
+def test_figures_are_those_of_the_summary() -> None:
+    summary = made()
+    overall = summary.planners[0].overall.strict
+    assert overall is not None
+    assert overall.reach is not None
+    text = printed(summary)
+    assert f"{overall.value:.1f}" in text
+    assert f"±{overall.reach:.1f}" in text
+    kind = summary.planners[0].types["type03"].strict
+    assert kind is not None
+    assert f"{kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f})" in text
+
+
+def test_errors_add_the_completed_figure() -> None:
+    assert "  completed" not in printed(made())
+    text = printed(made(errors=0.1))
+    assert "  completed" in text
+    assert "sim_error" in text
+    assert "errors/" in text
+
+
+def test_partial_figures_say_so_first() -> None:
+    summary = made(extra=5)
+    assert printed(summary).lstrip().startswith("PARTIAL, 5 episodes missing")
+    assert "PARTIAL" in to_markdown(summary)
+
+
+def test_few_maps_say_why_there_is_no_interval() -> None:
+    rows = [row(map_id=f"m{k}", scd=k == 0) for k in range(3)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 3})
+    assert "no interval for the overall SCD: only 3 maps, fewer than 5" in printed(summary)
+
+
+def test_many_planners_still_fit() -> None:
+    text = printed(made(tuple(f"planner-{k:02d}" for k in range(16))))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    assert text.count("planner-15") == 2
+
+
+def test_hostile_names_are_text() -> None:
+    summary = made((HOSTILE,))
+    text = printed(summary)
+    assert "[red]<b>" in text
+    line = next(line for line in to_markdown(summary).splitlines() if "my.py" in line)
+    assert r"\|x" in line
+
+
+def test_markdown_is_a_table() -> None:
+    lines = to_markdown(made(("idm", "idm-e"))).splitlines()
+    table = [line for line in lines if line.startswith("|")]
+    assert len(table) == 4
+    assert len({line.count("|") for line in table}) == 1
+    assert lines[-1].endswith("`.") or lines[-2].endswith("`.")
