@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tables import random_rows, records, row
+from madetables import random_rows, records, row
 
 from tsbench.errors import InputError
 from tsbench.metrics.aggregate import TYPES_IN_BENCHMARK, PlannerSummary, Summary, summarise

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import io
 
+from madetables import random_rows, records, row
 from rich.console import Console
-from tables import random_rows, records, row
 
 from tsbench.metrics.aggregate import Summary, summarise
 from tsbench.report.table import print_table, to_markdown
