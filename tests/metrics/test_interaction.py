@@ -8,7 +8,7 @@ import handmade as made
 import numpy as np
 import pytest
 
-from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
+from tsbench.metrics.interaction import _near_pairs, efficiency, min_pet, min_ttc
 from tsbench.metrics.tracks import Tracks, tracks_of
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, EgoState
 
@@ -114,3 +114,12 @@ def test_pet_of_one_who_waits() -> None:
     poses[60:, 1] -= 0.5 * np.arange(n - 60)
     leaves, comes = (40.0 + 1.0 + EGO_LENGTH_M / 2) / 10.0, 6.0 + (8.0 - 2.0 - EGO_WIDTH_M / 2) / 5.0
     assert min_pet(tracks(driving(n, 10.0), made.Track("a", poses))) == pytest.approx(comes - leaves, abs=0.2)
+
+
+@pytest.mark.parametrize("stretch", [(100.0, 5.0), (5.0, 100.0), (0.0, 0.0)])
+def test_near_pairs_are_those_of_all_pairs(stretch: tuple[float, float]) -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.uniform(-1, 1, (60, 2)) * stretch, rng.uniform(-1, 1, (80, 2)) * 60.0
+    i, j = _near_pairs(a, b, 7.0)
+    near = np.abs(a[:, None] - b[None]).max(axis=2) <= 7.0
+    assert sorted(zip(i.tolist(), j.tolist(), strict=True)) == [tuple(p) for p in np.argwhere(near).tolist()]

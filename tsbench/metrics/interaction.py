@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.tracks import Tracks
@@ -127,9 +126,16 @@ def _crossing(tracks: Tracks, ego: _Index) -> _Index:
 
 
 def _near_pairs(a: Array, b: Array, reach: float) -> tuple[_Index, _Index]:
-    """Pairs of rows of a and b that are at most `reach` apart."""
-    found = cKDTree(a).sparse_distance_matrix(cKDTree(b), reach, output_type="ndarray")
-    return found["i"], found["j"]
+    """Pairs of rows of a and b that are at most `reach` apart in x and in y: a sweep along a's longer axis."""
+    axis = int(np.argmax(np.ptp(a, axis=0)))
+    order = np.argsort(a[:, axis], kind="stable")
+    along = a[order, axis]
+    first = np.searchsorted(along, b[:, axis] - reach, side="left")
+    count = np.searchsorted(along, b[:, axis] + reach, side="right") - first
+    j = np.repeat(np.arange(len(b)), count)
+    i = order[np.arange(len(j)) + np.repeat(first - (np.cumsum(count) - count), count)]
+    near = np.abs(a[i, 1 - axis] - b[j, 1 - axis]) <= reach
+    return i[near], j[near]
 
 
 def _overlap(tracks: Tracks, i: _Index, k: _Index) -> npt.NDArray[np.bool_]:

@@ -9,7 +9,6 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest
 
 from tsbench.geometry.polyline import Array
 
@@ -47,6 +46,8 @@ class Estimate:
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
     """Wilson score interval of a proportion (Wilson 1927), from SciPy."""
+    from scipy.stats import binomtest  # takes longer to import than the rest of a report to compute
+
     interval = binomtest(successes, n).proportion_ci(confidence_level=LEVEL, method="wilson")
     return float(interval.low), float(interval.high)
 
