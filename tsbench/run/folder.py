@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tsbench.errors import InputError
 from tsbench.run.files import is_tmp, told_plainly, write_atomic, write_json
@@ -25,6 +25,10 @@ _OURS = frozenset(
 )
 
 
+# What a continued run takes over from its earlier sessions.
+_KEPT = ("started", "sessions", "status", "finished", "counts", "files")
+
+
 class RunFolder:
     """A folder that this process writes to. journal: None where the run had already been completed.
 
@@ -42,10 +46,8 @@ class RunFolder:
         self._keys = keys
         with told_plainly(path):
             path.mkdir(parents=True, exist_ok=True)
-            old = read_manifest(path)
-            self.manifest = manifest if old is None else self._continued(old, manifest)
-            if old is None and any(not is_tmp(p.name) and p.name != JOURNAL for p in path.iterdir()):
-                raise InputError(f"{path}: is neither empty nor a run folder; choose another with --out")
+            old = _same_run(path, manifest)
+            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
             if self.manifest["status"] == "complete":
                 self._check_complete()
             else:
@@ -92,15 +94,6 @@ class RunFolder:
         if self.journal is not None:
             self.journal.close()
 
-    def _continued(self, old: Manifest, new: Manifest) -> Manifest:
-        differs = difference(old, new)
-        if differs is not None:
-            raise InputError(f"{self.path}: holds another run: {differs}; choose another folder with --out")
-        return {
-            **new,
-            **{key: old[key] for key in ("started", "sessions", "status", "finished", "counts", "files")},
-        }
-
     def _open_session(self) -> None:
         self.manifest.update(status="running", finished=None)
         self.manifest["sessions"].append({"started": timestamp(), "finished": None, "status": "running"})
@@ -136,6 +129,26 @@ class RunFolder:
             number += 1
         path.rename(target)
         self.notices.append(f"{path}: half-written, moved to {target}")
+
+
+def check_folder(path: Path, contract: str, effective: Mapping[str, Any]) -> None:
+    """What can be said of a folder before anything is started: InputError where it is no place for this run."""
+    with told_plainly(path):
+        if path.exists():
+            _same_run(path, {"contract": contract, "effective": effective})
+
+
+def _same_run(path: Path, new: Mapping[str, Any]) -> Manifest | None:
+    """The manifest of an earlier session of this run, None if there was none."""
+    old = read_manifest(path)
+    if old is None:
+        if any(not is_tmp(p.name) and p.name != JOURNAL for p in path.iterdir()):
+            raise InputError(f"{path}: is neither empty nor a run folder; choose another with --out")
+        return None
+    differs = difference(old, new)
+    if differs is not None:
+        raise InputError(f"{path}: holds another run: {differs}; choose another folder with --out")
+    return old
 
 
 def error_path(run: Path, planner: str, scenario_id: str) -> Path:

@@ -56,8 +56,13 @@ def new_manifest(
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
-    """In what two runs differ, as "WHAT is A, not B"; None if one may continue the other."""
+    """In what two runs differ, as "WHAT is A, not B"; None if one may continue the other.
+
+    Of `new` only the parts that it has are compared.
+    """
     for part in _SAME:
+        if part not in new:
+            continue
         if part == "effective":
             for key in sorted({*old[part], *new[part]}):
                 if old[part].get(key) != new[part].get(key):

@@ -17,7 +17,7 @@ import pyarrow as pa
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contract import contract_hash
-from tsbench.run.folder import RunFolder
+from tsbench.run.folder import RunFolder, check_folder
 from tsbench.run.handout import HandOut, Task
 from tsbench.run.manifest import new_manifest
 from tsbench.run.plan import Plan, Request, make_plan
@@ -92,14 +92,16 @@ def run(options: Options, watcher: Watcher) -> Ending:
     """
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
+    contract, effective = contract_hash(plan.table, catalog), _effective(options, plan)
+    if options.out is not None:
+        check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
     with Pool(min(options.workers, episodes), options.limits) as pool:
         planners = pool.probe(plan.request.planners)
         _check_names(planners)
-        contract = contract_hash(plan.table, catalog)
         names = [str(planner["name"]) for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
-        manifest = new_manifest(contract, _asked(options), _effective(options, plan), planners)
+        manifest = new_manifest(contract, _asked(options), effective, planners)
         out = options.out or Path("runs") / default_name(options, names, contract)
         with closing(RunFolder(out, manifest, keys)) as folder:
             for line in folder.notices:

@@ -1,0 +1,39 @@
+"""A data folder with scenarios that need no SUMO, and the command line on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from run_helpers import ROOT, Bench, specs
+
+from tsbench.scenarios.table import write_table
+
+
+def write_data(root: Path) -> Path:
+    """40 scenarios of two types, on two maps each."""
+    (root / "scenarios" / "nets").mkdir(parents=True)
+    (root / "scenarios" / "scenes").mkdir()
+    (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
+    rows = specs()
+    for row in rows:
+        (root / "scenarios" / row.net).touch()
+        (root / "scenarios" / row.additional).touch()
+    write_table(rows, root / "scenarios" / "test.parquet")
+    return root
+
+
+@pytest.fixture(scope="session")
+def make_data() -> Callable[[Path], Path]:
+    return write_data
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    return write_data(tmp_path / "data")
+
+
+@pytest.fixture
+def bench(data: Path, tmp_path: Path) -> Bench:
+    return Bench(data, tmp_path)

@@ -1,0 +1,80 @@
+"""An episode runner without SUMO: the ego drives along a straight road as a planner says."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+
+import handmade
+import numpy as np
+
+from tsbench.errors import PlannerOutputError
+from tsbench.metrics.outcome import Outcome
+from tsbench.planners.registry import resolve
+from tsbench.run.command import to_command
+from tsbench.run.result import EpisodeResult
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.ego import Motion, advance
+
+TICKS = 30
+LOADING, SIMULATING, PLANNING, SCORING = 1, 2, 3, 4
+
+
+class FakeRunner:
+    def __init__(
+        self,
+        planner_spec: str,
+        planner_name: str,
+        *,
+        mask_signs: bool,
+        device: str,
+        heartbeat: Callable[[int], None],
+    ) -> None:
+        self.name = planner_name
+        self._factory = resolve(planner_spec).factory
+        self._beat = heartbeat
+        self._scene = handmade.scene()
+
+    def run(self, spec: ScenarioSpec) -> EpisodeResult:
+        self._beat(LOADING)
+        self._spec = spec
+        self._egos = [handmade.ego(10.0 + spec.variant, speed=5.0)]
+        outcome, error, detail = Outcome.ARRIVED, "", ""
+        try:
+            self._drive(spec)
+        except PlannerOutputError as problem:
+            outcome, error = Outcome.INVALID_OUTPUT, f"{type(problem).__name__}: {problem}"
+        except Exception as problem:
+            outcome, error, detail = (
+                Outcome.PLANNER_ERROR,
+                f"{type(problem).__name__}: {problem}",
+                traceback.format_exc(),
+            )
+        broken = [handmade.violation(1.0 + spec.variant / 7)] if spec.seed % 3 == 0 else []
+        facts = handmade.facts(
+            self._egos,
+            outcome=outcome,
+            target=handmade.verdict(*broken, steps=len(broken)),
+            world=self._scene,
+        )
+        return handmade.result(
+            facts, self.name, spec=spec, error=error, detail=detail,
+            planner_s=np.full(len(self._egos) - 1, 0.001), total_s=0.01,
+        )  # fmt: skip
+
+    def _drive(self, spec: ScenarioSpec) -> None:
+        self._beat(PLANNING)
+        planner = self._factory()
+        planner.reset(spec)
+        motion = Motion(self._egos[0].x, self._egos[0].y, 0.0, 5.0)
+        for _ in range(TICKS):
+            self._beat(PLANNING)
+            output = planner.act(spec)
+            self._beat(SIMULATING)
+            motion = advance(motion, *to_command(output, motion))
+            self._egos.append(handmade.ego(motion.x, motion.y, motion.heading, motion.speed))
+        time.sleep(0.002)
+
+    def close(self) -> None:
+        pass

@@ -1,0 +1,81 @@
+"""Scenarios that need no SUMO, and the command line run on them."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import os
+import subprocess
+import sys
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import driver
+import pytest
+
+from tsbench.paths import data_root
+from tsbench.scenarios.spec import ScenarioSpec
+
+HERE = Path(__file__).parent
+# The hand-made episodes are shared with the tests of the metrics.
+sys.path.append(str(HERE.parent / "metrics"))
+handmade = importlib.import_module("handmade")
+ROOT = HERE.parent.parent
+TYPES = (("yield", "priority", "2.4", None), ("speed_limit", "speed", "3.24", 40.0))
+
+
+def spec(kind: int, map_number: int, variant: int) -> ScenarioSpec:
+    name, group, code, value = TYPES[kind]
+    net = f"nets/{name}-{map_number}.net.xml"
+    return ScenarioSpec(
+        scenario_id=f"{name}-{map_number:03d}-{variant}", scenario_type=name, group=group, sign_code=code,
+        sign_value=value, map_id=f"map-{kind}-{map_number}", family="corridor", shape="straight", slot="",
+        variant=variant, split="test", seed=100 * kind + 10 * map_number + variant, initial_speed=5.0,
+        route_length=400.0, density=0.1, drivers=2, layout=0, horizon=600, net=net,
+        additional=f"scenes/{name}-{map_number}-{variant}.add.xml",
+        net_sha256="0" * 64, additional_sha256="1" * 64,
+    )  # fmt: skip
+
+
+def specs(maps: int = 2, variants: int = 10) -> list[ScenarioSpec]:
+    return [spec(k, m, v) for k in range(len(TYPES)) for m in range(maps) for v in range(variants)]
+
+
+class Bench:
+    """Runs the command line on the fake runner."""
+
+    def __init__(self, data: Path, folder: Path) -> None:
+        self.data, self.folder = data, folder
+        path = [str(HERE), str(HERE.parent / "metrics"), os.environ.get("PYTHONPATH", "")]
+        self.env = {
+            **os.environ,
+            "TSBENCH_DATA": str(data),
+            "TSBENCH_TEST_MARK": str(folder / "mark"),
+            "PYTHONPATH": os.pathsep.join(path),
+        }
+
+    def command(self, *arguments: str) -> list[str]:
+        return [sys.executable, str(HERE / "driver.py"), *arguments]
+
+    def start(self, *arguments: str, **env: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            self.command(*arguments), cwd=self.folder, env={**self.env, **env}, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+
+    def run(self, *arguments: str, expect: int = 0) -> subprocess.CompletedProcess[str]:
+        """The same within this process, which has imported everything already."""
+        out, err = io.StringIO(), io.StringIO()
+        path = list(sys.path)
+        with pytest.MonkeyPatch.context() as patch:
+            for name in ("TSBENCH_DATA", "TSBENCH_TEST_MARK"):
+                patch.setenv(name, self.env[name])
+            patch.syspath_prepend(str(HERE))
+            patch.chdir(self.folder)
+            data_root.cache_clear()
+            with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
+                driver.main(list(arguments))
+        sys.path[:] = path
+        data_root.cache_clear()
+        assert ended.value.code == expect, f"exit {ended.value.code}\n{out.getvalue()}\n{err.getvalue()}"
+        return subprocess.CompletedProcess(arguments, expect, out.getvalue(), err.getvalue())

@@ -1,0 +1,128 @@
+"""What a selection selects, and what is said of one that cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from run_helpers import specs
+
+from tsbench.errors import InputError
+from tsbench.paths import data_root
+from tsbench.run.contract import contract_hash, rows_hash
+from tsbench.run.handout import HandOut, Task
+from tsbench.run.plan import Plan, Request, choose_variants, make_plan, spread
+from tsbench.scenarios.table import write_table
+from tsbench.signs.catalog import load_catalog
+
+
+@pytest.fixture
+def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TSBENCH_DATA", str(data))
+    data_root.cache_clear()
+    yield lambda **options: make_plan(Request(("idm",), "test", **options), load_catalog())
+    data_root.cache_clear()
+
+
+def ids(plan: Plan) -> list[str]:
+    return [row.scenario_id for row in plan.scenarios]
+
+
+def test_everything_in_order_of_ids(plan_of) -> None:
+    plan = plan_of()
+    assert len(plan.scenarios) == len(plan.table) == 40
+    assert ids(plan) == sorted(ids(plan))
+    assert plan.types == ("yield", "speed_limit")
+
+
+@pytest.mark.parametrize("word", ["speed_limit", "speed"])
+def test_types_and_groups(plan_of, word: str) -> None:
+    assert {row.scenario_type for row in plan_of(types=(word,)).scenarios} == {"speed_limit"}
+
+
+def test_limit_touches_all_types(plan_of) -> None:
+    assert ids(plan_of(limit=3)) == ["speed_limit-000-0", "yield-000-0", "yield-000-1"]
+
+
+def test_variants(plan_of) -> None:
+    assert {row.variant for row in plan_of(variants="0").scenarios} == {0}
+    drawn = plan_of(variants="one-per-map").scenarios
+    assert len({(row.scenario_type, row.map_id) for row in drawn}) == len(drawn) == 4
+    assert len({row.variant for row in drawn}) > 1
+
+
+def test_the_lot_does_not_depend_on_order() -> None:
+    rows = specs()
+    assert choose_variants(rows, "one-per-map") == choose_variants(rows[::-1], "one-per-map")
+
+
+def test_limit_below_one() -> None:
+    with pytest.raises(InputError, match="--limit 0"):
+        spread(specs(), ["yield"], 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"types": ("speling",)}, "--types speling: no such type or group"),
+        ({"types": ("detour_right",)}, "has no scenario of detour_right"),
+        ({"types": ("routing",)}, "has no scenario of routing"),
+    ],
+)
+def test_asked_for_what_is_not_there(plan_of, options: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        plan_of(**options)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"scenario_type": "speling"}, "unknown type 'speling'"),
+        ({"sign_code": "9.99"}, "unknown sign '9.99'"),
+        ({"group": "routing"}, "group 'routing' is not that of yield"),
+        ({"net": "nets/gone.net.xml"}, r"\(map map-0-0\): .*gone.net.xml: no such file"),
+    ],
+)
+def test_rows_that_name_what_is_not_there(plan_of, data: Path, change: dict, words: str) -> None:
+    first, *rest = specs()
+    write_table([replace(first, **change), *rest], data / "scenarios" / "test.parquet")
+    with pytest.raises(InputError, match=words) as problem:
+        plan_of()
+    assert first.scenario_id in str(problem.value)
+    assert "\n" not in str(problem.value)
+
+
+def test_contract_sees_rows_and_not_their_order() -> None:
+    rows = specs()
+    catalog = load_catalog()
+    assert contract_hash(rows, catalog) == contract_hash(rows[::-1], catalog)
+    other = [replace(rows[0], net_sha256="f" * 64), *rows[1:]]
+    assert contract_hash(other, catalog) != contract_hash(rows, catalog)
+    assert rows_hash(other) != rows_hash(rows)
+
+
+def test_hand_out_keeps_a_network_with_its_worker() -> None:
+    tasks = [Task(n, 0, row) for n, row in enumerate(specs(), start=1)]
+    hand_out = HandOut(tasks)
+    first = [hand_out.next(worker) for _ in range(10) for worker in (0, 1)]
+    assert {task.spec.net for task in first[0::2]} == {tasks[20].spec.net}
+    assert {task.spec.net for task in first[1::2]} == {tasks[30].spec.net}
+    rest = [hand_out.next(0) for _ in range(20)]
+    assert hand_out.left == 0
+    assert hand_out.next(1) is None
+    assert sorted(task.number for task in [*first, *rest]) == list(range(1, 41))
+
+
+def test_hand_out_of_one_network_still_keeps_all_busy() -> None:
+    hand_out = HandOut([Task(n, 0, row) for n, row in enumerate(specs(maps=1)[:10], start=1)])
+    taken = [hand_out.next(worker) for _ in range(5) for worker in (0, 1)]
+    assert sorted(task.number for task in taken) == list(range(1, 11))
+
+
+def test_what_is_given_back_is_handed_out_again() -> None:
+    hand_out = HandOut([Task(1, 0, specs()[0])])
+    task = hand_out.next(0)
+    assert hand_out.next(1) is None
+    hand_out.give_back(task)
+    assert hand_out.next(1) is task
