@@ -1,0 +1,145 @@
+"""`tsbench planners`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from tsbench.cli import main
+from tsbench.cli.planners import planners
+from tsbench.metrics.outcome import Outcome
+from tsbench.planners.check import Level, check_statically
+from tsbench.planners.registry import names, resolve
+from tsbench.run.check import Seen, check_driving, choose, findings
+from tsbench.run.result import EpisodeResult
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+BAD = """
+import os, random, time
+from tsbench import Control
+kept = []
+
+class Dice:
+    def reset(self, context): pass
+    def act(self, o): return Control(random.random(), 0.0)
+
+class Sticky:
+    def __init__(self): self.n = 0
+    def reset(self, context): pass
+    def act(self, o):
+        self.n += 1
+        return Control(1.0 / self.n, 0.0)
+
+class Nothing:
+    def reset(self, context): pass
+    def act(self, o): return None
+
+class Leaky:
+    seen = []
+    def reset(self, context): pass
+    def act(self, o):
+        kept.append(bytearray(100_000))
+        print("x" * 100)
+        return Control(0.0, 0.0)
+
+class Killer:
+    def reset(self, context): pass
+    def act(self, o): os._exit(7)
+
+class Sleeper:
+    def reset(self, context): pass
+    def act(self, o): time.sleep(1e6)
+
+class Broken:
+    def __init__(self): raise RuntimeError("no weights")
+    def reset(self, context): pass
+    def act(self, o): pass
+"""
+
+
+@pytest.fixture
+def bad(tmp_path: Path) -> Path:
+    path = tmp_path / "bad.py"
+    path.write_text(BAD)
+    return path
+
+
+def result(commands: np.ndarray, outcome: Outcome = Outcome.ARRIVED, error: str = "") -> EpisodeResult:
+    spec = ScenarioSpec(
+        "s", "yield", "priority", "2.4", None, "m", "junction", "T", "", 0, "test", 1, 1.0, 1.0, 0.0, -1, 0, 600,
+        "", "", "", "",
+    )  # fmt: skip
+    times = np.full(len(commands), 1e-4)
+    return EpisodeResult(spec, "p", outcome, error, "", None, commands, times, 0.0, 0.0, 0.0)
+
+
+def told(seen: Seen, topic: str) -> list[tuple[Level, str]]:
+    return [(f.level, f.text) for f in findings(seen) if f.topic == topic]
+
+
+def test_list_names_every_planner() -> None:
+    done = CliRunner().invoke(planners, ["list"])
+    assert done.exit_code == 0
+    assert all(name in done.output for name in names())
+
+
+def test_unknown_planner_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["planners", "check", "idn"])
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.strip().count("\n") == 0
+
+
+def test_measurements_become_words() -> None:
+    steady = np.zeros((5, 2))
+    moved = steady + np.arange(5)[:, None] * 0.01
+    good = Seen([result(moved)], result(moved), result(moved), [100], 0)
+    assert all(f.level is not Level.PROBLEM for f in findings(good))
+    random = Seen([result(moved)], result(moved), result(moved + 1.0))
+    assert told(random, "determinism")[0][0] is Level.PROBLEM
+    assert "two new planners" in told(random, "determinism")[0][1]
+    sticky = Seen([result(moved)], result(moved[:3]), result(moved))
+    assert "reset leaves something behind" in told(sticky, "determinism")[0][1]
+    assert "step 3" in told(sticky, "determinism")[0][1]
+    assert "every command is the same" in str(told(Seen([result(steady)]), "range"))
+    assert "look like degrees" in str(told(Seen([result(moved + 20.0)]), "range"))
+    leaky = Seen([result(moved)] * 10, memory=[10**7 * k for k in range(1, 11)])
+    assert told(leaky, "memory")[0][0] is Level.PROBLEM
+    wrong = Seen([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
+    assert "no command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
+
+
+def test_scenes_are_of_every_type_quiet_and_busy() -> None:
+    chosen = choose(read_table(table_path("test")))
+    assert len(chosen) == 10
+    assert len({s.scenario_type for s in chosen}) == 4
+    assert {s.variant == 0 for s in chosen} == {True, False}
+    assert len({s.scenario_id for s in chosen}) == 10
+
+
+@pytest.mark.parametrize(
+    ("name", "topic", "words"),
+    [
+        ("Dice", "determinism", "two new planners"),
+        ("Sticky", "determinism", "reset leaves something behind"),
+        ("Nothing", "output", "NoneType"),
+        ("Leaky", "printing", "xxxx"),
+        ("Killer", "process", "exit code 7"),
+        ("Sleeper", "time", "gave no answer"),
+    ],
+)
+def test_driving_finds_what_is_wrong(bad: Path, name: str, topic: str, words: str) -> None:
+    scenes = [s for s in read_table(table_path("test")) if s.variant == 0][:2]
+    found = check_driving(f"{bad}:{name}", name, scenes, patience_s=8.0)
+    assert words in " ".join(f.text for f in found if f.topic == topic), found
+
+
+def test_static_findings(bad: Path) -> None:
+    assert "outlives the episode" in str(check_statically(resolve(f"{bad}:Leaky")))
+    broken = check_statically(resolve(f"{bad}:Broken"))
+    assert [f.level for f in broken] == [Level.PROBLEM]
+    assert "no weights" in broken[0].text

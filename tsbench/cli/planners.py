@@ -1,0 +1,66 @@
+"""`tsbench planners`: who there is, and what is wrong with one of your own."""
+
+from __future__ import annotations
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from tsbench.planners import registry
+
+
+@click.group()
+def planners() -> None:
+    """List planners, check one of your own."""
+
+
+@planners.command("list")
+def list_planners() -> None:
+    """Print the registered planners."""
+    table = Table(box=None, header_style="bold")
+    for column in ("name", "kind", "sees signs", "knows the rule", "parameters", "weights"):
+        table.add_column(column)
+    for name in registry.names():
+        entry = registry.entry(name)
+        weights = entry.weights
+        table.add_row(
+            name,
+            entry.kind,
+            "yes" if entry.sign_access else "no",
+            "yes" if entry.privileged else "no",
+            f"{entry.parameters:,}" if entry.parameters is not None else "-",
+            f"{weights.size / 1e6:.1f} MB {weights.sha256[:12]} {weights.source}" if weights else "-",
+        )
+    console = Console()
+    console.print(table)
+    console.print("Others: pkg.module:Class, file.py:Class, or a function in place of the class.")
+
+
+@planners.command("check")
+@click.argument("planner")
+@click.option(
+    "--scenes", default=10, show_default=True, type=click.IntRange(2, 100), help="How many to drive."
+)
+def check(planner: str, scenes: int) -> int:
+    """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
+    # Not before it is needed: these bring SUMO with them.
+    from tsbench.planners.check import Level, check_statically
+    from tsbench.run.check import check_driving, choose
+    from tsbench.scenarios.table import read_table, table_path
+
+    loaded = registry.resolve(planner)
+    chosen = choose(read_table(table_path("test")), scenes)
+    console = Console()
+    found = check_statically(loaded)
+    if all(f.level is not Level.PROBLEM for f in found):
+        with console.status(f"driving {len(chosen)} scenes"):
+            found += check_driving(planner, loaded.name, chosen)
+    style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
+    table = Table(box=None, show_header=False)
+    for finding in found:
+        table.add_row(f"[{style[finding.level]}]{finding.level}[/]", finding.topic, escape(finding.text))
+    console.print(table)
+    problems = sum(f.level is Level.PROBLEM for f in found)
+    console.print(f"{planner}: {'no problems' if not problems else f'{problems} problem(s)'}")
+    return 1 if problems else 0
