@@ -22,6 +22,7 @@ TTC_BEHIND_RAD = math.radians(150.0)
 PET_HORIZON_S = 10.0
 PET_CROSSING_RAD = math.radians(30.0)
 
+_CELLS = 1 << 20
 _Index = npt.NDArray[np.intp]
 
 
@@ -126,15 +127,18 @@ def _crossing(tracks: Tracks, ego: _Index) -> _Index:
 
 
 def _near_pairs(a: Array, b: Array, reach: float) -> tuple[_Index, _Index]:
-    """Pairs of rows of a and b that are at most `reach` apart in x and in y: a sweep along a's longer axis."""
-    axis = int(np.argmax(np.ptp(a, axis=0)))
-    order = np.argsort(a[:, axis], kind="stable")
-    along = a[order, axis]
-    first = np.searchsorted(along, b[:, axis] - reach, side="left")
-    count = np.searchsorted(along, b[:, axis] + reach, side="right") - first
-    j = np.repeat(np.arange(len(b)), count)
+    """Pairs of rows of a and b that are at most `reach` apart in x and in y, from cells as wide as that."""
+    key_a, key_b = ((xy // reach).astype(np.int64) @ (_CELLS, 1) for xy in (a, b))
+    order = np.argsort(key_a, kind="stable")
+    known = key_a[order]
+    # The nine cells around each row of b: of each three that follow one another, one range of a's sorted keys.
+    start = key_b + np.array([[-_CELLS], [0], [_CELLS]]) - 1
+    first = np.searchsorted(known, start, side="left").ravel()
+    count = np.searchsorted(known, start + 2, side="right").ravel() - first
+    j = np.repeat(np.tile(np.arange(len(b)), 3), count)
     i = order[np.arange(len(j)) + np.repeat(first - (np.cumsum(count) - count), count)]
-    near = np.abs(a[i, 1 - axis] - b[j, 1 - axis]) <= reach
+    near = np.abs(a[:, 0][i] - b[:, 0][j]) <= reach
+    near &= np.abs(a[:, 1][i] - b[:, 1][j]) <= reach
     return i[near], j[near]
 
 
