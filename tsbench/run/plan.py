@@ -54,10 +54,10 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
     twice = [p for i, p in enumerate(request.planners) if p in request.planners[:i]]
     if twice:
         raise InputError(f"--planner {twice[0]}: given twice")
+    types = choose_types(request.types, catalog)
     path = table_path(request.split)
     table = tuple(sorted(read_table(path), key=lambda row: row.scenario_id))
     _check_rows(path, table, catalog)
-    types = choose_types(request.types, catalog)
     chosen = [row for row in table if row.scenario_type in types]
     present = {row.scenario_type for row in chosen}
     missing = [t for t in request.types if t in types and t not in present]

@@ -24,7 +24,7 @@ class ProgressWatcher:
         self._bars: dict[str, TaskID] = {}
         self._count: dict[str, int] = {}
         self._success: dict[str, int] = {}
-        self._total = 0
+        self._scenarios = self._total = 0
         self._began = self._said = time.monotonic()
         self._fresh = 0
         self._progress = Progress(
@@ -47,6 +47,7 @@ class ProgressWatcher:
 
     def begin(self, planners: Sequence[str], scenarios: int, done: Sequence[Row]) -> None:
         """Draw the bars."""
+        self._scenarios = scenarios
         self._total = len(planners) * scenarios
         self._count = dict.fromkeys(planners, 0)
         self._success = dict.fromkeys(planners, 0)
@@ -71,6 +72,9 @@ class ProgressWatcher:
         if not self._console.is_terminal:
             self._say(now)
             return
+        if now - self._said < 1 / _REFRESH_PER_S and self._count[name] < self._scenarios:
+            return
+        self._said = now
         task = self._progress.tasks[bar]
         if not task.started:
             self._progress.start_task(bar)

@@ -1,0 +1,120 @@
+"""The command line as a whole: fast help, one-line errors, and `run` and `rescore` on real scenes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from tsbench.paths import data_root
+from tsbench.run.schema import EPISODES
+
+ROOT = Path(__file__).parent.parent.parent
+HEAVY = ("torch", "matplotlib", "libsumo", "scipy", "pyarrow", "cv2", "rich")
+MAIN = "from tsbench.cli import main; main()"
+
+
+def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", MAIN, *arguments],
+        cwd=cwd,
+        text=True,
+        capture_output=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == expect, done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def test_help_names_all_commands() -> None:
+    done = tsbench("--help")
+    for name in ("run", "rescore", "render", "planners", "signs", "scenarios", "maps", "bench"):
+        assert f"\n  {name} " in done.stdout
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        f"import sys; sys.argv[1:] = ['--help']\ntry: {MAIN}\nfinally: print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], text=True, capture_output=True, timeout=60, check=True
+    )
+    assert not {name.partition(".")[0] for name in done.stderr.split()} & set(HEAVY)
+
+
+def test_version() -> None:
+    assert tsbench("--version").stdout == "tsbench, version 0.1.0\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["frobnicate"], "No such command 'frobnicate'"),
+        (["run", "--split", "test"], "Missing option '--planner'"),
+        (["run", "--planner", "idm", "--split", "exam"], "Invalid value for '--split'"),
+        (["run", "--planner", "idm", "--split", "test", "--limit", "0"], "Invalid value for '--limit'"),
+        (
+            ["run", "--planner", "idm", "--split", "test", "--types", "speling"],
+            "--types speling: no such type",
+        ),
+        (["run", "--planner", "idn", "--split", "test", "--limit", "1"], "planner 'idn': no such planner"),
+        (["rescore", "no/such/run"], "no/such/run: no run folder"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_2(arguments: list[str], words: str, tmp_path: Path) -> None:
+    done = tsbench(*arguments, cwd=tmp_path, expect=2)
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert words in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_reader_that_leaves(tmp_path: Path) -> None:
+    shell = f"'{sys.executable}' -c '{MAIN}' signs list | true"
+    done = subprocess.run(["bash", "-c", shell], text=True, capture_output=True, timeout=60, check=False)
+    assert "Traceback" not in done.stderr
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four nominal scenarios driven by idm, every tick kept."""
+    if not (data_root() / "scenarios" / "test.parquet").is_file():
+        pytest.skip("no scenarios have been built")
+    folder = tmp_path_factory.mktemp("real")
+    run = ["run", "--planner", "idm", "--split", "test", "--variants", "0", "--limit", "4", "--trace", "all"]
+    done = tsbench(*run, "--out", "one", "--workers", "1", cwd=folder)
+    assert "4 of 4 episodes finished, 0 with an error outcome" in done.stdout
+    tsbench(*run, "--out", "two", "--workers", "2", cwd=folder)
+    return folder
+
+
+def test_real_scenes_with_one_and_two_workers(real: Path) -> None:
+    for name in ("episodes.parquet", "violations.parquet"):
+        assert (real / "one" / name).read_bytes() == (real / "two" / name).read_bytes()
+    assert len(list((real / "one" / "traces").rglob("*.parquet"))) == 4
+
+
+def test_rescore_agrees(real: Path) -> None:
+    done = tsbench("rescore", "one", cwd=real)
+    assert done.stdout == "one: 4 traces judged again, 0 episodes without a trace, disagreements: 0\n"
+
+
+def test_rescore_finds_what_was_changed(real: Path) -> None:
+    path = real / "two" / "episodes.parquet"
+    table = pq.read_table(path)
+    rows = table.to_pylist()
+    changed = rows[0]["scenario_id"]
+    rows[0]["sign_compliant"] = not rows[0]["sign_compliant"]
+    rows[0]["comfort"] = 0.123
+    pq.write_table(pa.Table.from_pylist(rows, schema=EPISODES.with_metadata(table.schema.metadata)), path)
+    done = tsbench("rescore", "two", cwd=real, expect=1)
+    assert f"idm {changed}: sign_compliant is" in done.stdout
+    assert f"idm {changed}: comfort is 0.123, by its trace" in done.stdout
+    assert "summary.json: differs from the aggregates" in done.stdout
