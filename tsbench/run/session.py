@@ -161,9 +161,13 @@ def _drive(
         watcher.episode(record.row)
 
     with stop_on_signals() as stopped:
-        if todo:
-            pool.run(setup, HandOut(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped)
-        watcher.end()
+        try:
+            if todo:
+                pool.run(
+                    setup, HandOut(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
+                )
+        finally:
+            watcher.end()
         write_tables(folder.path, journal, folder.manifest["contract"])
     return "complete" if len(journal.done) == len(names) * len(plan.scenarios) else "interrupted"
 
