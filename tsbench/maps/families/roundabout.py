@@ -21,7 +21,7 @@ ENTRY_MIN_M = 30.0
 RING_MIN_M = 30.0
 RING_MAX_M = 700.0
 # A block of one-way streets has right-angled corners; a narrow one is no circle (1: circle, 0.785: square).
-CORNER_MAX_DEG = 75.0
+CORNER_MAX_DEG = 70.0
 ROUNDNESS_MIN = 0.7
 
 
