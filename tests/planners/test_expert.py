@@ -267,3 +267,19 @@ def test_needs_its_privilege() -> None:
     network = load("corridor")
     with pytest.raises(InputError, match="privilege"):
         World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0)).run(IdmExpert(), 1.0)
+
+
+# --- junctions without a sign ---
+
+
+def test_gives_way_at_other_junctions_as_the_network_has_it() -> None:
+    network = load("cross")
+    rule = privilege("3.18.2", "nne", junction="ne", approach="nne")
+    stream = [car(network, "wc", "ce", 20.0 + 12.0 * k, constant(7.0)) for k in range(5)]
+    world = World(network, "sc_0", 60.0, 8.0, Destination("cn", 60.0), bodies=stream, privilege=rule)
+    world.run(IdmExpert(), 60.0)
+    assert world.arrived
+    assert not touched(world)
+    assert min(e.speed for e in world.states) < 0.5
+    onto = World(network, "wc_0", 60.0, 8.0, Destination("ce", 60.0), privilege=rule)
+    assert min(e.speed for e in onto.run(IdmExpert(), 60.0).states) > 7.0

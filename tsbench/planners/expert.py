@@ -16,6 +16,7 @@ from tsbench.errors import InputError
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.guards.base import Guard, slow_to
+from tsbench.planners.guards.courtesy import Courtesy
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
@@ -46,6 +47,7 @@ class Expert:
         self._base = base
         self._guard: Guard
         self._lanes: LaneChanges
+        self._courtesy: Courtesy
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; the base planner is not told what the expert may know."""
@@ -61,6 +63,7 @@ class Expert:
             )
         self._guard = GUARDS[name](context, privilege)
         self._lanes = LaneChanges(context)
+        self._courtesy = Courtesy(context, but=privilege.sign.edge if name == "give_way" else "")
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
@@ -73,6 +76,7 @@ class Expert:
             seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
         acceleration, steering = _control(self._base.act(seen), o.ego)
         least, most = guard.bounds(o, route)
+        most = min(most, self._courtesy.bounds(o, route)[1])
         if led and not getattr(self._base, "follows_route", False):
             # A base that has learned its own way would leave the guard's: here the way is the rule.
             way, stop = self._lanes.guide(o, route)
