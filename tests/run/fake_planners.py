@@ -104,7 +104,7 @@ class KilledOnce(Bad):
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
             time.sleep(60)
-        return Good.act(self, None)
+        return Control(0.0, 0.0)
 
 
 class LeavesChild(Bad):
@@ -114,6 +114,13 @@ class LeavesChild(Bad):
             time.sleep(3600)
         Path(os.environ["TSBENCH_TEST_MARK"]).write_text(str(pid))
         os._exit(3)
+
+
+class Forks(Bad):
+    def misbehave(self):
+        self.bad = False
+        os.fork()
+        return Control(0.0, 0.0)
 
 
 class Slow(Good):

@@ -7,6 +7,7 @@ import io
 import os
 import subprocess
 import sys
+import time
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -39,6 +40,28 @@ def spec(kind: int, map_number: int, variant: int) -> ScenarioSpec:
 
 def specs(maps: int = 2, variants: int = 10) -> list[ScenarioSpec]:
     return [spec(k, m, v) for k in range(len(TYPES)) for m in range(maps) for v in range(variants)]
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    """Process ids of the workers of a run."""
+    pids = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(pid) for pid in pids if _is_worker(int(pid))]
+
+
+def assert_gone(pids: list[int]) -> None:
+    """No worker of these is left, at the latest after five seconds."""
+    end = time.monotonic() + 5
+    while any(_is_worker(pid) for pid in pids):
+        assert time.monotonic() < end, pids
+        time.sleep(0.02)
+
+
+def _is_worker(pid: int) -> bool:
+    try:
+        # Empty for a process that has ended and was not waited for yet.
+        return b"tsbench.run.worker_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 class Bench:

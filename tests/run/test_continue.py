@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import time
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
-from run_helpers import Bench
+from run_helpers import Bench, assert_gone, workers_of
 
 from tsbench.run.tables import read_table
 from tsbench.scenarios.table import read_table as read_scenarios
@@ -44,15 +44,6 @@ def wait_for_lines(folder: Path, lines: int, process: subprocess.Popen[str]) -> 
     raise AssertionError(f"the run did not come to {lines} episodes: {process.communicate(timeout=5)}")
 
 
-def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
-    return psutil.Process(process.pid).children(recursive=True)
-
-
-def assert_gone(processes: list[psutil.Process]) -> None:
-    _, alive = psutil.wait_procs(processes, timeout=5)
-    assert not alive
-
-
 def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
     process = whole.start(*RUN, "--out", "two", "--workers", "2", PYTHONHASHSEED="77")
     process.communicate(timeout=60)
@@ -81,7 +72,7 @@ def test_a_worker_killed_is_replaced(whole: Bench) -> None:
     process = whole.start(*RUN, "--out", "worker", "--workers", "2")
     for lines in (5, 30):
         wait_for_lines(whole.folder / "worker", lines, process)
-        workers_of(process)[0].kill()
+        os.kill(workers_of(process)[0], signal.SIGKILL)
     process.communicate(timeout=60)
     assert process.returncode == 1
     assert bytes_of(whole.folder / "worker") == bytes_of(whole.folder / "whole")

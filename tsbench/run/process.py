@@ -22,7 +22,7 @@ Message = dict[str, Any]
 TAIL_BYTES = 1 << 16
 _READ_BYTES = 1 << 18
 _LAST_READS = 8
-_LAST_GASP_S = 2.0
+_LAST_GASP_MS = 2000
 # One simulation is one thread; maths libraries that start one thread per core only get in each other's way.
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"),
@@ -113,8 +113,8 @@ class WorkerProcess:
         try:
             while self.connection.poll():
                 messages.append(json.loads(self.connection.recv_bytes()))
-        except (EOFError, OSError):
-            # It died, or a planner closed what was not its own.
+        except (EOFError, OSError, ValueError):
+            # It died, or a planner closed what was not its own, or wrote there.
             self.closed = True
         return messages
 
@@ -146,7 +146,9 @@ class WorkerProcess:
         """Kill it with everything that it started, and return its exit status (negative: a signal)."""
         if self.closed:
             # It is on its way out: its own exit status says more than ours would.
-            select.select([self.death_fd], [], [], _LAST_GASP_S)
+            death = select.poll()
+            death.register(self.death_fd, select.POLLIN)
+            death.poll(_LAST_GASP_MS)
         # The group is signalled before its leader is reaped: until then its number is nobody else's.
         os.killpg(self.process.pid, signal.SIGKILL)
         status = self.process.wait()

@@ -48,6 +48,7 @@ class Worker:
     def __init__(self, connection: Connection, pulse: Pulse) -> None:
         self._connection, self._pulse = connection, pulse
         self._setup: Message = {}
+        self._pid = os.getpid()
         self._current = -1
         self._runner: Runner | None = None
 
@@ -62,6 +63,9 @@ class Worker:
                 self._setup = message["setup"]
                 continue
             answer = self._episode(message) if message["do"] == "episode" else _probe(message["spec"])
+            if os.getpid() != self._pid:
+                # A planner has forked, and this is the child, which has no business with our parent.
+                os._exit(0)
             self._connection.send_bytes(json.dumps(answer).encode())
 
     def close(self) -> None:

@@ -156,9 +156,12 @@ class Pool:
             elif "fatal" in message:
                 with told_plainly(Path()):
                     raise OSError(*message["fatal"])
+            elif not worker.held or worker.held[0].number != message["task"]:
+                # Not what it was asked for: nothing that it says can be trusted.
+                worker.closed = True
+                return
             else:
-                task = worker.held.popleft()
-                assert task.number == message["task"]
+                worker.held.popleft()
                 self._stillborn = 0
                 keep(_with_output(message, worker))
                 worker.drop_tail()
