@@ -41,8 +41,8 @@ def test_types_and_groups(plan_of, word: str) -> None:
     assert {row.scenario_type for row in plan_of(types=(word,)).scenarios} == {"speed_limit"}
 
 
-def test_limit_touches_all_types(plan_of) -> None:
-    assert ids(plan_of(limit=3)) == ["speed_limit-000-0", "yield-000-0", "yield-000-1"]
+def test_limit_touches_types_and_maps(plan_of) -> None:
+    assert ids(plan_of(limit=3)) == ["speed_limit-000-0", "yield-000-0", "yield-001-0"]
 
 
 def test_variants(plan_of) -> None:

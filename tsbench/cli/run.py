@@ -35,7 +35,7 @@ _LOG_WIDTH = 160
     "--limit",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Scenarios for each planner, taken from the types in turn.",
+    help="Scenarios for each planner: types in turn, nominal first.",
 )
 @click.option(
     "--variants",

@@ -105,10 +105,11 @@ def _draw(row: ScenarioSpec) -> tuple[str, str]:
 
 
 def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:
-    """At most `limit` rows, taken from the types in turn so that a small run touches them all."""
+    """At most `limit` rows: from the types in turn, nominal variants first, so that a small run touches many."""
     if limit < 1:
         raise InputError(f"--limit {limit}: expected at least 1")
-    by_type = [[row for row in rows if row.scenario_type == t] for t in types]
+    nominal_first = sorted(rows, key=lambda row: (row.variant, row.scenario_id))
+    by_type = [[row for row in nominal_first if row.scenario_type == t] for t in types]
     in_turn = [row for layer in zip_longest(*by_type) for row in layer if row is not None]
     return sorted(in_turn[:limit], key=lambda row: row.scenario_id)
 
