@@ -55,7 +55,7 @@ def _lognormal(rng: np.random.Generator, median: float, mean: float, low: float,
 def draw_driver(rng: np.random.Generator) -> Driver:
     """One driver.
 
-    Free-flow speed: the upper two thirds of moving speeds, because the lower ones are cars held up by others.
+    Free-flow speed: the upper three fifths of moving speeds, because the lower ones are cars held up by others.
     IDM's a and b are *largest* comfortable values: twice the published typical ones. The headway is what the published
     median gap is at the published median speed.
     """
@@ -69,7 +69,7 @@ def draw_driver(rng: np.random.Generator) -> Driver:
     size = str(rng.choice(list(sizes), p=np.array(list(sizes.values())) / sum(sizes.values())))
     length, width = BODIES[size]
     return Driver(
-        speed=quantile_speed(float(rng.uniform(0.33, 1.0))),
+        speed=quantile_speed(float(rng.uniform(0.4, 1.0))),
         accel=_lognormal(rng, 2 * float(acc["p50"]), 2 * float(acc["mean"]), 0.8, 2.8),
         decel=_lognormal(rng, 2 * float(dec["p50"]), 2 * float(dec["mean"]), 1.0, 3.5),
         headway=_lognormal(rng, headway, headway * spread, 0.8, 3.0),

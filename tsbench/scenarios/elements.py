@@ -40,13 +40,18 @@ def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> l
 
 
 def background(cars: Sequence[Car]) -> list[etree._Element]:
-    """Background cars with their routes."""
+    """Background cars with their routes, each as fast at first as is safe."""
     elements = []
     for car in cars:
         element = etree.Element(
-            "vehicle", id=car.id, type=f"bg{car.driver}", depart=_num(car.depart), departLane=str(car.lane),
-            departPos="base" if car.position is None else _num(car.position), departSpeed="max",
-        )  # fmt: skip
+            "vehicle",
+            id=car.id,
+            type=f"bg{car.driver}",
+            depart=_num(car.depart),
+            departLane=str(car.lane),
+            departPos="base" if car.position is None else _num(car.position),
+            departSpeed="max",
+        )
         etree.SubElement(element, "route", edges=" ".join(car.edges))
         elements.append(element)
     return elements

@@ -11,7 +11,7 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 DENSITY_WINDOW_S = 30.0
-SAMPLE_EVERY = 5
+SAMPLE_EVERY = 4
 LEAD_LIMIT_S = 40.0
 
 

@@ -1,7 +1,7 @@
 """Background traffic of a scene: who drives where and when, as SUMO vehicles.
 
-Cars stand on every lane at the asked spacing when the episode begins, and as many enter as the density needs to stay;
-the rate of entering is rehearsed in SUMO (scenarios.rehearse). Units: m, s, m/s.
+Cars stand on every lane at the asked spacing when the episode begins; who enters later is found by a rehearsal in SUMO
+(scenarios.inflow). Units: m, s, m/s.
 """
 
 from __future__ import annotations
@@ -20,11 +20,7 @@ CLEAR_BEHIND_M = 40.0
 CLEAR_BESIDE_M = 12.0
 CLEAR_AHEAD_M = 20.0
 CLEAR_AHEAD_S = 3.0
-ENTER_AFTER_EGO_S = 4.0
-SHORTEST_LANE_M = 15.0
-CYCLE_S = 30.0
-GREEN_S = 12.0
-_STRAIGHT_ON = 2.0
+_STRAIGHT_ON = 4.0
 _MAX_EDGES = 40
 
 
@@ -45,8 +41,8 @@ class TrafficRequest:
     """What is asked: cars per lane-km, drivers to draw from, the ego's start, and where nobody is put or sent.
 
     avoid_turns: what the plates forbid. quiet_edges: edges kept free at the start (the convoy's).
-    scale: factor on the rate of entering. blocked: (lane id, from, to) stretches where no car stands at first.
-    platoons: cars enter in platoons, as from signals upstream, so that who gives way finds a gap in time.
+    blocked: (lane id, from, to) stretches where no car stands at first. platoons: cars enter in platoons, as from
+    signals upstream, so that who gives way finds a gap in time.
     """
 
     cars_per_lane_km: float
@@ -54,10 +50,8 @@ class TrafficRequest:
     start: EgoStart
     avoid_turns: AbstractSet[Turn]
     quiet_edges: AbstractSet[str]
-    duration_s: float
-    scale: float = 1.0
-    blocked: tuple[tuple[str, float, float], ...] = ()
-    platoons: bool = False
+    blocked: tuple[tuple[str, float, float], ...]
+    platoons: bool
 
     def allows(self, lane: Lane, s: float) -> bool:
         """May a car stand here when the episode begins?"""
@@ -66,7 +60,7 @@ class TrafficRequest:
         )
 
 
-class _Router:
+class Router:
     """Random ways through a crop, straight on preferred, never by a forbidden turn."""
 
     def __init__(self, graph: LaneGraph, avoid: AbstractSet[Turn]) -> None:
@@ -117,44 +111,24 @@ def _clear_of_ego(lane: Lane, s: float, start: EgoStart, network: RoadNetwork) -
     return ahead < -CLEAR_BEHIND_M or ahead > max(CLEAR_AHEAD_M, CLEAR_AHEAD_S * start.speed)
 
 
-def plan_traffic(
+def standing_cars(
     network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest, rng: np.random.Generator
 ) -> list[Car]:
-    """The cars of a scene, by time of departure; the same draw for the same generator state."""
-    router = _Router(graph, ask.avoid_turns)
+    """The cars that are there when the episode begins, at the asked spacing on every lane."""
+    router = Router(graph, ask.avoid_turns)
     spacing = 1000.0 / ask.cars_per_lane_km
-    entered = {c.to_lane for c in network.connections}
-    ego_edge = network.lane(ask.start.lane).edge
     cars: list[Car] = []
     for lane in driving_lanes(network):
         s = float(rng.uniform(0.0, spacing))
         while s < lane.line.length - 2.0:
             if s > 6.0 and ask.allows(lane, s) and _clear_of_ego(lane, s, ask.start, network):
                 edges = router.walk(lane.edge, rng)
-                cars.append(_car(cars, rng, 0.0, edges, lane, s, ask, graph))
+                cars.append(make_car(cars, rng, 0.0, edges, lane, s, ask, graph))
             s += max(spacing * float(rng.uniform(0.75, 1.25)), 9.0)
-    green = GREEN_S / CYCLE_S if ask.platoons else 1.0
-    phase = float(rng.uniform(0.0, CYCLE_S)) if ask.platoons else 0.0
-    for lane in driving_lanes(network):
-        if lane.index in entered or lane.line.length < SHORTEST_LANE_M:
-            continue
-        mean = float(np.mean([min(d.speed, lane.speed) for d in ask.drivers]))
-        gap = green * spacing / (mean * ask.scale)
-        clock = float(rng.uniform(0.2, 1.0)) * gap
-        while (t := _on_green(clock, phase) if ask.platoons else clock) < ask.duration_s:
-            if t > 0.0 and (lane.edge != ego_edge or t > ENTER_AFTER_EGO_S):
-                cars.append(_car(cars, rng, round(t, 1), router.walk(lane.edge, rng), lane, None, ask, graph))
-            clock += gap * float(rng.uniform(0.6, 1.4))
-    return sorted(cars, key=lambda c: (c.depart, c.id))
+    return cars
 
 
-def _on_green(clock: float, phase: float) -> float:
-    """The time at which as much green has passed since the cycle that runs at time 0 began."""
-    cycles, within = divmod(clock, GREEN_S)
-    return cycles * CYCLE_S + within - phase
-
-
-def _car(
+def make_car(
     cars: list[Car],
     rng: np.random.Generator,
     depart: float,
@@ -164,7 +138,7 @@ def _car(
     ask: TrafficRequest,
     graph: LaneGraph,
 ) -> Car:
-    # A car that would have to change lanes within a short crop takes a way that its lane leads to, if there is one.
+    """The next car of a scene: it keeps to a way that its lane leads to, because crops are short for lane changes."""
     if not _lane_on(graph, lane, edges):
         onward = [
             c
@@ -176,6 +150,6 @@ def _car(
         ]
         if usable:
             target = graph.network.lanes[usable[int(rng.integers(len(usable)))].to_lane].edge
-            edges = (lane.edge, *_Router(graph, ask.avoid_turns).walk(target, rng))
+            edges = (lane.edge, *Router(graph, ask.avoid_turns).walk(target, rng))
     driver = int(rng.integers(len(ask.drivers)))
     return Car(f"bg_{len(cars):03d}", driver, depart, edges, lane.order, position)

@@ -2,28 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 import shapely
 
 from tsbench.errors import InputError
-from tsbench.geometry.angles import wrap
-from tsbench.geometry.footprint import boxes_overlap
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import read_pool
-from tsbench.scenarios.load import Roads, SceneLoader
+from tsbench.scenarios.lint import lint_scene
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.recipe import recipe_types
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.split import APART_M, extents
-from tsbench.sim.scene import Scene
-from tsbench.sim.scene_file import read_additional
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
-
-PLATE_SIDE_M = (0.3, 3.0)
-PLATE_TURN_RAD = math.radians(15.0)
 
 
 def verify_rows(
@@ -39,7 +30,7 @@ def verify_rows(
         else:
             try:
                 scene, roads = loader.load(spec)
-                problems += [(spec.scenario_id, p) for p in lint_scene(scene, roads)]
+                problems += [(spec.scenario_id, p) for p in lint_scene(scene, roads.graph)]
             except InputError as error:
                 problems.append((spec.scenario_id, str(error)))
         progress(k + 1)
@@ -63,78 +54,3 @@ def verify_split(specs: Sequence[ScenarioSpec]) -> list[tuple[str, str]]:
             for a, b in near.T
         ]
     return problems
-
-
-def lint_scene(scene: Scene, roads: Roads) -> Iterator[str]:
-    """What is wrong with a loaded scene, in words."""
-    network = scene.network
-    start = network.lane(scene.start.lane)
-    if not EGO_LENGTH_M / 2 <= scene.start.s <= start.line.length - EGO_LENGTH_M / 2:
-        yield f"the ego starts {scene.start.s:.1f} m along a lane of {start.line.length:.1f} m"
-    goal = network.edge_lanes(scene.destination.edge)[0].line.length
-    if not 0.0 <= scene.destination.s <= goal:
-        yield f"the destination is {scene.destination.s:.1f} m along an edge of {goal:.1f} m"
-    shortest = roads.graph.route(start.edge, scene.destination.edge)
-    if shortest is None:
-        yield "no way from start to destination"
-    elif shortest != scene.route_hint:
-        yield "navigation gives another way than the scene says"
-    if scene.compliant_hint:
-        banned = (scene.route_hint[0], scene.route_hint[1])
-        if (
-            roads.graph.route(start.edge, scene.destination.edge, avoid_turns={banned})
-            != scene.compliant_hint
-        ):
-            yield "the obedient way is not the one that the scene says"
-    yield from _lint_plates(scene)
-    yield from _lint_obstacles(scene)
-    yield from _lint_bodies(scene)
-
-
-def _lint_plates(scene: Scene) -> Iterator[str]:
-    for sign in scene.signs:
-        lane = scene.network.edge_lanes(sign.edge)[0 if sign.lane < 0 else sign.lane]
-        s, d = lane.line.project(sign.x, sign.y)
-        if abs(s - sign.position_m) > 1.0:
-            yield f"plate {sign.id} stands {s:.1f} m along its lane, not {sign.position_m:.1f} m"
-        if abs(wrap(sign.heading - lane.line.heading_at(s))) > PLATE_TURN_RAD:
-            yield f"plate {sign.id} does not face its lane"
-        beside = -d - lane.width / 2
-        on_obstacle = any(math.hypot(o.x - sign.x, o.y - sign.y) <= o.length for o in scene.obstacles)
-        if not on_obstacle and not PLATE_SIDE_M[0] <= beside <= PLATE_SIDE_M[1]:
-            yield f"plate {sign.id} stands {beside:.1f} m right of its lane's edge"
-
-
-def _lint_obstacles(scene: Scene) -> Iterator[str]:
-    for o in scene.obstacles:
-        lane = scene.network.lane(o.lane)
-        s, d = lane.line.project(o.x, o.y)
-        if abs(d) > 0.3 or not o.length / 2 <= s <= lane.line.length - o.length / 2:
-            yield f"obstacle {o.id} does not stand on its lane"
-
-
-def _lint_bodies(scene: Scene) -> Iterator[str]:
-    """Nothing starts inside anything: ego, convoy, obstacles and cars that stand there at time 0."""
-    lane = scene.network.lane(scene.start.lane)
-    x, y = lane.line.point_at(scene.start.s)
-    bodies = [("ego", x, y, lane.line.heading_at(scene.start.s), EGO_LENGTH_M, EGO_WIDTH_M)]
-    root = read_additional(scene.additional_path)
-    sizes = {
-        t.attrib["id"]: (float(t.attrib["length"]), float(t.attrib["width"])) for t in root.iterfind("vType")
-    }
-    for v in root.iterfind("vehicle"):
-        if v.get("id") == "ego" or float(v.get("depart", "0")) > 0 or v.get("departPos") == "base":
-            continue
-        route = v.find("route")
-        assert route is not None
-        lane = scene.network.edge_lanes(str(route.attrib["edges"]).split()[0])[int(v.attrib["departLane"])]
-        length, width = sizes[v.attrib["type"]]
-        s = float(v.attrib["departPos"]) * lane.line.length / lane.length - length / 2
-        x, y = lane.line.point_at(s)
-        bodies.append((str(v.attrib["id"]), x, y, lane.line.heading_at(s), length, width))
-    xy = np.array([b[1:3] for b in bodies])
-    for i, a in enumerate(bodies):
-        for j in np.nonzero(np.hypot(*(xy[i + 1 :] - xy[i]).T) < 12.0)[0]:
-            b = bodies[i + 1 + int(j)]
-            if boxes_overlap(*a[1:], *b[1:]):
-                yield f"{a[0]} and {b[0]} start in the same place"

@@ -122,7 +122,8 @@ class Simulation:
         return True
 
     def hold(self, vehicle: str) -> None:
-        """Keep a vehicle standing."""
+        """Keep a vehicle standing, and for good in the lane that its part in the scene asks for."""
+        libsumo.vehicle.setLaneChangeMode(vehicle, 0)
         libsumo.vehicle.setSpeed(vehicle, 0.0)
 
     def release(self, vehicle: str) -> None:
@@ -133,6 +134,18 @@ class Simulation:
         """All vehicles on the road, sorted by id: (id, lane id, front's place along it in m, speed in m/s)."""
         v = libsumo.vehicle
         return [(i, v.getLaneID(i), v.getLanePosition(i), v.getSpeed(i)) for i in sorted(v.getIDList())]
+
+    def add_car(self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int) -> None:
+        """Let a car of a loaded type in at the start of its first edge, as fast as is safe."""
+        libsumo.route.add(f"{vehicle}_route", edges)
+        libsumo.vehicle.add(
+            vehicle,
+            f"{vehicle}_route",
+            vtype,
+            departLane=str(lane_order),
+            departPos="base",
+            departSpeed="max",
+        )
 
     def distance_driven(self, vehicle: str) -> float:
         """Metres since its departure, its start position included."""
