@@ -20,7 +20,9 @@ def to_command(output: object, motion: Motion) -> tuple[float, float]:
                 "expected two numbers"
             ) from None
         if not (math.isfinite(acceleration) and math.isfinite(steering)):
-            raise PlannerOutputError(f"Control is not finite: acceleration {acceleration}, steering {steering}")
+            raise PlannerOutputError(
+                f"Control is not finite: acceleration {acceleration}, steering {steering}"
+            )
         return acceleration, steering
     if isinstance(output, Trajectory):
         try:

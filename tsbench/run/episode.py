@@ -118,7 +118,13 @@ class EpisodeRunner:
         return self._planner
 
     def _result(
-        self, spec: ScenarioSpec, outcome: Outcome, error: str, detail: str, episode: Episode | None, total: float
+        self,
+        spec: ScenarioSpec,
+        outcome: Outcome,
+        error: str,
+        detail: str,
+        episode: Episode | None,
+        total: float,
     ) -> EpisodeResult:
         facts = None
         if episode is not None and episode.snapshots:
@@ -151,7 +157,13 @@ class Episode:
     """The state of one episode in its loop."""
 
     def __init__(
-        self, sim: Simulation, scene: Scene, roads: Roads, catalog: Catalog, mask: bool, beat: Callable[[int], None]
+        self,
+        sim: Simulation,
+        scene: Scene,
+        roads: Roads,
+        catalog: Catalog,
+        mask: bool,
+        beat: Callable[[int], None],
     ) -> None:
         began = time.perf_counter()
         self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
@@ -254,7 +266,11 @@ class Episode:
             row = int(actors.index[hit])
             kind = "pedestrian" if actors.table.kind[row] == ActorKind.PEDESTRIAN else "vehicle"
             fault = contact_at_fault(
-                ego, actors.pose[hit], float(actors.speed[hit]), float(actors.length[hit]), float(actors.width[hit])
+                ego,
+                actors.pose[hit],
+                float(actors.speed[hit]),
+                float(actors.length[hit]),
+                float(actors.width[hit]),
             )
             self.contact = Contact(snapshot.step, kind, actors.table.ids[row], fault)
             return Outcome.COLLISION

@@ -21,7 +21,9 @@ class Observer:
 
     def __init__(self, scene: Scene, mask_signs: bool) -> None:
         # With masked signs a plate keeps its place and the way it faces, not its identity.
-        self._signs = [(s, "" if mask_signs else s.code, None if mask_signs else s.value) for s in scene.signs]
+        self._signs = [
+            (s, "" if mask_signs else s.code, None if mask_signs else s.value) for s in scene.signs
+        ]
         self._obstacles = scene.obstacles
         self._history = np.empty((scene.horizon + 2, 4))
 
