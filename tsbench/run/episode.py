@@ -71,7 +71,7 @@ class EpisodeRunner:
         self._planner: Planner | None = None
         self._mask = mask_signs
         self._beat = heartbeat
-        self._sim = Simulation()
+        self.simulation = Simulation()
         self._loader = SceneLoader()
         self._catalog: Catalog = load_catalog()
 
@@ -83,7 +83,7 @@ class EpisodeRunner:
         try:
             self._beat(Phase.LOADING)
             scene, roads = self._loader.load(spec)
-            episode = Episode(self._sim, scene, roads, self._catalog, self._mask, self._beat)
+            episode = Episode(self.simulation, scene, roads, self._catalog, self._mask, self._beat)
             outcome = episode.drive(self._make_planner(spec, scene, roads))
         except PlannerOutputError as problem:
             outcome, error = Outcome.INVALID_OUTPUT, _line(problem)
@@ -145,7 +145,7 @@ class EpisodeRunner:
 
     def close(self) -> None:
         """End SUMO."""
-        self._sim.close()
+        self.simulation.close()
 
 
 def _line(error: BaseException) -> str:

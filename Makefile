@@ -1,0 +1,47 @@
+# `make run` and `make test` set everything up by themselves. Other targets regenerate data or check the code.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+WORKERS ?= 2
+OSM ?= sumo_nets/sources
+READY := $(VENV)/.ready
+
+.PHONY: run test setup lint format maps scenarios bench clean
+
+run: setup
+	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
+		--workers $(WORKERS) --out runs/main
+
+test: setup
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,dev]"
+	touch $@
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: setup
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# The pool of maps from a folder of OSM extracts, then the scenario tables and scene files from the pool.
+maps: setup
+	$(BIN)/tsbench maps harvest --osm $(OSM) --workers $(WORKERS)
+
+scenarios: setup
+	$(BIN)/tsbench scenarios build --osm $(OSM) --workers $(WORKERS)
+	$(BIN)/tsbench scenarios verify
+
+bench: setup
+	$(BIN)/tsbench bench
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache
