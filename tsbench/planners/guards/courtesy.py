@@ -21,8 +21,8 @@ from tsbench.sim.navigation import RouteView
 _MINOR, _MAJOR = "ms", "M"
 _LOOK_M = 60.0
 # No rule is at stake here: others see who is in the junction, and slow down a little.
-_GAP_S, _LEAST_MPS, _POST_CLEAR_S = 0.5, 2.0, 0.0
-_CAUTION = Caution(gap_s=0.0, clear_s=0.0, patience_s=3.0, trust=0.1, share=0.7)
+_GAP_S, _LEAST_MPS, _POST_CLEAR_S = 0.0, 2.0, 0.0
+_CAUTION = Caution(gap_s=0.0, clear_s=0.0, patience_s=3.0, trust=0.1, share=0.6)
 
 
 @dataclass(frozen=True, slots=True)

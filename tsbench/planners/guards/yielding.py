@@ -42,13 +42,13 @@ class Caution:
     room_m: needed behind the last zone. share: how much of its way through the ego has done when the other comes.
     """
 
-    hold_m: float = 1.2
+    hold_m: float = 1.0
     brake: float = 2.2
-    gap_s: float = 0.4
-    clear_s: float = 0.7
-    behind_s: float = 0.3
+    gap_s: float = 0.2
+    clear_s: float = 0.4
+    behind_s: float = 0.1
     foe_accel: float = 2.2
-    trust: float = 0.4
+    trust: float = 0.2
     slow: float = 3.0
     stands: float = 0.3
     near_m: float = 11.0
@@ -58,8 +58,8 @@ class Caution:
 
 
 # How the ego itself will go: the brisk end of what a base planner does is not counted on.
-_GO = IdmParameters(accel=2.2)
-_EGO = IdmParameters(accel=2.0, lateral=2.0)
+_GO = IdmParameters(accel=2.4, lateral=2.8)
+_EGO = IdmParameters(accel=2.3, lateral=2.6)
 _NEAR_M = 8.0
 _FOE_BRAKE_MPS2 = 3.5
 _STEP_M = 2.0
@@ -72,7 +72,7 @@ class Yielding:
     """One junction, from one approach: stops before its line while others with priority are in the way.
 
     gap: a vehicle that would reach its zone within so many seconds is in the way, its speed counted as `least` at
-    least. post_clear: seconds that the ego wants to have left a zone before the next one reaches it.
+    least; 0: no rule says so. post_clear: seconds for which the ego has left a zone before the next one is there.
     """
 
     def __init__(
@@ -173,8 +173,12 @@ class Yielding:
         if foe.speed > 1.0 and to_clear / (0.9 * foe.speed) < at_line - c.behind_s:
             # Gone before the ego is at the line; should it stop, there is still room to stop as well.
             return False
+        if foe.speed > c.slow and to_clear / (0.8 * foe.speed) < plan.enters - c.behind_s and not self._gap:
+            return False  # through before the ego gets there, even if it dawdles
         if to_zone <= 0.0:
             return True
+        if not self._gap:
+            return self._too_soon(foe, to_zone, plan)
         # It may keep its speed or gather more; which of the two is worse differs by clause.
         kept = to_zone - foe.speed * at_line
         gone, speed = gather(foe.speed, self._limit(foe), self._gathers(foe), at_line)
@@ -188,6 +192,11 @@ class Yielding:
             return True
         if foe.speed > c.slow and to_clear / (0.8 * foe.speed) < plan.enters - c.behind_s:
             return False  # through before the ego gets there, even if it dawdles
+        return self._too_soon(foe, to_zone, plan)
+
+    def _too_soon(self, foe: Foe, to_zone: float, plan: Plan) -> bool:
+        """Would it be there before the ego has gone its share of the way through?"""
+        c = self._caution
         through = plan.enters + c.share * (plan.left - plan.enters)
         return self._soonest(foe, to_zone) < through + self._post_clear + c.clear_s
 
