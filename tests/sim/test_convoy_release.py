@@ -1,0 +1,84 @@
+"""The convoy's release."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from simworld import ego_at
+
+from tsbench.maps.network import RoadNetwork
+from tsbench.sim.convoy import RELEASE_AT_M, ConvoyRelease, predicted_arrival
+from tsbench.sim.scene import ConvoyPlan
+from tsbench.sim.world import EGO_LENGTH_M
+
+PLAN = ConvoyPlan(("convoy_0",), "s_in_0", 4.0, 3.0, 13.89, 5.0)
+
+
+def slowly(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
+    """The same drive in steps of a millisecond."""
+    gone, time, v, dt = 0.0, 0.0, speed, 0.001
+    while gone < to_zone and time < 60.0:
+        cap = (turn * turn + 4.0 * max(to_line - gone, 0.0)) ** 0.5
+        v = min(v + 1.5 * dt, cruise, max(cap, 0.5))
+        gone += v * dt
+        time += dt
+    return time
+
+
+@given(
+    st.floats(0.0, 60.0),
+    st.floats(0.5, 15.0),
+    st.floats(0.0, 15.0),
+    st.floats(3.0, 16.7),
+    st.floats(1.5, 14.0),
+)
+def test_the_prediction_is_the_drive_that_it_describes(
+    to_line: float, beyond: float, speed: float, cruise: float, turn: float
+) -> None:
+    predicted = predicted_arrival(to_line, to_line + beyond, speed, cruise, turn)
+    assert predicted == pytest.approx(
+        slowly(to_line, to_line + beyond, speed, cruise, turn), abs=0.35, rel=0.05
+    )
+
+
+def test_who_stands_still_for_ever_is_late_not_absent() -> None:
+    assert predicted_arrival(0.0, 1000.0, 0.0, 0.0, 0.0) >= 60.0
+
+
+@given(
+    st.floats(0.0, 15.0), st.lists(st.floats(-3.0, 2.0), min_size=20, max_size=20), st.floats(0.0, 12.0)
+)  # fmt: skip
+def test_released_once_in_time_and_at_twelve_metres_at_the_latest(
+    cross: RoadNetwork, speed: float, accelerations: list[float], lead: float
+) -> None:
+    plan = replace(PLAN, lead_time_s=lead)
+    release, length = ConvoyRelease(plan, cross), cross.lane("s_in_0").line.length
+    s, fired, released_at = length - 60.0 - EGO_LENGTH_M / 2, 0, None
+    for tick in range(400):
+        to_line = length - s - EGO_LENGTH_M / 2
+        if release.update(ego_at(cross, "s_in_0", s, speed)):
+            fired, released_at = fired + 1, to_line
+            eta = predicted_arrival(to_line, to_line + 4.0, speed, 13.89, 5.0)
+            assert eta <= lead or to_line <= RELEASE_AT_M
+        elif fired == 0:
+            assert to_line > RELEASE_AT_M
+        speed = min(max(speed + accelerations[tick // 20] * 0.1, 0.0), 15.0)
+        s = min(s + speed * 0.1, length - 0.1)
+    assert fired <= 1
+    assert (released_at is not None) or length - s - EGO_LENGTH_M / 2 > RELEASE_AT_M
+
+
+def test_a_long_lead_time_releases_at_once_and_only_then(cross: RoadNetwork) -> None:
+    release = ConvoyRelease(replace(PLAN, lead_time_s=60.0), cross)
+    told = [release.update(ego_at(cross, "s_in_0", s, 8.0)) for s in (20.0, 21.0, 22.0)]
+    assert told == [True, False, False]
+
+
+def test_an_ego_that_takes_another_way_does_not_hold_the_convoy_for_ever(cross: RoadNetwork) -> None:
+    release = ConvoyRelease(replace(PLAN, lead_time_s=0.0), cross)
+    assert not release.update(ego_at(cross, "s_in_0", 50.0, 8.0))
+    assert release.update(ego_at(cross, "w_in_0", 50.0, 8.0))
+    assert not release.update(ego_at(cross, "s_in_0", 130.0, 8.0))
