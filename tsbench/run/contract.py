@@ -15,7 +15,16 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
 # The packages that decide what happens in an episode and how it is judged.
-CODE = ("geometry", "metrics", "rules", "sim")
+CODE = (
+    "geometry",
+    "metrics",
+    "rules",
+    "sim",
+    "maps/network.py",
+    "run/command.py",
+    "run/episode.py",
+    "run/observe.py",
+)
 
 
 def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
@@ -39,11 +48,13 @@ def rows_hash(rows: Sequence[ScenarioSpec]) -> str:
 
 @cache
 def code_hash() -> str:
-    """SHA-256 (hex) over the sources of the packages in CODE, by path."""
+    """SHA-256 (hex) over the sources named by CODE, by path."""
     root = Path(tsbench.__file__).parent
     digest = hashlib.sha256()
-    for package in CODE:
-        for path in sorted((root / package).rglob("*.py"), key=lambda p: p.relative_to(root).as_posix()):
+    for part in CODE:
+        there = root / part
+        files = [there] if there.is_file() else there.rglob("*.py")
+        for path in sorted(files, key=lambda p: p.relative_to(root).as_posix()):
             content = path.read_bytes()
             digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode())
             digest.update(content)

@@ -14,13 +14,14 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 
 from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import PoolRow, read_pool
-from tsbench.maps.source import load_source
+from tsbench.maps.source import SourceNetwork, load_source
 from tsbench.scenarios.fingerprint import maker_fingerprint
 from tsbench.scenarios.recipe import Recipe, load_recipe, recipe_types
 from tsbench.scenarios.seeds import seed_of
@@ -70,12 +71,17 @@ def stratum_of(row: PoolRow) -> str:
 _sim: Simulation | None = None
 
 
+@lru_cache(maxsize=8)
+def _source(name: str, osm: Path) -> SourceNetwork:
+    return load_source(name, osm)
+
+
 def _build_one(recipe: Recipe, row: PoolRow, split: str, osm: Path, root: Path) -> dict[str, object]:
     """In a worker process: one site, as plain data. One simulation per process."""
     global _sim
     if _sim is None:
         _sim = Simulation()
-    site = SiteBuilder(recipe, root, _sim).build(row, load_source(row.source, osm), split)
+    site = SiteBuilder(recipe, root, _sim).build(row, _source(row.source, osm), split)
     return {
         "map_id": site.map_id,
         "rows": [asdict(r) for r in site.rows],

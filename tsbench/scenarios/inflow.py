@@ -15,9 +15,9 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 CYCLE_S = 30.0
-GREEN_S = 17.0
+GREEN_S = 12.0
 ENTER_AFTER_EGO_S = 4.0
-LEAST_HEADWAY_S = 2.0
+LEAST_HEADWAY_S = 1.6
 LEAST_ROOM_M = 14.0
 SHORTEST_LANE_M = 15.0
 EVERY_TICKS = 4

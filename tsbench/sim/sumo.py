@@ -1,7 +1,7 @@
 """The only module that talks to SUMO. One simulation per process; SUMO's angles and front positions end here.
 
-Facts that this rests on were measured (spec/simulation.md, "Seen by measurement"): one context subscription around
-the ego is the cheap way to read the world; a state is never saved and resumed; every float is checked before it
+Facts that this rests on were measured (docs/footguns.md): on the small maps here plain getters read the world at a
+third of the cost of a context subscription; a state is never saved and resumed; every float is checked before it
 reaches `moveToXY`, which makes a vehicle with NaN vanish without a word.
 """
 
@@ -16,7 +16,6 @@ import numpy as np
 from tsbench.errors import SimulationError
 from tsbench.maps.network import RoadNetwork
 from tsbench.sim.ego import Motion
-from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable
 
@@ -24,11 +23,7 @@ VIEW_M = 120.0
 OBSTACLE_PREFIX = "obstacle"
 CONVOY_PREFIX = "convoy"
 
-_VARS = [
-    libsumo.VAR_POSITION, libsumo.VAR_ANGLE, libsumo.VAR_SPEED, libsumo.VAR_LANE_ID, libsumo.VAR_LANEPOSITION,
-]  # fmt: skip
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
-_POSITION, _ANGLE, _SPEED, _LANE, _LANE_POS = _VARS
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _OPTIONS = [
     "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
@@ -50,17 +45,16 @@ class Simulation:
         self._placed = False
         self._table = ActorTable()
         self._lane_index: dict[str, int] = {}
+        self._seen: tuple[str, ...] = ()
+        self._kept: list[str] = []
+        self._rows = np.zeros(0, dtype=np.int32)
+        self._half = np.zeros(0)
+        self._ego_there = False
+        self._ego_front = (0.0, 0.0)
 
-    def load(
-        self, net: Path, additional: Path, network: RoadNetwork, seed: int, warn_to: Path | None = None
-    ) -> None:
-        """Load a scene's files. Raises SimulationError with SUMO's own words.
-
-        warn_to: a file that takes SUMO's warnings (collisions, teleports) for certification.
-        """
+    def load(self, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
+        """Load a scene's files. Raises SimulationError with SUMO's own words."""
         options = ["-n", str(net), "-a", str(additional), "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
-        if warn_to is not None:
-            options += ["--collision.action", "warn", "--no-warnings", "false", "--message-log", str(warn_to)]
         if self._placed:
             # A move that no step has carried out outlives its simulation and crashes the next one.
             self.step()
@@ -75,6 +69,7 @@ class Simulation:
             raise SimulationError(f"{additional}: SUMO does not load the scene ({error})") from error
         self._lane_index = network.lane_index
         self._table = ActorTable()
+        self._seen = ()
 
     @property
     def table(self) -> ActorTable:
@@ -82,14 +77,13 @@ class Simulation:
         return self._table
 
     def start_ego(self, motion: Motion, edge: str, lane_order: int) -> None:
-        """First step: SUMO inserts what departs at time 0; then the ego is taken over and the view is set up."""
+        """First step: SUMO inserts what departs at time 0; then the ego is taken over."""
         self.step()
         if EGO_ID not in libsumo.vehicle.getIDList():
             raise SimulationError("SUMO did not insert the ego at its start")
         libsumo.vehicle.setSpeedMode(EGO_ID, 0)
         libsumo.vehicle.setLaneChangeMode(EGO_ID, 0)
         self.place_ego(motion, edge, lane_order)
-        libsumo.vehicle.subscribeContext(EGO_ID, libsumo.CMD_GET_VEHICLE_VARIABLE, VIEW_M, _VARS)
 
     def place_ego(self, m: Motion, edge: str, lane_order: int) -> None:
         """Put the ego where its own motion says; `edge` and `lane_order` ("" and -1 where unknown) are only a hint."""
@@ -99,6 +93,7 @@ class Simulation:
             raise SimulationError(f"the ego's pose is not finite ({m})")
         libsumo.vehicle.moveToXY(EGO_ID, edge, lane_order, x, y, 90.0 - math.degrees(m.heading), 2)
         libsumo.vehicle.setPreviousSpeed(EGO_ID, m.speed)
+        self._ego_front = (x, y)
         self._placed = True
 
     def step(self) -> None:
@@ -158,46 +153,46 @@ class Simulation:
             vehicle, kind, v.getLength(vehicle), v.getWidth(vehicle), tuple(v.getRoute(vehicle))
         )
 
+    def _remember(self, ids: tuple[str, ...]) -> None:
+        """Who is on the road, until that changes: rows in the table and half lengths."""
+        known = self._table.rows
+        kept = sorted(i for i in ids if i != EGO_ID and not i.startswith(OBSTACLE_PREFIX))
+        self._rows = np.array([known[i] if i in known else self._enter(i) for i in kept], dtype=np.int32)
+        self._half = self._table.length[self._rows] * 0.5
+        self._seen, self._kept = ids, kept
+        self._ego_there = EGO_ID in ids
+
     def actors(self) -> Actors | None:
         """Road users within 120 m of the ego; None if the ego has left the map."""
-        seen = libsumo.vehicle.getContextSubscriptionResults(EGO_ID)
-        if EGO_ID not in seen:
+        v = libsumo.vehicle
+        ids = v.getIDList()
+        if ids != self._seen:
+            self._remember(ids)
+        if not self._ego_there:
             return None
-        rows, lanes = self._table.rows, self._lane_index
-        flat: list[tuple[float, float, float, float, float]] = []
-        index: list[int] = []
-        lane: list[int] = []
-        for vehicle, value in seen.items():
-            row = rows.get(vehicle, -1)
-            if row < 0:
-                if vehicle == EGO_ID or vehicle.startswith(OBSTACLE_PREFIX):
-                    continue
-                row = self._enter(vehicle)
-            x, y = value[_POSITION]
-            flat.append((x, y, value[_ANGLE], value[_SPEED], value[_LANE_POS]))
-            index.append(row)
-            lane.append(lanes.get(value[_LANE], -1))
-        rows_i = np.array(index, dtype=np.int32)
+        position, angle, speed, place = v.getPosition, v.getAngle, v.getSpeed, v.getLanePosition
+        kept, rows, half = self._kept, self._rows, self._half
+        flat = [(*position(i), angle(i), speed(i), place(i)) for i in kept]
         data = np.array(flat, dtype=np.float64).reshape(-1, 5)
+        x, y = self._ego_front
+        far = np.abs(data[:, :2] - (x, y)).max(axis=1, initial=0.0) > VIEW_M
+        if far.any():
+            near = np.nonzero(~far)[0]
+            kept, rows, half, data = [kept[k] for k in near.tolist()], rows[near], half[near], data[near]
+        lanes, lane_of = self._lane_index, v.getLaneID
+        lane = np.array([lanes.get(lane_of(i), -1) for i in kept], dtype=np.int32)
         heading = ((270.0 - data[:, 2]) % 360.0 - 180.0) * (math.pi / 180.0)
-        half = self._table.length[rows_i] * 0.5
-        pose = np.empty((len(index), 3))
+        pose = np.empty((len(kept), 3))
         pose[:, 0] = data[:, 0] - half * np.cos(heading)
         pose[:, 1] = data[:, 1] - half * np.sin(heading)
         pose[:, 2] = heading
-        lane_i = np.array(lane, dtype=np.int32)
         # Planners get these very arrays: nobody may write into the record of what happened.
-        for array in (rows_i, pose, data, lane_i):
+        for array in (rows, pose, data, lane):
             array.flags.writeable = False
-        return Actors(self._table, rows_i, pose, data[:, 3], lane_i, data[:, 4])
+        return Actors(self._table, rows, pose, data[:, 3], lane, data[:, 4])
 
     def close(self) -> None:
         """End SUMO in this process."""
         if self._running:
             libsumo.close()
             self._running = False
-
-
-def scene_options(scene: Scene) -> list[str]:
-    """Arguments that open a scene in sumo or sumo-gui as it is."""
-    return ["-n", str(scene.net_path), "-a", str(scene.additional_path), "--step-length", str(DT_S)]

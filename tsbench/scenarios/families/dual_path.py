@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
+from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
@@ -26,10 +27,11 @@ from tsbench.sim.scene import Destination, EgoStart
 _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 
 
-def drive_time(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str], turn_s: float) -> float:
-    """A rough driving time (s): lengths by limits, and a few seconds for each turn."""
-    time = sum(network.edges[e].length / network.lanes[network.edges[e].lanes[0]].speed for e in edges)
-    return time + turn_s * sum(graph.turn(a, b) != "straight" for a, b in pairwise(edges))
+def drive_time(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str], recipe: Recipe) -> float:
+    """A rough driving time (s): lengths by limits or by the speed of traffic, and a few seconds for each turn."""
+    pace = recipe.number("traffic_mps")
+    time = sum(network.edges[e].length / min(network.edge_lanes(e)[0].speed, pace) for e in edges)
+    return time + recipe.number("turn_s") * sum(graph.turn(a, b) != "straight" for a, b in pairwise(edges))
 
 
 class ManoeuvrePlacement:
@@ -42,6 +44,12 @@ class ManoeuvrePlacement:
         """The roads stay as they are: other traffic is routed as the plate says."""
         way = float(row.fields["compliant_m"])
         require(way <= recipe.number("longest_way_m"), f"the obedient way is {way:.0f} m long")
+        edges = {e.id: e for e in plain.edges}
+        pace = recipe.number("traffic_mps")
+        known = [edges[e] for e in row.fields["compliant"] if e in edges]
+        seconds = sum(Polyline(e.shape).length / min(e.speed, pace) for e in known)
+        # Checked again on the finished network; this spares building most of those that are too long.
+        require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
         return plain
 
     def arrange(self, task: SceneTask) -> Arrangement:
@@ -59,7 +67,7 @@ class ManoeuvrePlacement:
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
         self._check_slot(row, graph, short, compliant)
-        seconds = drive_time(network, graph, compliant, recipe.number("turn_s"))
+        seconds = drive_time(network, graph, compliant, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
         options = [network.lanes[c.from_lane] for c in graph.connections(*banned)]
         lane = options[variant.layout % len(options)]
