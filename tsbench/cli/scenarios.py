@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tsbench.errors import InputError
@@ -29,7 +29,9 @@ def _find(scenario_id: str) -> ScenarioSpec:
 
 
 def _progress() -> Progress:
-    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    )
 
 
 @click.group()
@@ -48,7 +50,7 @@ def build(types: str, osm: Path | None, workers: int) -> None:
     chosen = tuple(t.strip() for t in types.split(",") if t.strip())
     request = BuildRequest(chosen, osm or sources_dir(), data_root() / "scenarios", workers)
     with _progress() as bar:
-        tasks: dict[str, int] = {}
+        tasks: dict[str, TaskID] = {}
 
         def report(name: str, done: int, total: int) -> None:
             if name not in tasks:
@@ -109,7 +111,15 @@ def open_(scenario_id: str, launch: bool) -> None:
 
     spec = _find(scenario_id)
     root = data_root() / "scenarios"
-    command = ["sumo-gui", "-n", str(root / spec.net), "-a", str(root / spec.additional), "--step-length", "0.1"]
+    command = [
+        "sumo-gui",
+        "-n",
+        str(root / spec.net),
+        "-a",
+        str(root / spec.additional),
+        "--step-length",
+        "0.1",
+    ]
     click.echo(shlex.join(command))
     if launch:
         try:
@@ -153,5 +163,7 @@ def stats() -> None:
     passed = Table("type", "quota missed", "maps passed over, by reason")
     for name, entry in sorted(build_report()["types"].items()):
         missed = {k: v for k, v in entry["missed"].items() if v}
-        passed.add_row(name, str(missed or "none"), "\n".join(f"{n} {why}" for why, n in entry["reasons"].items()))
+        passed.add_row(
+            name, str(missed or "none"), "\n".join(f"{n} {why}" for why, n in entry["reasons"].items())
+        )
     console.print(passed)

@@ -144,18 +144,18 @@ def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
         base = len(lanes)
         children = element.findall("lane")
         for k, child in enumerate(children):
-            line = _line(_points(child.attrib["shape"]), internal)
+            line = _line(_points(str(child.attrib["shape"])), internal)
             lanes.append(
                 Lane(
-                    index=base + k, id=child.attrib["id"], edge=element.attrib["id"], order=k, line=line,
+                    index=base + k, id=str(child.attrib["id"]), edge=str(element.attrib["id"]), order=k, line=line,
                     width=float(child.get("width", DEFAULT_LANE_WIDTH_M)), speed=float(child.attrib["speed"]),
                     length=float(child.attrib["length"]), internal=internal,
                     allow=_classes(child.get("allow")), disallow=_classes(child.get("disallow")),
                     left=base + k + 1 if k + 1 < len(children) else -1, right=base + k - 1 if k else -1,
                 )
             )  # fmt: skip
-        edges[element.attrib["id"]] = Edge(
-            id=element.attrib["id"],
+        edges[str(element.attrib["id"])] = Edge(
+            id=str(element.attrib["id"]),
             source=element.get("from", ""),
             target=element.get("to", ""),
             lanes=tuple(range(base, base + len(children))),
@@ -215,8 +215,8 @@ def read_network(path: Path) -> RoadNetwork:
         connections = _read_connections(root, edges, index)
         _turn_touching(lanes, connections)
         junctions = {
-            e.attrib["id"]: Junction(
-                e.attrib["id"],
+            str(e.attrib["id"]): Junction(
+                str(e.attrib["id"]),
                 e.get("type", ""),
                 float(e.attrib["x"]),
                 float(e.attrib["y"]),

@@ -21,10 +21,15 @@ from tsbench.sim.world import Actors, EgoState
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """Acceleration (m/s2) and steering angle (rad, left positive); clipped to the vehicle's limits."""
+    """Acceleration (m/s2) and steering angle (rad, left positive); clipped to the vehicle's limits.
+
+    intent: edges that the ego means to drive from where it is, as a driver's indicators tell others; () = the
+    navigation's way. Other traffic goes by it when it gives way.
+    """
 
     acceleration: float
     steering: float
+    intent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +37,12 @@ class Trajectory:
     """Future poses that the harness's own tracker follows.
 
     times: (k,) s from now, increasing, first > 0. poses: (k, 3) x, y, heading of the ego's centre in the
-    world frame.
+    world frame. intent: as in `Control`.
     """
 
     times: Array
     poses: Array
+    intent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,7 +82,7 @@ class Expert:
             way, stop = self._lanes.guide(o, route)
             steering = follow(way, o.ego)
             most = min(most, slow_to(o.ego.speed, 0.0, stop - way.s - HALF_LENGTH_M, _BRAKE_MPS2))
-        return Control(min(max(acceleration, least), most), steering)
+        return Control(min(max(acceleration, least), most), steering, route.path.edges if led else ())
 
 
 def _control(command: Control | Trajectory, ego: EgoState) -> tuple[float, float]:

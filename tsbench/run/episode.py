@@ -190,7 +190,8 @@ class Episode:
         sim.step()
         self.route: RouteView = self.navigator.update(self.ego)
         self.start_remaining = self.route.remaining
-        self._sumo_path: object = None
+        self.intent: tuple[str, ...] = ()
+        self._shown: tuple[str, ...] = ()
         self._take(0)
         self.start_s = time.perf_counter() - began
 
@@ -232,7 +233,7 @@ class Episode:
             t1 = clock()
             beat(Phase.SIMULATING)
             self.planner_s.append(t1 - t0)
-            command = to_command(output, self.motion)
+            command, self.intent = to_command(output, self.motion, self.scene.network)
             self.commands.append(command)
             self.motion = advance(self.motion, *command)
             self.ego = self._locate(self.ego.lane)
@@ -248,8 +249,9 @@ class Episode:
             assert self.scene.convoy is not None
             for vehicle in self.scene.convoy.vehicles:
                 sim.release(vehicle)
-        if self.route.path is not self._sumo_path and sim.set_route(self.route.path.edges):
-            self._sumo_path = self.route.path
+        shown = self.intent or self.route.path.edges
+        if shown is not self._shown and (shown == self._shown or sim.set_route(shown)):
+            self._shown = shown
         if ego.lane >= 0:
             lane = self.scene.network.lanes[ego.lane]
             sim.place_ego(self.motion, lane.edge, lane.order)

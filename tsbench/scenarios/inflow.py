@@ -15,10 +15,10 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 CYCLE_S = 30.0
-GREEN_S = 12.0
+GREEN_S = 15.0
 ENTER_AFTER_EGO_S = 4.0
-LEAST_HEADWAY_S = 1.6
-LEAST_ROOM_M = 14.0
+LEAST_HEADWAY_S = 1.5
+LEAST_ROOM_M = 11.0
 SHORTEST_LANE_M = 15.0
 EVERY_TICKS = 4
 OWN_PREFIX = "bg_"
@@ -63,14 +63,15 @@ class Inflow:
         return total / max(samples, 1)
 
     def _let_in(self, now: float, count: int, rear: dict[str, float]) -> None:
-        if self.ask.platoons and (now + self.phase) % CYCLE_S > GREEN_S:
-            return
+        red = (now + self.phase) % CYCLE_S > GREEN_S
         for lane in sorted(self.entries, key=lambda i: (self.last[i.id], i.index)):
             if count >= self.target:
                 return
             if now - self.last[lane.id] < LEAST_HEADWAY_S or rear.get(lane.id, 1e9) < LEAST_ROOM_M:
                 continue
             if lane.edge == self.ego_edge and now < ENTER_AFTER_EGO_S:
+                continue
+            if red and lane.edge in self.ask.platoons:
                 continue
             self._enter(now, lane)
             count += 1

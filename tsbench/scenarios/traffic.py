@@ -41,8 +41,8 @@ class TrafficRequest:
     """What is asked: cars per lane-km, drivers to draw from, the ego's start, and where nobody is put or sent.
 
     avoid_turns: what the plates forbid. quiet_edges: edges kept free at the start (the convoy's).
-    blocked: (lane id, from, to) stretches where no car stands at first. platoons: cars enter in platoons, as from
-    signals upstream, so that who gives way finds a gap in time.
+    blocked: (lane id, from, to) stretches where no car stands at first. platoons: edges on which cars enter in
+    platoons, as from signals upstream, so that who gives way finds a gap in time.
     """
 
     cars_per_lane_km: float
@@ -51,7 +51,7 @@ class TrafficRequest:
     avoid_turns: AbstractSet[Turn]
     quiet_edges: AbstractSet[str]
     blocked: tuple[tuple[str, float, float], ...]
-    platoons: bool
+    platoons: AbstractSet[str]
 
     def allows(self, lane: Lane, s: float) -> bool:
         """May a car stand here when the episode begins?"""

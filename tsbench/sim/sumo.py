@@ -109,11 +109,12 @@ class Simulation:
     def set_route(self, edges: tuple[str, ...]) -> bool:
         """Tell SUMO where the ego is going, so that traffic sees it at junctions.
 
-        Returns False, and changes nothing, while SUMO has the ego on another edge than the first one.
+        Returns False, and changes nothing, while SUMO has the ego on none of these edges (inside a junction, say).
         """
-        if libsumo.vehicle.getRoadID(EGO_ID) != edges[0]:
+        here = libsumo.vehicle.getRoadID(EGO_ID)
+        if here not in edges:
             return False
-        libsumo.vehicle.setRoute(EGO_ID, edges)
+        libsumo.vehicle.setRoute(EGO_ID, edges[edges.index(here) :])
         return True
 
     def hold(self, vehicle: str) -> None:

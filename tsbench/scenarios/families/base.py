@@ -53,7 +53,8 @@ class Arrangement:
 
     extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
-    speed_factors: of the background drivers, () = all 1. platoons: cars enter in platoons.
+    speed_factors: of the background drivers, () = all 1. platoons: edges where cars enter in
+    platoons.
     """
 
     signs: tuple[SignInstance, ...]
@@ -70,7 +71,7 @@ class Arrangement:
     quiet_edges: AbstractSet[str] = frozenset()
     speed_factors: Sequence[float] = field(default_factory=tuple)
     blocked: tuple[tuple[str, float, float], ...] = ()
-    platoons: bool = False
+    platoons: AbstractSet[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class ManoeuvrePlacement:
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(target, end_s), route_hint=short,
             compliant_hint=compliant, route_length=_length(network, graph, short[1:]), avoid_turns=frozenset({banned}),
-            platoons=True, blocked=way_ahead(passenger_lanes(network, signed), start),
+            platoons=frozenset(network.edges), blocked=way_ahead(passenger_lanes(network, signed), start),
         )  # fmt: skip
 
     @staticmethod

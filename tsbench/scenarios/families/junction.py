@@ -144,7 +144,7 @@ class GiveWayPlacement:
             signs=(sign,), target=sign.id, start=start, destination=Destination(exit_lane.edge, end_s),
             route_hint=route, route_length=end_s, convoy=_convoy(task, chosen),
             quiet_edges=frozenset({network.lanes[chosen.foe.from_lane].edge}),
-            platoons=True, blocked=way_ahead(passenger_lanes(network, lane.edge), start),
+            platoons=frozenset(arms.main_in), blocked=way_ahead(passenger_lanes(network, lane.edge), start),
         )  # fmt: skip
 
 
