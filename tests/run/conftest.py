@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from run_helpers import ROOT, Bench, specs
 
@@ -21,6 +23,9 @@ def write_data(root: Path) -> Path:
         (root / "scenarios" / row.net).touch()
         (root / "scenarios" / row.additional).touch()
     write_table(rows, root / "scenarios" / "test.parquet")
+    (root / "sumo_nets").mkdir()
+    maps = pa.table({"map_id": sorted({row.map_id for row in rows})})
+    pq.write_table(maps, root / "sumo_nets" / "pool.parquet")
     return root
 
 

@@ -119,3 +119,13 @@ def read_pool(path: Path) -> list[PoolRow]:
         record["junction_ids"] = tuple(record["junction_ids"])
         rows.append(PoolRow(**record))
     return rows
+
+
+def known_map_ids(path: Path) -> frozenset[str]:
+    """Ids of all maps in the index, without reading the rest. Raises InputError."""
+    if not path.is_file():
+        raise InputError(f"{path}: no pool index; `tsbench maps harvest --osm DIR` makes it")
+    try:
+        return frozenset(str(m) for m in pq.read_table(path, columns=["map_id"])["map_id"].to_pylist())
+    except (pa.ArrowInvalid, KeyError, OSError) as broken:
+        raise InputError(f"{path}: not a readable pool index ({' '.join(str(broken).split())})") from broken

@@ -9,6 +9,8 @@ from itertools import zip_longest
 from pathlib import Path
 
 from tsbench.errors import InputError
+from tsbench.maps.paths import pool_file
+from tsbench.maps.pool import known_map_ids
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog
@@ -115,14 +117,17 @@ def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> li
 
 
 def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> None:
-    """A row may only speak of what the catalogue has."""
+    """A row may only speak of what the catalogue and the pool have."""
     kinds = {kind.id: kind for kind in catalog.types}
+    maps = known_map_ids(pool_file())
     for row in rows:
         where = f"{path}: row {row.scenario_id}"
         if row.scenario_type not in kinds:
             raise InputError(f"{where}: unknown type {row.scenario_type!r}")
         if row.sign_code not in catalog.signs:
             raise InputError(f"{where}: unknown sign {row.sign_code!r}")
+        if row.map_id not in maps:
+            raise InputError(f"{where}: unknown map {row.map_id!r}")
         if row.group != kinds[row.scenario_type].group:
             raise InputError(f"{where}: group {row.group!r} is not that of {row.scenario_type}")
 
