@@ -1,0 +1,92 @@
+"""Recipes: read as they stand, refused with file and key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tsbench.errors import InputError
+from tsbench.scenarios.families.registry import placement_of
+from tsbench.scenarios.recipe import load_recipe, recipe_types, recipes_folder
+from tsbench.signs.catalog import load_catalog
+
+TYPES = ("detour_right", "no_turn_left", "speed_limit", "yield")
+
+
+def test_the_four_types_have_recipes_with_placements() -> None:
+    catalog = load_catalog()
+    assert recipe_types() == TYPES
+    for name in TYPES:
+        recipe = load_recipe(name, catalog)
+        assert recipe.type.id == name
+        assert recipe.horizon == 600
+        # 80 for train, and a quarter of each stratum for test: about 20.
+        assert sum(recipe.maps.values()) == 80
+        assert sum(n // 4 for n in recipe.maps.values()) in (18, 19, 20)
+        placement_of(recipe)
+
+
+def test_numbers_are_read_by_name_or_missed_by_name() -> None:
+    recipe = load_recipe("yield", load_catalog())
+    assert recipe.number("ego_before_line_m") == 60.0
+    with pytest.raises(InputError, match=r"scenarios/recipes/yield\.yaml: numbers: gap_m is missing"):
+        recipe.number("gap_m")
+
+
+def change(data: dict, key: str, value: object) -> dict:
+    changed = dict(data)
+    if value is None:
+        del changed[key]
+    else:
+        changed[key] = value
+    return changed
+
+
+def refuse(folder: Path, text: str, name: str = "yield") -> str:
+    path = folder / f"{name}.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as told:
+        load_recipe(name, load_catalog(), folder)
+    message = str(told.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+@pytest.fixture
+def good() -> dict:
+    return yaml.safe_load((recipes_folder() / "yield.yaml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("horizon", None, "expected the keys"),
+        ("colour", "red", "expected the keys"),
+        ("schema", 2, "schema 2"),
+        ("type", "stop", "type 'stop'"),
+        ("numbers", {"gap_m": "wide"}, "numbers: gap_m: 'wide' is not a number"),
+        ("numbers", {"gap_m": True}, "numbers: gap_m: True is not a number"),
+    ],
+)
+def test_a_wrong_recipe(tmp_path: Path, good: dict, key: str, value: object, words: str) -> None:
+    assert words in refuse(tmp_path, yaml.safe_dump(change(good, key, value)))
+
+
+@pytest.mark.parametrize("text", ["", "- a\n- b\n", "a: [1,\n", "\tindented: true\n"])
+def test_no_recipe_at_all(tmp_path: Path, text: str) -> None:
+    refuse(tmp_path, text)
+
+
+def test_a_type_without_a_recipe(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no recipe for type 'stop'"):
+        load_recipe("stop", load_catalog(), tmp_path)
+
+
+def test_an_unknown_placement(tmp_path: Path, good: dict) -> None:
+    (tmp_path / "yield.yaml").write_text(yaml.safe_dump(good | {"placement": "by_feel"}), encoding="utf-8")
+    recipe = load_recipe("yield", load_catalog(), tmp_path)
+    with pytest.raises(InputError, match=r"yield\.yaml: placement: unknown 'by_feel'"):
+        placement_of(recipe)

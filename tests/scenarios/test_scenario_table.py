@@ -1,0 +1,166 @@
+"""Scenario tables: what goes in comes out, and what is broken is said in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from tsbench.errors import InputError
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path, write_table
+
+BASE = ScenarioSpec(
+    "yield-j-1-v0", "yield", "priority", "2.4", None, "j-1", "junction", "T", "", 0, "test", 2**32 - 1, 7.75, 90.0,
+    4.0, 2, 5, 600, "scenes/yield/j-1/net.net.xml.gz", "scenes/yield/j-1/v0.add.xml.gz", "a" * 64, "b" * 64,
+)  # fmt: skip
+
+
+def rows(n: int) -> list[ScenarioSpec]:
+    return [replace(BASE, scenario_id=f"yield-j-1-v{k}", variant=k, seed=k) for k in range(n)]
+
+
+SPECS = st.lists(
+    st.builds(
+        replace,
+        st.just(BASE),
+        scenario_id=st.text(min_size=1, max_size=12).filter(lambda t: t.isprintable()),
+        sign_value=st.none() | st.floats(5, 110),
+        seed=st.integers(0, 2**32 - 1),
+        initial_speed=st.floats(0, 22),
+        density=st.sampled_from([0.0, 2.3333, 5.5]),
+        drivers=st.integers(-1, 2),
+        horizon=st.integers(1, 10_000),
+        split=st.sampled_from(["train", "test"]),
+    ),
+    max_size=8,
+    unique_by=lambda s: s.scenario_id,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)
+@given(SPECS)
+def test_round_trip_sorted_by_id(tmp_path: Path, specs: list[ScenarioSpec]) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(specs, path)
+    assert read_table(path) == sorted(specs, key=lambda s: s.scenario_id)
+    assert not path.with_suffix(".part").exists()
+
+
+def test_the_same_rows_are_the_same_bytes_in_any_order(tmp_path: Path) -> None:
+    one, two = tmp_path / "one.parquet", tmp_path / "two.parquet"
+    write_table(rows(10), one)
+    write_table(reversed(rows(10)), two)
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_where_tables_stand(tmp_path: Path) -> None:
+    assert table_path("test", tmp_path) == tmp_path / "test.parquet"
+    assert table_path("train").name == "train.parquet"
+
+
+def refuse(path: Path) -> str:
+    with pytest.raises(InputError) as told:
+        read_table(path)
+    text = str(told.value)
+    assert "\n" not in text
+    assert str(path) in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"split": "exam"}, "row 1 (yield-j-1-v1): unknown split 'exam'"),
+        ({"horizon": 0}, "horizon 0"),
+        ({"horizon": 10_001}, "horizon 10001"),
+        ({"initial_speed": -1.0}, "initial speed -1.0"),
+        pytest.param(
+            {"initial_speed": float("nan")}, "initial speed nan", marks=pytest.mark.xfail(strict=True)
+        ),
+        ({"scenario_id": "yield-j-1-v0"}, "the id occurs twice"),
+        ({"net": "../outside.net.xml"}, "outside the data folder"),
+        pytest.param({"net": "/etc/passwd"}, "outside the data folder", marks=pytest.mark.xfail(strict=True)),
+        ({"additional": "scenes/../../x.add.xml"}, "outside the data folder"),
+    ],
+)
+def test_a_row_that_cannot_be(tmp_path: Path, change: dict[str, object], words: str) -> None:
+    path = tmp_path / "t.parquet"
+    bad = rows(3)
+    bad[1] = replace(bad[1], **change)  # type: ignore[arg-type]
+    write_table(bad, path)
+    assert words in refuse(path)
+
+
+def rewrite(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+    write_table(rows(3), path)
+    table = change(pq.read_table(path))
+    pq.write_table(table, path)
+
+
+def test_another_schema_version(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    rewrite(path, lambda t: t.replace_schema_metadata({"tsbench_schema": "7"}))
+    assert "schema version 7, this tsbench reads 1" in refuse(path)
+    rewrite(path, lambda t: t.replace_schema_metadata(None))
+    assert "schema version none" in refuse(path)
+
+
+def test_a_missing_column_and_one_of_another_type(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    rewrite(path, lambda t: t.drop_columns(["net_sha256"]))
+    assert "column 'net_sha256' is missing" in refuse(path)
+    words = pa.array(["many", "few", "none"])
+    rewrite(path, lambda t: t.set_column(t.schema.get_field_index("horizon"), "horizon", words))
+    refuse(path)
+
+
+def test_an_empty_cell(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    holes = pa.array(["test", None, "test"])
+    rewrite(
+        path, lambda t: t.set_column(t.schema.get_field_index("split"), pa.field("split", pa.string()), holes)
+    )
+    refuse(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1 this is no table PAR1", b"id,split\n1,test\n"])
+def test_what_is_no_table(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "t.parquet"
+    path.write_bytes(content)
+    assert "not a readable Parquet table" in refuse(path)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
+def test_a_truncated_table(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(rows(10), path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    assert "not a readable Parquet table" in refuse(path)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
+def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(rows(10), path)
+    data = bytearray(path.read_bytes())
+    at = int(len(data) * share)
+    data[at : at + 16] = bytes(255 - b for b in data[at : at + 16])
+    path.write_bytes(data)
+    told = ""
+    try:
+        read_table(path)
+    except InputError as error:
+        told = str(error)
+    assert "\n" not in told
+
+
+def test_no_table(tmp_path: Path) -> None:
+    assert "no scenario table (tsbench scenarios build makes it)" in refuse(tmp_path / "none.parquet")
