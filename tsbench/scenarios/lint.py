@@ -16,6 +16,9 @@ from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 PLATE_SIDE_M = (0.3, 3.0)
 PLATE_TURN_RAD = math.radians(15.0)
+BEND_STEP_M = 1.0
+BEND_STEPS = 5
+BEND_RAD = math.radians(110.0)
 
 
 def lint_scene(scene: Scene, graph: LaneGraph) -> Iterator[str]:
@@ -36,9 +39,30 @@ def lint_scene(scene: Scene, graph: LaneGraph) -> Iterator[str]:
         banned = (scene.route_hint[0], scene.route_hint[1])
         if graph.route(start.edge, scene.destination.edge, avoid_turns={banned}) != scene.compliant_hint:
             yield "the obedient way is not the one that the scene says"
+    yield from _lint_ways(scene, graph)
     yield from _lint_plates(scene)
     yield from _lint_obstacles(scene)
     yield from _lint_bodies(scene)
+
+
+def _lint_ways(scene: Scene, graph: LaneGraph) -> Iterator[str]:
+    """Can the ways be driven? No bend may be tighter than the ego's own turning circle allows."""
+    start = scene.network.lane(scene.start.lane)
+    for name, edges in (
+        ("the way of navigation", scene.route_hint),
+        ("the obedient way", scene.compliant_hint),
+    ):
+        if not edges:
+            continue
+        path = graph.path(edges, start.index, scene.start.s, scene.destination)
+        if path is None:
+            yield f"{name} has no lanes that connect"
+            continue
+        line = path.line.slice(0.0, path.destination_s).resampled(BEND_STEP_M)
+        heading = np.unwrap([line.heading_at(s + 0.01) for s in np.arange(0.0, line.length, BEND_STEP_M)])
+        turn = np.abs(heading[BEND_STEPS:] - heading[:-BEND_STEPS])
+        if turn.size and turn.max() > BEND_RAD:
+            yield f"{name} turns by {math.degrees(turn.max()):.0f} degrees within {BEND_STEPS * BEND_STEP_M:.0f} m"
 
 
 def _lint_plates(scene: Scene) -> Iterator[str]:

@@ -59,6 +59,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         raise InputError(
             f"{path}: schema {data['schema']!r} or type {data['type']!r} is not what was asked for"
         )
+    for key, value in data["maps"].items():
+        if not isinstance(value, int) or value < 4 or value % 4:
+            raise InputError(f"{path}: maps: {key}: {value!r} is no multiple of 4 (test has a quarter of train's maps)")
     for key, value in data["numbers"].items():
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise InputError(f"{path}: numbers: {key}: {value!r} is not a number")
