@@ -33,7 +33,7 @@ def crossroads(name: str = "j-made-1", **more: Any) -> PoolRow:
          "lanes_out": 1, "class": "secondary" if k in "we" else "residential"}
         for k in "wesn"
     ]  # fmt: skip
-    return row(name, "junction", "X", node="x", arms=arms, through=[[0, 1], [2, 3]], **more)
+    return row(name, "junction", "X", **{"node": "x", "arms": arms, "through": [[0, 1], [2, 3]], **more})
 
 
 def dual_path(name: str = "d-made-1", **more: Any) -> PoolRow:

@@ -22,9 +22,9 @@ def test_the_four_types_have_recipes_with_placements() -> None:
         recipe = load_recipe(name, catalog)
         assert recipe.type.id == name
         assert recipe.horizon == 600
-        # 80 for train, and a quarter of each stratum for test: about 20.
+        # 80 for train, and a quarter of each stratum for test: 20.
         assert sum(recipe.maps.values()) == 80
-        assert sum(n // 4 for n in recipe.maps.values()) in (18, 19, 20)
+        assert sum(n // 4 for n in recipe.maps.values()) == 20
         placement_of(recipe)
 
 

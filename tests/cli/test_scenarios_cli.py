@@ -1,0 +1,186 @@
+"""`tsbench scenarios` on a small data folder: what it prints, and one line for what is wrong."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tsbench import paths as repository_paths
+from tsbench.cli import main
+from tsbench.maps.build import build_net
+from tsbench.maps.network import read_network
+from tsbench.maps.pool import write_pool
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.sim.scene import Destination, EgoStart
+
+ROOT = Path(__file__).resolve().parents[2]
+# The hand-made scenes and pool rows are shared with the tests of the simulation and of scenarios.
+sys.path += [str(ROOT / "tests" / "sim"), str(ROOT / "tests" / "scenarios")]
+world = importlib.import_module("simworld")
+madepool = importlib.import_module("madepool")
+
+
+@pytest.fixture(scope="module")
+def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two maps, one of them test; three rows each."""
+    root = tmp_path_factory.mktemp("data")
+    build_net(world.cross_plain(), root / "cross.net.xml.gz")
+    folder = root / "scenarios"
+    shutil.copytree(ROOT / "scenarios" / "recipes", folder / "recipes")
+    (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
+    (root / "sumo_nets").mkdir()
+    net = folder / "cross.net.xml.gz"
+    shutil.move(root / "cross.net.xml.gz", net)
+    maker = world.SceneMaker(folder, net, read_network(net))
+    sign = world.plate(maker.network, "s_in", 139.0, junction="x", approach="s_in", main_in="w_in e_in")
+    start, way = EgoStart("s_in_0", 60.0, 7.75), ("s_in", "n_out")
+    rows: dict[str, list[ScenarioSpec]] = {"train": [], "test": []}
+    for split in rows:
+        for k in range(3):
+            spec = maker.make(f"yield-j-{split}-v{k}", start, Destination("n_out", 60.0), way, sign)
+            rows[split].append(replace(spec, map_id=f"j-{split}", split=split, variant=k))
+        write_table(rows[split], table_path(split, folder))
+    pool = [madepool.crossroads("j-train", east=0.0), madepool.crossroads("j-test", east=5000.0)]
+    write_pool(pool, root / "sumo_nets" / "pool.parquet")
+    (folder / "build_report.json").write_text(
+        '{"density": {}, "types": {"yield": {"maps": {}, "missed": {"train": {}, "test": {"X": 3}},'
+        ' "reasons": {"the secondary arm is # m long": 7}}}}'
+    )
+    return root
+
+
+@pytest.fixture
+def data(made_data: Path, tmp_path: Path) -> Iterator[Path]:
+    """A copy in force for one test, which may break it."""
+    root = tmp_path / "data"
+    shutil.copytree(made_data, root, symlinks=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TSBENCH_DATA", str(root))
+        patch.setenv("COLUMNS", "200")
+        repository_paths.data_root.cache_clear()
+        yield root
+    repository_paths.data_root.cache_clear()
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(["scenarios", *arguments])
+    told = capsys.readouterr()
+    assert ended.value.code == expect, told.err + told.out
+    if expect == 2:
+        assert told.err.strip().count("\n") == 0
+        assert "Traceback" not in told.err
+        return told.err
+    return told.out
+
+
+def test_list(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = run(capsys, "list").split()
+    assert lines == [f"yield-j-{s}-v{k}" for s in ("train", "test") for k in range(3)]
+    assert run(capsys, "list", "--split", "test").split() == lines[3:]
+    assert run(capsys, "list", "--type", "speed_limit") == ""
+
+
+def test_show(data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    told = run(capsys, "show", "yield-j-test-v1")
+    for words in ("yield-j-test-v1", "2.4 (target) on s_in", "s_in > n_out", "the same", "7.75"):
+        assert words in told
+    picture = tmp_path / "scene.png"
+    assert str(picture) in run(capsys, "show", "yield-j-test-v1", "--png", str(picture)).replace("\n", "")
+    assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_open_prints_a_command_on_files_that_are_there(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = run(capsys, "open", "yield-j-test-v1").split()
+    assert words[0] == "sumo-gui"
+    net, additional = words[words.index("-n") + 1], words[words.index("-a") + 1]
+    assert Path(net).is_file()
+    assert Path(additional).is_file()
+
+
+def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "6 rows, 0 problems" in run(capsys, "verify")
+    assert "3 rows, 0 problems" in run(capsys, "verify", "--split", "test")
+
+
+def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = data / "scenarios"
+    (folder / "yield-j-test-v0.add.xml.gz").unlink()
+    (folder / "yield-j-test-v2.add.xml.gz").write_bytes(b"<additional/>")
+    table = table_path("train", folder)
+    rows = read_table(table)
+    write_table([replace(rows[0], scenario_type="fly"), *rows[1:]], table)
+    told = run(capsys, "verify", expect=1)
+    assert "yield-j-test-v0: " in told
+    assert "no such scene file" in told
+    assert "SHA-256 differs" in told
+    assert "yield-j-train-v0: unknown scenario type 'fly'" in told
+    assert "6 rows, 3 problems" in told
+
+
+def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pool = data / "sumo_nets" / "pool.parquet"
+    write_pool([madepool.crossroads("j-train"), madepool.crossroads("j-test", east=400.0)], pool)
+    assert "j-train: is within 300 m of test map j-test" in run(capsys, "verify", expect=1)
+    write_pool([madepool.crossroads("j-train"), madepool.crossroads("j-test", east=421.0)], pool)
+    run(capsys, "verify")
+    write_pool([madepool.crossroads("j-train")], pool)
+    assert "j-test: map is not in the pool" in run(capsys, "verify", expect=1)
+    table = table_path("test", data / "scenarios")
+    write_table([replace(r, map_id="j-train") for r in read_table(table)], table)
+    assert "j-train: map is in both splits" in run(capsys, "verify", expect=1)
+
+
+def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = run(capsys, "stats")
+    assert "yield" in told
+    assert "X 1" in told
+    assert "7 the secondary arm is # m long" in told
+    assert "'X': 3" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["show", "yield-nowhere-v0"], "no scenario 'yield-nowhere-v0'"),
+        (["open", "yield-nowhere-v0"], "no scenario 'yield-nowhere-v0'"),
+        (["list", "--split", "exam"], "exam"),
+        (["build", "--types", "fly", "--osm", "."], "fly"),
+        (["build", "--workers", "0"], "workers"),
+    ],
+)
+def test_wrong_usage_is_one_line(
+    data: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert words in run(capsys, *arguments, expect=2)
+
+
+def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = table_path("train", data / "scenarios")
+    table.write_bytes(table.read_bytes()[:200])
+    for command in ("list", "verify", "stats"):
+        assert f"{table}: not a readable Parquet table" in run(capsys, command, expect=2)
+    table.unlink()
+    assert "no scenario table (tsbench scenarios build makes it)" in run(capsys, "list", expect=2)
+
+
+def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    report = data / "scenarios" / "build_report.json"
+    report.write_text("{")
+    assert "not a build report" in run(capsys, "stats", expect=2)
+    report.unlink()
+    assert "no build report" in run(capsys, "stats", expect=2)
+    (data / "sumo_nets" / "pool.parquet").unlink()
+    assert "no pool index" in run(capsys, "verify", expect=2)
+    assert "no pool index" in run(capsys, "build", "--osm", ".", expect=2)

@@ -1,0 +1,357 @@
+"""How the four types are arranged on maps made by hand, and whole sites built from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from madepool import corridor, crossroads, dual_path
+from simworld import CALM, LIMIT, cross_plain, edge, plain, road_plain, simulation
+
+from tsbench.geometry.angles import wrap
+from tsbench.geometry.overlap import conflict_zone
+from tsbench.geometry.polyline import Polyline
+from tsbench.maps.build import build_net
+from tsbench.maps.network import RoadNetwork, read_network
+from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.maps.pool import PoolRow
+from tsbench.scenarios import site as site_module
+from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.scenarios.families.corridor import posted_limit, split_edge
+from tsbench.scenarios.families.junction import assign_arms, connection_path
+from tsbench.scenarios.families.registry import placement_of
+from tsbench.scenarios.lint import lint_scene
+from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.recipe import Recipe, load_recipe
+from tsbench.scenarios.site import Site, SiteBuilder
+from tsbench.scenarios.variants import Variant, variants_of
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.lanegraph import LaneGraph
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+LAYOUTS = range(6)
+
+
+def left_block() -> PlainNet:
+    """From a to b, then left to c and d, or straight on and round by u and v, which is longer."""
+    places = {"a": (50, 0), "b": (150, 0), "c": (150, 70), "d": (90, 70), "u": (210, 0), "v": (210, 70)}
+    n = {k: PlainNode(k, float(x), float(y)) for k, (x, y) in places.items()}
+    pairs = ["ab", "bc", "cd", "bu", "uv", "vc"]
+    edges = [edge(n[p[0]], n[p[1]]) for p in pairs] + [edge(n[p[1]], n[p[0]]) for p in pairs]
+    return plain(list(n.values()), edges)
+
+
+LEFT = dual_path(
+    signed_edge="ab", start_edge="ab", junction="b", destination_edge="cd", compliant_m=230.0, short=["bc", "cd"],
+    compliant=["bu", "uv", "vc", "cd"],
+)  # fmt: skip
+LEFT = replace(LEFT, slot="l_s", shape="T")
+MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
+    "yield": (crossroads(), cross_plain()),
+    "speed_limit": (corridor(speed=LIMIT), road_plain()),
+    "detour_right": (corridor(speed=LIMIT), road_plain()),
+    "no_turn_left": (LEFT, left_block()),
+}
+
+
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    """Each type's map as its placement prepares it."""
+    folder, built = tmp_path_factory.mktemp("arranged"), {}
+    for type_id, (row, crop) in MAPS.items():
+        recipe = recipe_of(type_id)
+        net = folder / f"{type_id}.net.xml.gz"
+        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
+        built[type_id] = read_network(net)
+    return built
+
+
+def arrange(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    row = MAPS[type_id][0]
+    rng = np.random.default_rng(seed)
+    task = SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return placement_of(recipe).arrange(task)
+
+
+VARIANT = st.builds(
+    Variant, st.just(1), st.sampled_from([90.0, 120.0]), st.sampled_from([0.0, 4.0]),
+    st.sampled_from([3.61, 7.75, 11.05]), st.integers(0, 2), st.sampled_from(LAYOUTS),
+)  # fmt: skip
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.sampled_from(sorted(MAPS)), VARIANT, st.integers(0, 1000))
+def test_what_holds_for_every_scene(
+    networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int
+) -> None:
+    a, network = arrange(networks, type_id, variant, seed), networks[type_id]
+    graph, start = LaneGraph(network), network.lane(a.start.lane)
+    kind = load_catalog().type(type_id)
+    # Exactly one plate is what the scenario is about; navigation leads to the destination, whatever it says.
+    target = next(s for s in a.signs if s.id == a.target)
+    assert (target.code in kind.codes, target.role) == (True, "target")
+    assert a.route_hint == graph.route(start.edge, a.destination.edge)
+    assert graph.path(a.route_hint, start.index, a.start.s, a.destination) is not None
+    assert EGO_LENGTH_M / 2 <= a.start.s <= start.line.length - EGO_LENGTH_M / 2
+    assert 0.0 <= a.start.speed <= start.speed + 1e-9
+    assert 0.0 < a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length
+    assert a.route_length > 0.0
+    for sign in a.signs:
+        lane = network.edge_lanes(sign.edge)[max(sign.lane, 0)]
+        s, d = lane.line.project(sign.x, sign.y)
+        assert s == pytest.approx(sign.position_m, abs=0.01)
+        assert wrap(sign.heading - lane.line.heading_at(s)) == pytest.approx(0.0, abs=1e-6)
+        if sign.lane < 0:
+            assert d == pytest.approx(-lane.width / 2 - 1.2, abs=0.01)
+    # The same draw gives the same scene.
+    assert arrange(networks, type_id, variant, seed).signs == a.signs
+    assert arrange(networks, type_id, variant, seed).start == a.start
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_yield(networks: dict[str, RoadNetwork], layout: int) -> None:
+    network, recipe = networks["yield"], recipe_of("yield")
+    a = arrange(networks, "yield", Variant(1, 90.0, 4.0, 7.75, 0, layout))
+    lane = network.lane(a.start.lane)
+    assert lane.edge == "s_in"
+    front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert front == pytest.approx(recipe.number("ego_before_line_m"))
+    sign = a.signs[0]
+    assert (sign.code, sign.edge, sign.params["main_in"]) == ("2.4", "s_in", "w_in e_in")
+    assert sign.position_m == pytest.approx(lane.line.length - recipe.number("plate_before_line_m"))
+    convoy = a.convoy
+    assert convoy is not None
+    assert convoy.edges[0] in ("w_in", "e_in")
+    ego = next(c for c in network.outgoing[lane.index] if network.lanes[c.to_lane].edge == a.destination.edge)
+    foe_lane = network.lane(convoy.lane)
+    foe = next(
+        c for c in network.outgoing[foe_lane.index] if network.lanes[c.to_lane].edge == convoy.edges[1]
+    )
+    # SUMO's right of way says what the plate says, and the two paths do meet.
+    assert (ego.state, foe.state) == ("m", "M")
+    line, _ = connection_path(network, ego)
+    foe_line, foe_width = connection_path(network, foe)
+    zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+    assert zone is not None
+    assert convoy.ego_zone_m == pytest.approx(zone.a_in)
+    assert convoy.zone_m == pytest.approx(foe_lane.line.length + zone.b_in)
+    back = foe_lane.line.length - convoy.places[0]
+    assert recipe.number("convoy_nearest_m") - 1e-6 <= back <= recipe.number("convoy_farthest_m") + 1e-6
+    step = convoy.drivers[0].length + recipe.number("convoy_gap_m")
+    assert all(p - q == pytest.approx(step) for p, q in pairwise(convoy.places))
+    assert 1 <= len(convoy.places) <= recipe.number("convoy_most")
+    assert a.quiet_edges == {convoy.edges[0]}
+    # Nobody is between the ego and its line.
+    assert ("s_in_0", a.start.s, lane.line.length) in a.blocked
+
+
+def test_yield_layouts_differ(networks: dict[str, RoadNetwork]) -> None:
+    seen = set()
+    for layout in LAYOUTS:
+        a = arrange(networks, "yield", Variant(1, 90.0, 4.0, 7.75, 0, layout))
+        assert a.convoy is not None
+        seen.add((a.destination.edge, a.convoy.edges))
+    assert len(seen) >= 4
+
+
+def test_the_main_road_is_the_through_pair_of_the_higher_class() -> None:
+    arms = assign_arms(crossroads(), 60.0)
+    assert set(arms.main_in) == {"w_in", "e_in"}
+    assert (arms.ego_in, arms.others_in) == ("s_in", ("n_in",))
+    with pytest.raises(UnfitMapError, match="the secondary arm is 142 m long"):
+        assign_arms(crossroads(), 150.0)
+    with pytest.raises(UnfitMapError, match="no two arms go straight on"):
+        assign_arms(crossroads(through=[]), 60.0)
+
+
+@pytest.mark.parametrize("initial", [3.61, 7.75, 11.05])
+@pytest.mark.parametrize("seed", range(5))
+def test_speed_limit(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
+    network, recipe = networks["speed_limit"], recipe_of("speed_limit")
+    a = arrange(networks, "speed_limit", Variant(1, 90.0, 4.0, initial, 0, seed), seed)
+    plate, end = a.signs
+    assert (plate.code, end.code, end.ends) == ("3.24", "3.25", plate.id)
+    v = float(plate.value or 0.0) / 3.6
+    assert plate.value in recipe.choices["limits_kmh"]
+    assert v * 3.6 + recipe.number("below_road_kmh") <= LIMIT * 3.6 + 0.5
+    assert (plate.edge, end.edge, plate.position_m, end.position_m) == ("road.1", "road.2", 0.0, 0.0)
+    assert plate.params["zone_edges"] == "road.1 road.2"
+    v0 = a.start.speed
+    assert v0 >= min(v + recipe.number("least_excess_mps"), LIMIT) - 1e-9
+    assert v0 <= v + recipe.number("most_excess_kmh") / 3.6 + 1e-9
+    # Who brakes with 3.5 m/s2 after half a second is at the limit at the plate.
+    first = network.lane(a.start.lane)
+    way = first.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert way >= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5)
+    assert way <= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5) + 3.0 + recipe.number("jitter_m") + 0.01
+    # The network keeps the road's own limit; what the plate says to others is an element of SUMO.
+    assert {lane.speed for lane in network.lanes if not lane.internal} == {LIMIT}
+    others = a.extra[0]
+    assert others.tag == "variableSpeedSign"
+    assert others.get("lanes", "").split() == ["road.1_0", "road.1_1", "road.1_2"]
+    assert float(others[0].get("speed", "0")) == pytest.approx(v, abs=0.001)
+    obeying = sum(f == 1.0 for f in a.speed_factors) / len(a.speed_factors)
+    assert recipe.number("obey_least") - 0.01 <= obeying <= recipe.number("obey_most") + 0.1
+    assert network.edges["road.1"].length >= recipe.number("zone_m") - 1.0
+
+
+def test_posted_limits_come_in_equal_shares() -> None:
+    limits = [posted_limit(corridor(f"c-{k}"), "speed_limit", [20, 30, 40], 20) for k in range(900)]
+    assert all(limits.count(v) == pytest.approx(300, abs=60) for v in (20, 30, 40))
+    with pytest.raises(UnfitMapError, match="the road's own limit is 20 km/h"):
+        posted_limit(corridor(speed=20 / 3.6), "speed_limit", [20, 30, 40], 20)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_detour(networks: dict[str, RoadNetwork], layout: int) -> None:
+    network, recipe = networks["detour_right"], recipe_of("detour_right")
+    a = arrange(networks, "detour_right", Variant(1, 90.0, 4.0, 7.75, 0, layout), layout)
+    (thing,) = a.obstacles
+    assert thing.lane == a.start.lane == "road_2"  # leftmost, with a lane to its right
+    lane = network.lane(thing.lane)
+    s, d = lane.line.project(thing.x, thing.y)
+    assert d == pytest.approx(0.0, abs=0.01)
+    ahead = s - thing.length / 2 - a.start.s - EGO_LENGTH_M / 2
+    assert ahead == pytest.approx(recipe.number("ego_before_obstacle_m"), abs=0.01)
+    sign = a.signs[0]
+    assert (sign.code, sign.lane, sign.params["obstacle"]) == ("4.2.1", 2, thing.id)
+    assert sign.position_m == pytest.approx(s - thing.length / 2)
+    assert a.destination.s > s + thing.length / 2 + 20.0
+    assert ("road_2", a.start.s, pytest.approx(s)) in a.blocked
+    shapes = recipe.choices["obstacles"]
+    assert thing.shape == shapes[layout % len(shapes)]["shape"]
+
+
+def test_a_road_of_one_lane_takes_no_detour() -> None:
+    recipe = recipe_of("detour_right")
+    with pytest.raises(UnfitMapError, match="1 lanes"):
+        placement_of(recipe).prepare(corridor(lanes=1), road_plain(lanes=1), recipe)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_no_turn_left(networks: dict[str, RoadNetwork], layout: int) -> None:
+    network, recipe = networks["no_turn_left"], recipe_of("no_turn_left")
+    a = arrange(networks, "no_turn_left", Variant(1, 90.0, 4.0, 7.75, 0, layout), layout)
+    graph = LaneGraph(network)
+    assert a.route_hint == ("ab", "bc", "cd")
+    assert a.compliant_hint == ("ab", "bu", "uv", "vc", "cd")
+    assert graph.turn("ab", "bc") == "left"
+    assert a.avoid_turns == {("ab", "bc")}
+    sign = a.signs[0]
+    assert (sign.code, sign.edge, sign.params["junction"]) == ("3.18.2", "ab", "b")
+    lane = network.lane(a.start.lane)
+    before = lane.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert recipe.number("ego_nearest_m") <= before <= recipe.number("ego_farthest_m")
+    assert a.route_length > 90.0
+
+
+def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:
+    recipe, network = recipe_of("no_turn_left"), networks["no_turn_left"]
+    task = SceneTask(
+        replace(LEFT, slot="r_s"), network, LaneGraph(network), recipe, variants_of("t", "m")[1], (CALM,),
+        np.random.default_rng(1),
+    )  # fmt: skip
+    with pytest.raises(UnfitMapError, match="slot r_s, but the way over bc goes left"):
+        placement_of(recipe).arrange(task)
+    with pytest.raises(UnfitMapError, match="the obedient way is 900 m long"):
+        placement_of(recipe).prepare(dual_path(compliant_m=900.0), left_block(), recipe)
+
+
+BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(5.0, 160.0), min_size=1, max_size=3, unique=True))
+def test_a_cut_edge_is_the_same_road(cuts: list[float]) -> None:
+    cuts = sorted(c for k, c in enumerate(sorted(cuts)) if k == 0 or c - sorted(cuts)[k - 1] > 1.0)
+    nodes = (PlainNode("a", 0.0, 0.0), PlainNode("b", 160.0, 30.0))
+    other = PlainEdge("back", "b", "a", 1, LIMIT, 5, ((160.0, 30.0), (0.0, 0.0)))
+    net, parts = split_edge(PlainNet(nodes, (BENT, other), ()), "e", cuts)
+    whole = Polyline(BENT.shape)
+    assert parts == tuple(f"e.{k}" for k in range(len(cuts) + 1))
+    by_id = {e.id: e for e in net.edges}
+    assert "e" not in by_id
+    assert by_id["back"] == other
+    chain = [by_id[p] for p in parts]
+    assert (chain[0].source, chain[-1].target) == ("a", "b")
+    assert all(x.target == y.source for x, y in pairwise(chain))
+    places = {n.id: (n.x, n.y) for n in net.nodes}
+    for part, (begin, end) in zip(chain, pairwise([0.0, *cuts, whole.length]), strict=True):
+        line = Polyline(part.shape)
+        assert line.length == pytest.approx(end - begin)
+        assert part.shape[0] == pytest.approx(whole.point_at(begin))
+        assert part.shape[-1] == pytest.approx(whole.point_at(end))
+        assert places[part.source] == pytest.approx(part.shape[0])
+        assert (part.num_lanes, part.speed, part.priority) == (2, LIMIT, 5)
+    links = {(c.source, c.target, c.from_lane, c.to_lane) for c in net.connections}
+    assert links == {(p, q, i, i) for p, q in pairwise(parts) for i in range(2)}
+
+
+def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) -> None:
+    network = networks["speed_limit"]
+    for part, following in (("road.0", "road.1"), ("road.1", "road.2")):
+        for a, b in zip(network.edge_lanes(part), network.edge_lanes(following), strict=True):
+            assert a.line.points[-1] == pytest.approx(b.line.points[0], abs=0.2)
+            assert [c.to_lane for c in network.outgoing[a.index]] == [b.index]
+    assert sum(network.edges[f"road.{k}"].length for k in range(3)) == pytest.approx(300.0, abs=0.5)
+
+
+def build(type_id: str, root: Path, monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]) -> Site:
+    """A site of some of its variants, from the hand-made crop."""
+    row, crop = MAPS[type_id]
+
+    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
+        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
+
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
+    monkeypatch.setattr(site_module, "variants_of", some)
+    return SiteBuilder(recipe_of(type_id), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("type_id", sorted(MAPS))
+def test_a_site_is_sound_dense_as_asked_and_the_same_again(
+    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
+    assert one.reason == ""
+    assert [r.variant for r in one.rows] == [0, 1]
+    loader = SceneLoader(tmp_path / "one")
+    for row, density in zip(one.rows, one.densities, strict=True):
+        scene, roads = loader.load(row)
+        assert list(lint_scene(scene, roads.graph)) == []
+        assert (row.scenario_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
+        assert row.initial_speed == scene.start.speed
+        assert (scene.convoy is not None) == (type_id == "yield")
+        assert (len(scene.obstacles) > 0) == (type_id == "detour_right")
+        if row.density:
+            assert density == pytest.approx(row.density / 0.3, rel=0.25)
+        else:
+            assert density == 0.0
+        assert math.isfinite(row.route_length)
+    folder = tmp_path / "one" / "scenes" / type_id
+    assert sorted(p.name for p in folder.rglob("*.gz")) == [
+        "net.net.xml.gz",
+        "v0.add.xml.gz",
+        "v1.add.xml.gz",
+    ]
+    two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
+    assert two == one  # the rows hold the hashes of the files
+
+
+def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(MAPS, "speed_limit", (corridor(length=100.0, speed=LIMIT), road_plain(100.0)))
+    site = build("speed_limit", tmp_path, monkeypatch, (0,))
+    assert site.rows == ()
+    assert site.reason == "the corridor is 100 m long"
+    assert not list(tmp_path.rglob("*.gz"))
