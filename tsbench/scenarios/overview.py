@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import read_pool
 from tsbench.paths import data_root
@@ -42,9 +43,14 @@ def places(points: Sequence[tuple[float, float]]) -> int:
 
 
 def build_report(root: Path | None = None) -> dict[str, Any]:
-    """What the last build wrote down: maps passed over with reasons, realised densities."""
+    """What the last build wrote down: maps passed over with reasons, realised densities. Raises InputError."""
     path = (data_root() / "scenarios" if root is None else root) / "build_report.json"
-    report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    try:
+        report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no build report (tsbench scenarios build makes it)") from None
+    except ValueError as error:
+        raise InputError(f"{path}: not a build report ({error})") from None
     return report
 
 
