@@ -165,7 +165,6 @@ def test_what_changed_is_built_again(tmp_path: Path) -> None:
     assert again.asked == [names[0]]
 
 
-@pytest.mark.xfail(strict=True, reason="a kept record is believed without its files")
 def test_what_lost_its_files_is_built_again(tmp_path: Path) -> None:
     rows, again = strewn(12), Pool()
     names = fill(tmp_path, rows)[0]

@@ -183,7 +183,7 @@ class TypeBuilder:
         stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
         if path.is_file():
             kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-            if kept.get("stamp") == stamp:
+            if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.root):
                 return lambda: kept
         future = self.pool.submit(_build_one, self.recipe, row, split, self.request.osm, self.request.root)
 
@@ -195,6 +195,11 @@ class TypeBuilder:
             return data
 
         return get
+
+
+def _files_there(site: Site, root: Path) -> bool:
+    """Maps that were not taken lose their files; a later build may need them after all."""
+    return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
 
 
 def _recipe_key(recipe: Recipe) -> str:
