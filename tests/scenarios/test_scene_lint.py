@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from lxml import etree
-from simworld import SceneMaker, obstacle, place, plate
+from simworld import SceneMaker, edge, obstacle, place, plain, plate
 
+from tsbench.maps.build import build_net
+from tsbench.maps.network import read_network
+from tsbench.maps.plain import PlainNode
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.traffic import Car
@@ -66,6 +70,34 @@ def test_navigation_by_another_way(on_block: SceneMaker) -> None:
 def test_an_obedient_way_that_is_none(on_block: SceneMaker) -> None:
     found = problems(on_block, compliant=("ta", "ab", "bc", "cd"))
     assert found == ["the obedient way is not the one that the scene says"]
+
+
+def test_lanes_that_do_not_connect(on_block: SceneMaker) -> None:
+    assert "the way of navigation has no lanes that connect" in problems(on_block, route=("ta", "bu"))
+
+
+@pytest.mark.xfail(strict=True, raises=ValueError, reason="an empty stretch of the way is not expected")
+def test_a_destination_behind_the_ego(on_block: SceneMaker) -> None:
+    found = problems(on_block, end=Destination("ta", 20.0), route=("ta",))
+    assert any("destination" in p for p in found)
+
+
+@pytest.mark.parametrize(("degrees", "sharp"), [(60, False), (-90, False), (140, True), (-140, True)])
+def test_a_bend_that_no_car_can_take(tmp_path: Path, degrees: float, sharp: bool) -> None:
+    turn = math.radians(degrees)
+    a, b = PlainNode("a", 0.0, 0.0), PlainNode("b", 150.0, 0.0)
+    c = PlainNode("c", 150.0 + 100.0 * math.cos(turn), 100.0 * math.sin(turn))
+    net = tmp_path / "bend.net.xml.gz"
+    build_net(plain([a, b, c], [edge(a, b), edge(b, c)]), net)
+    made = SceneMaker(tmp_path, net, read_network(net))
+    found = problems(
+        made,
+        EgoStart("ab_0", 60.0, 5.0),
+        Destination("bc", 50.0),
+        ("ab", "bc"),
+        plate(made.network, "ab", 100.0),
+    )
+    assert any("the way of navigation turns by" in p for p in found) is sharp
 
 
 def moved(made: SceneMaker, side: float) -> SignInstance:
