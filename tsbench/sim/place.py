@@ -10,6 +10,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.maps.network import Lane, RoadNetwork
 
 _MARGIN_M = 1e-6
+# Lanes side by side leave slits: netconvert rounds to centimetres, and offset lines part at bends.
+_SLIT_M = 0.25
 
 
 def inside_polygon(x: float, y: float, polygon: Array) -> bool:
@@ -60,9 +62,26 @@ class LaneLocator:
             cost = abs(d) + 4.0 * turn + self._switch_cost(lane, last)
             if cost < best_cost:
                 best, best_cost, place = lane.index, cost, (s, d)
+        if best < 0:
+            best, place = self._in_slit(x, y, hits.tolist())
         if best >= 0:
             return best, place[0], place[1], True
         return -1, 0.0, 0.0, any(inside_polygon(x, y, area) for area in self._areas)
+
+    def _in_slit(self, x: float, y: float, hits: list[int]) -> tuple[int, tuple[float, float]]:
+        """The nearer of two lanes of one edge that both come within a slit's width of the point; else -1."""
+        near: dict[str, list[tuple[float, int, float, float]]] = {}
+        for k in hits:
+            lane = self._drivable[k]
+            s, d = lane.line.project(x, y)
+            beside = abs(d) - lane.width / 2
+            if beside <= _SLIT_M and -_SLIT_M <= s <= lane.line.length + _SLIT_M:
+                near.setdefault(lane.edge, []).append((beside, lane.index, s, d))
+        between = [min(lanes) for lanes in near.values() if len(lanes) > 1]
+        if not between:
+            return -1, (0.0, 0.0)
+        _, index, s, d = min(between)
+        return index, (s, d)
 
     @staticmethod
     def _switch_cost(lane: Lane, last: int) -> float:
