@@ -16,6 +16,8 @@ from tsbench.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 
+PROVER = "tsbench.certify.solvable:Prover"
+
 
 def _all_rows() -> list[ScenarioSpec]:
     return [spec for split in SPLITS for spec in read_table(table_path(split))]
@@ -48,7 +50,7 @@ def build(types: str, osm: Path | None, workers: int) -> None:
     from tsbench.scenarios.build import BuildRequest, build_scenarios
 
     chosen = tuple(t.strip() for t in types.split(",") if t.strip())
-    request = BuildRequest(chosen, osm or sources_dir(), data_root() / "scenarios", workers)
+    request = BuildRequest(chosen, osm or sources_dir(), data_root() / "scenarios", workers, PROVER)
     with _progress() as bar:
         tasks: dict[str, TaskID] = {}
 

@@ -53,7 +53,8 @@ def _no_heartbeat(_: int) -> None:
 class EpisodeRunner:
     """Runs episodes one after the other with one planner, in one process.
 
-    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late.
+    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation: the process's one
+    simulation, where somebody else has it already.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class EpisodeRunner:
         mask_signs: bool = False,
         device: str = "cpu",
         heartbeat: Callable[[int], None] = _no_heartbeat,
+        simulation: Simulation | None = None,
     ) -> None:
         self.name = planner_name
         self._loaded: LoadedPlanner = resolve(planner_spec)
@@ -71,7 +73,7 @@ class EpisodeRunner:
         self._planner: Planner | None = None
         self._mask = mask_signs
         self._beat = heartbeat
-        self.simulation = Simulation()
+        self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader()
         self._catalog: Catalog = load_catalog()
 

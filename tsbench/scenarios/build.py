@@ -8,6 +8,7 @@ order of candidates (tagged extracts first, then a stable hash), never on which 
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import shutil
 from collections import Counter, defaultdict
@@ -41,12 +42,17 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class BuildRequest:
-    """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill."""
+    """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill.
+
+    prover: "module:Class" of what drives scenes to see whether they can be solved (certify.solvable); by name, because
+    it stands above this layer and is made in each worker process.
+    """
 
     types: tuple[str, ...]
     osm: Path
     root: Path
     workers: int
+    prover: str
 
 
 @dataclass(frozen=True)
@@ -76,18 +82,29 @@ def _source(name: str, osm: Path) -> SourceNetwork:
     return load_source(name, osm)
 
 
-def _build_one(recipe: Recipe, row: PoolRow, split: str, osm: Path, root: Path) -> dict[str, object]:
+def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, object]:
     """In a worker process: one site, as plain data. One simulation per process."""
     global _sim
     if _sim is None:
         _sim = Simulation()
-    site = SiteBuilder(recipe, root, _sim).build(row, _source(row.source, osm), split)
+    site = SiteBuilder(recipe, request.root, _sim).build(row, _source(row.source, request.osm), split)
+    reason = site.reason or _unsolved(recipe, site, _sim, request.prover)
     return {
         "map_id": site.map_id,
-        "rows": [asdict(r) for r in site.rows],
-        "densities": list(site.densities),
-        "reason": site.reason,
+        "rows": [] if reason else [asdict(r) for r in site.rows],
+        "densities": [] if reason else list(site.densities),
+        "reason": reason,
     }
+
+
+def _unsolved(recipe: Recipe, site: Site, sim: Simulation, prover: str) -> str:
+    """Why too few of a site's variants can be solved; "" where enough can, or the recipe asks for none."""
+    least = int(recipe.numbers.get("solved_of_ten", 0))
+    if not least:
+        return ""
+    module, _, name = prover.partition(":")
+    solved = sum(getattr(importlib.import_module(module), name)(sim).solved(site.rows))
+    return "" if solved >= least else f"the expert solves {solved} of its variants"
 
 
 def _site(data: dict[str, object]) -> Site:
@@ -185,7 +202,7 @@ class TypeBuilder:
             kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
             if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.root):
                 return lambda: kept
-        future = self.pool.submit(_build_one, self.recipe, row, split, self.request.osm, self.request.root)
+        future = self.pool.submit(_build_one, self.recipe, row, split, self.request)
 
         def get() -> dict[str, object]:
             data = future.result() | {"stamp": stamp}

@@ -58,6 +58,9 @@ def _lint_ways(scene: Scene, graph: LaneGraph) -> Iterator[str]:
         if path is None:
             yield f"{name} has no lanes that connect"
             continue
+        if path.destination_s < BEND_STEP_M:
+            yield f"{name} does not lead on to the destination"
+            continue
         line = path.line.slice(0.0, path.destination_s).resampled(BEND_STEP_M)
         heading = np.unwrap([line.heading_at(s + 0.01) for s in np.arange(0.0, line.length, BEND_STEP_M)])
         turn = np.abs(heading[BEND_STEPS:] - heading[:-BEND_STEPS])

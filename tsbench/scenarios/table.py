@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -82,9 +83,10 @@ def _check(specs: list[ScenarioSpec], path: Path) -> None:
         seen.add(spec.scenario_id)
         if spec.split not in SPLITS:
             raise InputError(f"{where}: unknown split {spec.split!r}")
-        if not 0 < spec.horizon <= 10_000 or spec.initial_speed < 0:
+        if not 0 < spec.horizon <= 10_000 or not 0.0 <= spec.initial_speed < math.inf:
             raise InputError(
                 f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
             )
-        if ".." in Path(spec.net).parts or ".." in Path(spec.additional).parts:
+        files = (Path(spec.net), Path(spec.additional))
+        if any(f.is_absolute() or ".." in f.parts for f in files):
             raise InputError(f"{where}: a scene file outside the data folder")

@@ -57,6 +57,9 @@ class Navigator:
             return False
         lane = self.graph.network.lanes[ego.lane]
         self._lane = ego.lane
+        if self._lost:
+            # From any lane but the one without a way there may be one again, back on the old route above all.
+            return True
         s, d = self._path.line.project(ego.x, ego.y, self._s - _WINDOW_M, self._s + _WINDOW_M)
         ahead = {p.lane for p in self._path.pieces if p.s0 - 1.0 <= s <= p.s1 + 1.0}
         if lane.internal:

@@ -111,8 +111,8 @@ def read_layout(path: Path) -> SceneLayout:
     """The layout of a scene file. Raises InputError naming the element that is missing or wrong."""
     root = read_additional(path)
     signs = signs_from_additional(root, str(path))
-    pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
     try:
+        pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
         start, end = pois["start"], pois["destination"]
         convoy = pois.get("convoy")
         layout = SceneLayout(
@@ -158,6 +158,7 @@ def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None
     lanes = {"start": layout.start.lane}
     if layout.convoy is not None:
         lanes["convoy"] = layout.convoy.line_lane
+    lanes |= {f"obstacle {o.id}": o.lane for o in layout.obstacles}
     for what, lane in lanes.items():
         if lane not in network.lane_index:
             raise InputError(f"{path}: {what}: no lane {lane!r} in the network")
@@ -165,6 +166,9 @@ def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None
     for what, edge in edges.items():
         if edge not in network.edges:
             raise InputError(f"{path}: {what}: no edge {edge!r} in the network")
+    for sign in layout.signs:
+        if sign.lane >= len(network.edges[sign.edge].lanes):
+            raise InputError(f"{path}: sign {sign.id}: edge {sign.edge!r} has no lane {sign.lane}")
 
 
 def scene_from_layout(
