@@ -76,7 +76,6 @@ def test_lanes_that_do_not_connect(on_block: SceneMaker) -> None:
     assert "the way of navigation has no lanes that connect" in problems(on_block, route=("ta", "bu"))
 
 
-@pytest.mark.xfail(strict=True, raises=ValueError, reason="an empty stretch of the way is not expected")
 def test_a_destination_behind_the_ego(on_block: SceneMaker) -> None:
     found = problems(on_block, end=Destination("ta", 20.0), route=("ta",))
     assert any("destination" in p for p in found)

@@ -106,7 +106,6 @@ def test_who_comes_back_to_the_route_has_a_way_again(block: RoadNetwork, graph: 
     assert after.remaining == pytest.approx(before.remaining - 40.0, abs=0.5)
 
 
-@pytest.mark.xfail(strict=True, reason="stays lost for good")
 def test_who_comes_back_from_a_dead_end_has_a_way_again(block: RoadNetwork, graph: LaneGraph) -> None:
     n = Navigator(graph, END)
     before = n.update(ego_at(block, "ta_0", 40.0, 5.0))
