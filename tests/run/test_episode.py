@@ -304,6 +304,32 @@ def test_one_planner_for_all_episodes_of_a_runner(root: Path, on_road) -> None:
     assert len(scripted.Scripted.contexts) == resets + 3
 
 
+def on_the_cross(on_cross, name: str, **more: object) -> ScenarioSpec:
+    sign = world.speed_plate(on_cross.network, "w_in", 60.0)
+    return on_cross.make(
+        name, EgoStart("w_in_0", 60.0, 8.0), Destination("e_out", 60.0), ("w_in", "e_out"), sign, **more
+    )
+
+
+def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
+    """A car that waits at the side road for an ego straight on need not wait for one that indicates right."""
+    side = [Car("bg_000", 0, 0.0, ("s_in", "n_out"), 0, 80.0)]
+    spec = on_the_cross(on_cross, "shown", cars=side)
+    entered = {}
+    for planner in ("Follow", "IndicatesRight"):
+        result = runner(root, planner).run(spec)
+        assert result.facts is not None
+        ys = [float(s.actors.pose[0, 1]) for s in result.facts.snapshots if len(s.actors)]
+        entered[planner] = next((k for k, y in enumerate(ys) if y > -3.2), len(ys))
+    assert entered["IndicatesRight"] < entered["Follow"]
+
+
+@pytest.mark.xfail(strict=True, reason="SUMO refuses the route, and that is taken for a defect of ours")
+def test_an_intent_that_does_not_connect_is_an_invalid_output(root: Path, on_cross) -> None:
+    result = runner(root, "Indicates").run(on_the_cross(on_cross, "indicates"))
+    assert result.outcome is Outcome.INVALID_OUTPUT
+
+
 def same(a: EpisodeResult, b: EpisodeResult) -> None:
     assert a.facts is not None
     assert b.facts is not None

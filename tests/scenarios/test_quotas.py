@@ -14,8 +14,9 @@ from madepool import row
 
 from tsbench.errors import InputError
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.build import BuildRequest, TypeBuilder, _reason_class, stratum_of
+from tsbench.scenarios.build import BuildRequest, TypeBuilder, _reason_class, _unsolved, stratum_of
 from tsbench.scenarios.recipe import Recipe, load_recipe
+from tsbench.scenarios.site import Site
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
@@ -45,8 +46,8 @@ class Pool:
     def __init__(self, unfit: dict[str, str] | None = None) -> None:
         self.unfit, self.asked = unfit or {}, []  # type: ignore[var-annotated]
 
-    def submit(self, _: object, recipe: Recipe, pool_row: PoolRow, split: str, osm: Path, root: Path) -> Any:
-        name = pool_row.map_id
+    def submit(self, _: object, recipe: Recipe, pool_row: PoolRow, split: str, request: BuildRequest) -> Any:
+        name, root = pool_row.map_id, request.root
         self.asked.append(name)
         reason = self.unfit.get(name, "")
         files = {k: f"scenes/detour_right/{name}/{k}.gz" for k in ("net", "additional")}
@@ -72,7 +73,7 @@ class _Done:
 def fill(
     root: Path, rows: list[PoolRow], pool: Pool | None = None, split: str = "train", workers: int = 2
 ) -> tuple[list[str], dict[str, int], dict[str, int], TypeBuilder]:
-    request = BuildRequest((), root, root, workers)
+    request = BuildRequest((), root, root, workers, "")
     builder = TypeBuilder(request, recipe(), pool or Pool(), dict.fromkeys((r.map_id for r in rows), split))  # type: ignore[arg-type]
     told: list[tuple[str, int, int]] = []
     sites, counts, missed = builder.fill(rows, split, lambda *a: told.append(a))
@@ -95,7 +96,7 @@ def test_the_test_split_gets_a_quarter(tmp_path: Path) -> None:
 def test_only_maps_of_the_split(tmp_path: Path) -> None:
     rows = strewn(24)
     sides = {r.map_id: "test" if k % 2 else "train" for k, r in enumerate(rows)}
-    builder = TypeBuilder(BuildRequest((), tmp_path, tmp_path, 2), recipe(), Pool(), sides)  # type: ignore[arg-type]
+    builder = TypeBuilder(BuildRequest((), tmp_path, tmp_path, 2, ""), recipe(), Pool(), sides)  # type: ignore[arg-type]
     for split in ("train", "test"):
         sites, _, _ = builder.fill(rows, split, lambda *_: None)
         assert {sides[s.map_id] for s in sites} == {split}
@@ -192,3 +193,21 @@ def test_a_build_that_was_broken_off_goes_on(tmp_path: Path) -> None:
     assert len(rest.asked) == len(whole.asked) - kept
     record = json.loads(next((tmp_path / "build" / "detour_right").glob("*.json")).read_text())
     assert set(record) == {"map_id", "rows", "densities", "reason", "stamp"}
+
+
+class EveryOther:
+    """A prover that solves rows 0, 2, 4, ..."""
+
+    def __init__(self, sim: object) -> None:
+        self.sim = sim
+
+    def solved(self, rows: tuple[ScenarioSpec, ...]) -> list[bool]:
+        return [k % 2 == 0 for k in range(len(rows))]
+
+
+@pytest.mark.parametrize(("least", "reason"), [(0, ""), (5, ""), (6, "the expert solves 5 of its variants")])
+def test_a_map_that_the_expert_cannot_solve_is_unfit(least: int, reason: str) -> None:
+    numbers = {k: v for k, v in recipe().numbers.items() if k != "solved_of_ten"}
+    asked = replace(recipe(), numbers=numbers | ({"solved_of_ten": float(least)} if least else {}))
+    site = Site("m", (SPEC,) * 10, (0.0,) * 10, "")
+    assert _unsolved(asked, site, None, f"{__name__}:EveryOther") == reason  # type: ignore[arg-type]

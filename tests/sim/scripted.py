@@ -101,3 +101,19 @@ class Nothing(Follow):
 class WrongShape(Follow):
     def command(self, o: Observation) -> Trajectory:
         return Trajectory(np.array([0.5]), np.zeros((1, 2)))
+
+
+class Indicates(Follow):
+    """Shows that it means to go where no connection leads, in the middle of its way."""
+
+    def command(self, o: Observation) -> Control:
+        plain = super().command(o)
+        return Control(plain.acceleration, plain.steering, ("w_in", "e_in") if o.step > 3 else ())
+
+
+class IndicatesRight(Follow):
+    """Shows that it means to turn right at the crossroads, and does not."""
+
+    def command(self, o: Observation) -> Control:
+        plain = super().command(o)
+        return Control(plain.acceleration, plain.steering, ("w_in", "s_out"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import place
 
+from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork
 from tsbench.sim.place import LaneLocator, inside_polygon
 
@@ -114,3 +116,21 @@ def test_a_corner_of_a_junction_without_a_path_is_on_the_road(cross: RoadNetwork
     assert free, "the junction has a place that no path covers"
     assert all(locator.locate(*p, 0.0, -1) == (-1, 0.0, 0.0, True) for p in free)
     assert not locator.locate(9.5, 9.5, 0.0, -1)[3]
+
+
+def test_a_slit_between_two_lanes_is_on_the_road(road: RoadNetwork, on_road_lanes: LaneLocator) -> None:
+    """Lanes of bends part by centimetres: between two lanes of one edge is no place off the road."""
+    apart = [
+        replace(lane, line=Polyline(lane.line.points + np.array([0.0, 0.2 * lane.order])))
+        if not lane.internal
+        else lane
+        for lane in road.lanes
+    ]
+    locator = LaneLocator(replace(road, lanes=tuple(apart)))
+    middle = apart[0].line.point_at(100.0)[1] + apart[0].width / 2
+    for y, lane in ((middle + 0.05, 0), (middle + 0.15, 1)):
+        index, s, _, on_road = locator.locate(100.0, y, 0.0, -1)
+        assert (index, on_road) == (lane, True)
+        assert s == pytest.approx(100.0)
+    outside = apart[2].line.point_at(100.0)[1] + apart[2].width / 2
+    assert locator.locate(100.0, outside + 0.1, 0.0, -1) == (-1, 0.0, 0.0, False)
