@@ -22,7 +22,7 @@ from tsbench.scenarios.variants import (
     variants_of,
 )
 
-NAMES = st.text(max_size=20)
+NAMES = st.text(st.characters(min_codepoint=32), max_size=20)
 
 
 def test_seeds_never_change() -> None:
