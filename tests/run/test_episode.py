@@ -324,7 +324,6 @@ def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
     assert entered["IndicatesRight"] < entered["Follow"]
 
 
-@pytest.mark.xfail(strict=True, reason="SUMO refuses the route, and that is taken for a defect of ours")
 def test_an_intent_that_does_not_connect_is_an_invalid_output(root: Path, on_cross) -> None:
     result = runner(root, "Indicates").run(on_the_cross(on_cross, "indicates"))
     assert result.outcome is Outcome.INVALID_OUTPUT

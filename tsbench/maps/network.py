@@ -1,6 +1,6 @@
 """A finished SUMO network (.net.xml, .net.xml.gz) as lanes, connections and junctions.
 
-Parsed by our own reader because a scene is loaded within milliseconds; sumolib's takes a hundred.
+Our own reader, because monitors and planners need lanes as arrays with arc lengths, indices and internal chains.
 Source of the format: SUMO documentation, "Networks / SUMO Road Networks".
 """
 

@@ -42,6 +42,6 @@ def _intent(edges: object, network: RoadNetwork) -> tuple[str, ...]:
     if not isinstance(edges, tuple):
         raise PlannerOutputError(f"intent is {type(edges).__name__}, expected a tuple of edge ids")
     for edge in edges:
-        if edge not in network.edges:
+        if not isinstance(edge, str) or edge not in network.edges:
             raise PlannerOutputError(f"intent names edge {edge!r}, which is not in the network")
     return edges

@@ -252,7 +252,7 @@ class Episode:
             for vehicle in self.scene.convoy.vehicles:
                 sim.release(vehicle)
         shown = self.intent or self.route.path.edges
-        if shown is not self._shown and (shown == self._shown or sim.set_route(shown)):
+        if shown is not self._shown and (shown == self._shown or self._show(shown)):
             self._shown = shown
         if ego.lane >= 0:
             lane = self.scene.network.lanes[ego.lane]
@@ -261,6 +261,14 @@ class Episode:
             sim.place_ego(self.motion, "", -1)
         sim.step()
         return self._take(step)
+
+    def _show(self, edges: tuple[str, ...]) -> bool:
+        try:
+            return self.sim.set_route(edges)
+        except SimulationError as problem:
+            if self.intent:
+                raise PlannerOutputError(f"intent is no way through the network: {problem}") from problem
+            raise
 
     def _ended(self, snapshot: WorldSnapshot) -> Outcome | None:
         """The outcome if the episode ends at this tick. Contact wins over arrival, arrival over the horizon."""

@@ -53,7 +53,7 @@ class Simulation:
         self._ego_front = (0.0, 0.0)
 
     def load(self, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
-        """Load a scene's files. Raises SimulationError with SUMO's own words."""
+        """Load a scene's files. Raises SimulationError where SUMO refuses them (its words are on stderr)."""
         options = ["-n", str(net), "-a", str(additional), "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
         if self._placed:
             # A move that no step has carried out outlives its simulation and crashes the next one.
@@ -110,11 +110,15 @@ class Simulation:
         """Tell SUMO where the ego is going, so that traffic sees it at junctions.
 
         Returns False, and changes nothing, while SUMO has the ego on none of these edges (inside a junction, say).
+        Raises SimulationError for edges that do not connect.
         """
         here = libsumo.vehicle.getRoadID(EGO_ID)
         if here not in edges:
             return False
-        libsumo.vehicle.setRoute(EGO_ID, edges[edges.index(here) :])
+        try:
+            libsumo.vehicle.setRoute(EGO_ID, edges[edges.index(here) :])
+        except _SUMO_ERRORS as error:
+            raise SimulationError(f"no way over {' > '.join(edges)} ({error})") from error
         return True
 
     def hold(self, vehicle: str) -> None:
