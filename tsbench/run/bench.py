@@ -85,12 +85,11 @@ class _Loops:
         return time.perf_counter() - began, ticks, vehicles
 
     def full(self, spec: ScenarioSpec) -> tuple[float, int, int, float]:
-        """A whole episode with its metrics; the time to its first tick apart."""
+        """A whole episode; the time to its first tick apart."""
         began = time.perf_counter()
         result = self.runner.run(spec)
         if result.facts is None:
             raise RuntimeError(f"{spec.scenario_id}: {result.error}")
-        episode_metrics(result.facts)
         seconds = time.perf_counter() - began - result.start_s
         shots = result.facts.snapshots
         return seconds, len(shots) - 1, sum(len(s.actors) for s in shots), result.start_s

@@ -86,7 +86,9 @@ class EpisodeRunner:
             self._beat(Phase.LOADING)
             scene, roads = self._loader.load(spec)
             episode = Episode(self.simulation, scene, roads, self._catalog, self._mask, self._beat)
-            outcome = episode.drive(self._make_planner(spec, scene, roads))
+            planner = self._make_planner(spec, scene, roads)
+            episode.start_s = time.perf_counter() - began
+            outcome = episode.drive(planner)
         except PlannerOutputError as problem:
             outcome, error = Outcome.INVALID_OUTPUT, _line(problem)
         except PlannerFailure as problem:
@@ -167,7 +169,6 @@ class Episode:
         mask: bool,
         beat: Callable[[int], None],
     ) -> None:
-        began = time.perf_counter()
         self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
         self.snapshots: list[WorldSnapshot] = []
         self.commands: list[tuple[float, float]] = []
@@ -195,7 +196,7 @@ class Episode:
         self.intent: tuple[str, ...] = ()
         self._shown: tuple[str, ...] = ()
         self._take(0)
-        self.start_s = time.perf_counter() - began
+        self.start_s = 0.0
 
     def _locate(self, last: int) -> EgoState:
         m = self.motion

@@ -19,13 +19,12 @@ def touched_actor(ego: EgoState, actors: Actors) -> int:
         return -1
     pose = actors.pose
     dx, dy = pose[:, 0] - ego.x, pose[:, 1] - ego.y
-    length = actors.length
-    # Half the length plus a metre and a half is beyond any corner of a road vehicle.
-    reach = length * 0.5 + (1.5 + _EGO_RADIUS_M)
-    near = np.nonzero(dx * dx + dy * dy < reach * reach)[0]
+    # Half the longest body plus a metre and a half is beyond any corner of a road vehicle.
+    reach = actors.table.longest * 0.5 + 1.5 + _EGO_RADIUS_M
+    near = np.flatnonzero(dx * dx + dy * dy < reach * reach)
     if not near.size:
         return -1
-    width = actors.width
+    length, width = actors.length, actors.width
     for k in near.tolist():
         x, y, heading = pose[k].tolist()
         if boxes_overlap(

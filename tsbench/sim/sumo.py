@@ -179,8 +179,8 @@ class Simulation:
         kept, rows, half = self._kept, self._rows, self._half
         flat = [(*position(i), angle(i), speed(i), place(i)) for i in kept]
         data = np.array(flat, dtype=np.float64).reshape(-1, 5)
-        x, y = self._ego_front
-        far = np.abs(data[:, :2] - (x, y)).max(axis=1, initial=0.0) > VIEW_M
+        dx, dy = data[:, 0] - self._ego_front[0], data[:, 1] - self._ego_front[1]
+        far = dx * dx + dy * dy > VIEW_M * VIEW_M
         if far.any():
             near = np.nonzero(~far)[0]
             kept, rows, half, data = [kept[k] for k in near.tolist()], rows[near], half[near], data[near]

@@ -60,7 +60,7 @@ class ActorTable:
     """What stays the same of each road user of an episode; grows as they appear (row = `Actors.index`).
 
     Attributes:
-        ids: SUMO ids. kind: ActorKind values. length, width: m. routes: edge ids in order (empty for persons).
+        ids: SUMO ids. kind: ActorKind values. length, width, longest: m. routes: edge ids in order (empty for persons).
     """
 
     def __init__(self, capacity: int = 256) -> None:
@@ -70,6 +70,7 @@ class ActorTable:
         self.kind: npt.NDArray[np.int8] = np.zeros(capacity, dtype=np.int8)
         self.length: Array = np.zeros(capacity)
         self.width: Array = np.zeros(capacity)
+        self.longest = 0.0
 
     def add(self, actor_id: str, kind: ActorKind, length: float, width: float, route: tuple[str, ...]) -> int:
         """Enter a road user; returns its row."""
@@ -82,6 +83,7 @@ class ActorTable:
         self.routes.append(route)
         self.rows[actor_id] = row
         self.kind[row], self.length[row], self.width[row] = kind, length, width
+        self.longest = max(self.longest, length)
         return row
 
 
