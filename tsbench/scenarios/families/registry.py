@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
 from tsbench.errors import InputError
 from tsbench.scenarios.families.base import Placement
 from tsbench.scenarios.families.corridor import DetourPlacement, SpeedZonePlacement
@@ -9,15 +12,19 @@ from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
 from tsbench.scenarios.recipe import Recipe
 
+PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
+    {
+        "give_way": lambda recipe: GiveWayPlacement(),
+        "speed_zone": lambda recipe: SpeedZonePlacement(),
+        "detour": lambda recipe: DetourPlacement(),
+        "manoeuvre": lambda recipe: ManoeuvrePlacement(recipe.type.codes[0]),
+    }
+)
+
 
 def placement_of(recipe: Recipe) -> Placement:
     """The placement of a recipe. Raises InputError for a name that is none."""
-    if recipe.placement == "give_way":
-        return GiveWayPlacement()
-    if recipe.placement == "speed_zone":
-        return SpeedZonePlacement()
-    if recipe.placement == "detour":
-        return DetourPlacement()
-    if recipe.placement == "manoeuvre":
-        return ManoeuvrePlacement(recipe.type.codes[0])
-    raise InputError(f"scenarios/recipes/{recipe.type.id}.yaml: placement: unknown {recipe.placement!r}")
+    make = PLACEMENTS.get(recipe.placement)
+    if make is None:
+        raise InputError(f"scenarios/recipes/{recipe.type.id}.yaml: placement: unknown {recipe.placement!r}")
+    return make(recipe)
