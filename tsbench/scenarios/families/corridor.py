@@ -54,6 +54,9 @@ def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margi
 class SpeedZonePlacement:
     """`speed_limit`: 3.24 ahead of a driver who is too fast for it, 3.25 shortly before the destination."""
 
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
     def _zone(self, row: PoolRow, recipe: Recipe) -> tuple[float, float]:
         """Arc lengths of plate and end plate on the corridor."""
         length = row.length_m
@@ -89,7 +92,7 @@ class SpeedZonePlacement:
         end_s = recipe.number("end_plate_before_destination_m")
         require(end_s < end_lane.line.length - 3.0, "no room for the destination")
         signs = (
-            self._plate(network, "sign_0", "3.24", zone, float(limit), {"zone_edges": f"{zone} {last}"}),
+            self._plate(network, "sign_0", self.code, zone, float(limit), {"zone_edges": f"{zone} {last}"}),
             self._plate(network, "sign_1", "3.25", last, float(limit), {}),
         )
         share = float(task.rng.uniform(recipe.number("obey_least"), recipe.number("obey_most")))
@@ -113,6 +116,9 @@ class SpeedZonePlacement:
 
 class DetourPlacement:
     """`detour_right`: an obstacle on the leftmost lane, to be passed on its right."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road stays as it is: other traffic sees the obstacle itself."""
@@ -143,7 +149,7 @@ class DetourPlacement:
         obstacle = Obstacle("obstacle_0", str(shape["shape"]), x, y, heading, length, width, lane.id)
         px, py = lane.line.point_at(near)
         sign = SignInstance(
-            id="sign_0", code="4.2.1", value=None, edge=edge, lane=lane.order, position_m=near, x=px, y=py,
+            id="sign_0", code=self.code, value=None, edge=edge, lane=lane.order, position_m=near, x=px, y=py,
             heading=lane.line.heading_at(near), role="target", params={"obstacle": obstacle.id},
         )  # fmt: skip
         end_s = min(middle + variant.route_length, length_m - recipe.number("end_before_edge_m"))

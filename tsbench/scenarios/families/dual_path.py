@@ -37,8 +37,8 @@ def drive_time(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str], rec
 class ManoeuvrePlacement:
     """One plate on the approach; navigation leads through the manoeuvre that it prohibits."""
 
-    def __init__(self, code: str) -> None:
-        self.code = code
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The roads stay as they are: other traffic is routed as the plate says."""

@@ -106,6 +106,9 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
 class GiveWayPlacement:
     """`yield`: 2.4 at the ego's arm, the through pair is the main road."""
 
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """Priorities as the plates state them."""
         arms = assign_arms(row, recipe.number("ego_before_line_m"))
@@ -134,7 +137,7 @@ class GiveWayPlacement:
         plate_s = lane.line.length - recipe.number("plate_before_line_m")
         x, y, heading = beside_road(network, lane.edge, plate_s)
         sign = SignInstance(
-            id="sign_0", code="2.4", value=None, edge=lane.edge, lane=-1, position_m=plate_s, x=x, y=y, heading=heading,
+            id="sign_0", code=self.code, value=None, edge=lane.edge, lane=-1, position_m=plate_s, x=x, y=y, heading=heading,
             role="target",
             params={"junction": row.fields["node"], "approach": lane.edge, "main_in": " ".join(arms.main_in)},
         )  # fmt: skip

@@ -14,10 +14,10 @@ from tsbench.scenarios.recipe import Recipe
 
 PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
     {
-        "give_way": lambda recipe: GiveWayPlacement(),
-        "speed_zone": lambda recipe: SpeedZonePlacement(),
-        "detour": lambda recipe: DetourPlacement(),
-        "manoeuvre": lambda recipe: ManoeuvrePlacement(recipe.type.codes[0]),
+        "give_way": GiveWayPlacement,
+        "speed_zone": SpeedZonePlacement,
+        "detour": DetourPlacement,
+        "manoeuvre": ManoeuvrePlacement,
     }
 )
 
