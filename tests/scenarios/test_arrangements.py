@@ -23,9 +23,10 @@ from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios import site as site_module
 from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
-from tsbench.scenarios.families.corridor import posted_limit, split_edge
+from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.families.junction import assign_arms, connection_path
 from tsbench.scenarios.families.registry import placement_of
+from tsbench.scenarios.families.speed_zone import posted_limit
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.recipe import Recipe, load_recipe
