@@ -129,16 +129,12 @@ def obey_element(edges: Sequence[str], network: RoadNetwork, speed: float) -> et
 
 
 def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:
-    """Write an additional file (.xml.gz) without times or names in its header; returns the plain content."""
+    """Write an additional file (.xml or .xml.gz) without times or names in its header; returns the plain content."""
     root = etree.Element("additional")
     root.append(etree.Comment(" road data (c) OpenStreetMap contributors, ODbL 1.0 "))
     root.extend(elements)
     etree.indent(root, " ")
     content: bytes = etree.tostring(root, encoding="utf-8", xml_declaration=True)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with (
-        path.open("wb") as raw,
-        gzip.GzipFile(filename="", mode="wb", fileobj=raw, mtime=0, compresslevel=9) as out,
-    ):
-        out.write(content)
+    path.write_bytes(gzip.compress(content, 9, mtime=0) if path.suffix == ".gz" else content)
     return content

@@ -1,7 +1,8 @@
 """Who enters a scene, and when, so that the asked density stays: found by driving the scene once without the ego.
 
 While SUMO runs, a car is let in wherever there is room as soon as there are fewer cars than asked; what was let in is
-written down and becomes the scene's departures. Units: s, m.
+written down and becomes the scene's departures. What is missing from the mean of the first 30 s (the ego's and the
+convoy's surroundings start empty) is made up for within them. Units: s, m.
 """
 
 from __future__ import annotations
@@ -14,6 +15,10 @@ from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
+DENSITY_WINDOW_S = 30.0
+MOST_EXCESS = 1.8
+LEAST_EXCESS = 0.6
+CORRECT_WITHIN_S = 8.0
 CYCLE_S = 30.0
 GREEN_S = 15.0
 ENTER_AFTER_EGO_S = 4.0
@@ -46,26 +51,36 @@ class Inflow:
         self.ego_edge = network.lane(ask.start.lane).edge
 
     def drive(self, duration_s: float) -> float:
-        """Run the loaded scene; returns the mean number of cars on ordinary lanes over the first cycle."""
+        """Run the loaded scene; returns the mean number of cars on ordinary lanes over the first 30 s."""
         total, samples = 0, 0
+        window = int(DENSITY_WINDOW_S / DT_S / EVERY_TICKS)
         for tick in range(int(duration_s / DT_S)):
             self.sim.step()
             if tick % EVERY_TICKS:
                 continue
-            fleet = [f for f in self.sim.fleet() if f[0].startswith(OWN_PREFIX)]
-            count = sum(not lane.startswith(":") for _, lane, _, _ in fleet)
-            if tick * DT_S < CYCLE_S:
+            count, rear = self._standing_of_now()
+            wanted = self.target
+            if samples < window:
                 total, samples = total + count, samples + 1
-            rear: dict[str, float] = {}
-            for _, lane, place, _ in fleet:
-                rear[lane] = min(rear.get(lane, 1e9), place)
-            self._let_in(round(tick * DT_S, 1), len(fleet), rear)
+                missing = self.target * samples - total
+                wanted += missing / max(window - samples, CORRECT_WITHIN_S / DT_S / EVERY_TICKS)
+            wanted = min(max(wanted, LEAST_EXCESS * self.target), MOST_EXCESS * self.target)
+            self._let_in(round(tick * DT_S, 1), count, wanted, rear)
         return total / max(samples, 1)
 
-    def _let_in(self, now: float, count: int, rear: dict[str, float]) -> None:
+    def _standing_of_now(self) -> tuple[int, dict[str, float]]:
+        """Background cars on ordinary lanes, and how far the last one on each lane has come."""
+        count, rear = 0, {}
+        for name, lane, place in self.sim.fleet():
+            if name.startswith(OWN_PREFIX):
+                count += lane[0] != ":"
+                rear[lane] = min(rear.get(lane, place), place)
+        return count, rear
+
+    def _let_in(self, now: float, count: int, wanted: float, rear: dict[str, float]) -> None:
         red = (now + self.phase) % CYCLE_S > GREEN_S
         for lane in sorted(self.entries, key=lambda i: (self.last[i.id], i.index)):
-            if count >= self.target:
+            if count >= wanted:
                 return
             if now - self.last[lane.id] < LEAST_HEADWAY_S or rear.get(lane.id, 1e9) < LEAST_ROOM_M:
                 continue

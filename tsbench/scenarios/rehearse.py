@@ -43,6 +43,6 @@ def realised_density(sim: Simulation, net: Path, additional: Path, network: Road
         sim.step()
         if tick % SAMPLE_EVERY == 0:
             fleet = sim.fleet()
-            total += sum(name.startswith("bg_") and not lane.startswith(":") for name, lane, _, _ in fleet)
+            total += sum(name.startswith("bg_") and not lane.startswith(":") for name, lane, _ in fleet)
             samples += 1
     return total / samples / lane_km(network)

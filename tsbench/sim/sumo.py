@@ -130,10 +130,10 @@ class Simulation:
         """Give a held vehicle back to its own driver."""
         libsumo.vehicle.setSpeed(vehicle, -1.0)
 
-    def fleet(self) -> list[tuple[str, str, float, float]]:
-        """All vehicles on the road, sorted by id: (id, lane id, front's place along it in m, speed in m/s)."""
-        v = libsumo.vehicle
-        return [(i, v.getLaneID(i), v.getLanePosition(i), v.getSpeed(i)) for i in sorted(v.getIDList())]
+    def fleet(self) -> list[tuple[str, str, float]]:
+        """All vehicles on the road, sorted by id: (id, lane id, front's place along it in m)."""
+        lane, place = libsumo.vehicle.getLaneID, libsumo.vehicle.getLanePosition
+        return [(i, lane(i), place(i)) for i in sorted(libsumo.vehicle.getIDList())]
 
     def add_car(self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int) -> None:
         """Let a car of a loaded type in at the start of its first edge, as fast as is safe."""
