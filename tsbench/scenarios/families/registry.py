@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from tsbench.errors import InputError
 from tsbench.scenarios.families.base import Placement
-from tsbench.scenarios.families.corridor import DetourPlacement
+from tsbench.scenarios.families.detour import DetourPlacement
 from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
 from tsbench.scenarios.families.speed_zone import SpeedZonePlacement
