@@ -50,12 +50,12 @@ def test_drives_at_the_roads_limit_and_slows_down_for_a_lower_one_ahead() -> Non
     after = [e.speed for e, edge in zip(world.states, edges, strict=True) if edge == "bd"]
     assert max(before) > 0.95 * 16.67
     assert max(after) < 1.05 * 11.11
-    assert min(c.acceleration for c in world.controls) > -PARAMETERS.decel - 0.01
+    assert min(c.acceleration for c in world.controls) > -PARAMETERS.slowing - 0.01
 
 
 def test_comes_down_gently_from_above_the_limit() -> None:
     world = World(load("corridor"), "ab_0", 20.0, 21.0, Destination("bd", 100.0)).run(Idm(), 60.0)
-    assert min(c.acceleration for c in world.controls) >= -PARAMETERS.decel
+    assert min(c.acceleration for c in world.controls) >= -PARAMETERS.slowing
     assert world.states[40].speed < 17.5
 
 
@@ -161,7 +161,7 @@ def test_profile_brakes_before_a_bend() -> None:
 @given(st.floats(0.0, 22.0), st.floats(1.5, 22.0))
 def test_free_road_is_bounded_and_zero_at_the_desired_speed(v: float, desired: float) -> None:
     a = free_road(v, desired, PARAMETERS)
-    assert -PARAMETERS.decel <= a <= PARAMETERS.accel
+    assert -PARAMETERS.slowing <= a <= PARAMETERS.accel
     assert free_road(desired, desired, PARAMETERS) == 0.0
 
 

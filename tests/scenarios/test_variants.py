@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.scenarios.drivers import BODIES, draw_driver, draw_drivers, quantile_speed, statistics
+from tsbench.scenarios.drivers import BODIES, draw_driver, draw_drivers
 from tsbench.scenarios.seeds import rng_of, seed_of
 from tsbench.scenarios.variants import (
     DENSITIES,
@@ -21,6 +21,7 @@ from tsbench.scenarios.variants import (
     Variant,
     variants_of,
 )
+from tsbench.sim.nuplan import quantile_speed, statistics
 
 NAMES = st.text(st.characters(min_codepoint=32), max_size=20)
 

@@ -24,6 +24,7 @@ from tsbench.planners.guards.speed import SpeedGuard
 from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import LaneChanges
 from tsbench.planners.steering import follow
+from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
 
@@ -100,3 +101,31 @@ class IdmExpert(Expert):
 
     def __init__(self) -> None:
         super().__init__(Idm())
+
+
+class IdmS1Expert(Expert):
+    """`idm-s1-e`."""
+
+    def __init__(self) -> None:
+        super().__init__(IdmS1())
+
+
+class IdmS2Expert(Expert):
+    """`idm-s2-e`."""
+
+    def __init__(self) -> None:
+        super().__init__(IdmS2())
+
+
+class IdmS3Expert(Expert):
+    """`idm-s3-e`."""
+
+    def __init__(self) -> None:
+        super().__init__(IdmS3())
+
+
+class IdmS4Expert(Expert):
+    """`idm-s4-e`."""
+
+    def __init__(self) -> None:
+        super().__init__(IdmS4())

@@ -28,7 +28,7 @@ class IdmParameters:
 
     speed_factor: desired speed over the road's limit. top_speed: desired speed at most (m/s). headway_s,
     min_gap_m, accel, decel: T, s0, a, b of the model (s, m, m/s2). lateral: greatest lateral acceleration in
-    bends (m/s2). emergency: hardest braking (m/s2).
+    bends (m/s2). slowing: braking before bends and lower limits (m/s2). emergency: hardest braking (m/s2).
     """
 
     speed_factor: float = 1.0
@@ -38,6 +38,7 @@ class IdmParameters:
     accel: float = 1.5
     decel: float = 2.5
     lateral: float = 2.2
+    slowing: float = 2.5
     emergency: float = 6.0
 
 
@@ -47,7 +48,7 @@ def free_road(v: float, desired: float, p: IdmParameters) -> float:
         ratio = v / desired
         return p.accel * (1.0 - ratio * ratio * ratio * ratio)
     # The model's own term brakes with a x (v/v0)^4 there: far too hard for a limit that drops by half.
-    return max((desired - v) / _PREVIEW_S, -p.decel)
+    return max((desired - v) / _PREVIEW_S, -p.slowing)
 
 
 def interaction(v: float, gap: float, lead: float, p: IdmParameters) -> float:
@@ -110,7 +111,7 @@ class Idm:
             path,
             self._samples,
             lateral=p.lateral,
-            decel=0.8 * p.decel,
+            decel=0.8 * p.slowing,
             factor=p.speed_factor,
             top=p.top_speed,
         )

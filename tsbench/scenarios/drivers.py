@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
 
-from tsbench.paths import data_root
+from tsbench.sim.nuplan import quantile_speed, statistics
 
 DRIVERS_PER_DRAW = 12
 # Bodies by nuPlan's size classes: length, width in m.
@@ -28,23 +25,6 @@ class Driver:
     gap: float
     length: float
     width: float
-
-
-@cache
-def statistics() -> dict[str, Any]:
-    """The published nuPlan figures."""
-    path = data_root() / "scenarios" / "nuplan_statistics.json"
-    loaded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return loaded
-
-
-def quantile_speed(share: float) -> float:
-    """Speed (m/s) of moving traffic at a share in [0, 1]: linear between the published quantiles."""
-    table = statistics()["speed_mps"]
-    at = [0.0, 0.05, 0.25, 0.5, 0.75, 0.85, 0.95, 0.99, 1.0]
-    names = ["p5", "p25", "p50", "p75", "p85", "p95", "p99"]
-    values = [0.5, *(float(table[n]) for n in names), float(table["p99"]) * 1.05]
-    return float(np.interp(share, at, values))
 
 
 def _lognormal(rng: np.random.Generator, median: float, mean: float, low: float, high: float) -> float:
