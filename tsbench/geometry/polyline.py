@@ -119,6 +119,18 @@ class Polyline:
         inner = self.points[(self.s > s0 + 1e-9) & (self.s < s1 - 1e-9)]
         return Polyline(np.vstack((self.point_at(s0), inner, self.point_at(s1))))
 
+    def beside(self, d: float) -> Array:
+        """(n, 2) the line shifted by d to the left; corners are mitred, at most threefold."""
+        delta = np.diff(self.points, axis=0)
+        unit = delta / np.hypot(delta[:, 0], delta[:, 1])[:, None]
+        normal = np.column_stack((-unit[:, 1], unit[:, 0]))
+        bisector = np.vstack((normal[:1], normal[:-1] + normal[1:], normal[-1:]))
+        size = np.hypot(bisector[:, 0], bisector[:, 1])[:, None]
+        bisector = bisector / np.maximum(size, 1e-9)
+        cosine = np.einsum("ij,ij->i", bisector, np.vstack((normal, normal[-1:])))
+        shifted: Array = self.points + bisector * (d / np.clip(cosine, 1 / 3, None))[:, None]
+        return shifted
+
     def resampled(self, step: float) -> Polyline:
         """The same line with points every `step` metres (and its end)."""
         n = max(math.ceil(self.length / step), 1)

@@ -12,7 +12,7 @@ from tsbench.maps.network import RoadNetwork
 from tsbench.report.bodies import draw_obstacle, draw_vehicle
 from tsbench.report.camera import SHIFT, Camera, Image
 from tsbench.report.lettering import paste
-from tsbench.report.roads import beside, dashes, draw_line
+from tsbench.report.roads import dashes, draw_line
 from tsbench.report.style import STYLE, Colour
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plates import plate_rgba
@@ -44,7 +44,7 @@ def draw_destination(image: Image, camera: Camera, scene: Scene) -> None:
         if b - a < 0.1:
             continue
         piece, half = lane.line.slice(a, b), lane.width / 2
-        outline = np.vstack((beside(piece, half), beside(piece, -half)[::-1]))
+        outline = np.vstack((piece.beside(half), piece.beside(-half)[::-1]))
         cv2.fillPoly(tinted, [camera.fixed(outline)], STYLE.destination, cv2.LINE_AA, SHIFT)
         middles.append(lane.line.point_at(s))
     cv2.addWeighted(tinted, 0.6, image, 0.4, 0.0, dst=image)
@@ -128,7 +128,7 @@ def draw_way(
     if path is None:
         return np.zeros((0, 2))
     line = path.line.slice(0.0, path.destination_s) if path.destination_s > 1.0 else path.line
-    points = beside(line, d)
+    points = line.beside(d)
     draw_line(image, camera, points, colour, camera.thickness(0.35))
     return points
 

@@ -66,17 +66,17 @@ def _mark_edge(image: Image, camera: Camera, lanes: list[Lane], two_way: bool) -
     width = camera.thickness(STYLE.marking_m)
     inset = 0.15
     right, left = lanes[0], lanes[-1]
-    draw_line(image, camera, beside(right.line, -right.width / 2 + inset), STYLE.marking, width)
+    draw_line(image, camera, right.line.beside(-right.width / 2 + inset), STYLE.marking, width)
     # On a two-way road both directions draw their own half of the centre line.
     draw_line(
         image,
         camera,
-        beside(left.line, left.width / 2 - (inset * 0.8 if two_way else inset)),
+        left.line.beside(left.width / 2 - (inset * 0.8 if two_way else inset)),
         STYLE.marking,
         width,
     )
     for lane in lanes[:-1]:
-        for dash in dashes(Polyline(beside(lane.line, lane.width / 2)), *STYLE.dash_m):
+        for dash in dashes(Polyline(lane.line.beside(lane.width / 2)), *STYLE.dash_m):
             draw_line(image, camera, dash, STYLE.marking, width)
 
 
@@ -93,19 +93,6 @@ def _mark_end(image: Image, camera: Camera, network: RoadNetwork, lane: Lane) ->
     elif states & _GIVE_WAY_STATES:
         for tooth in dashes(Polyline(across), *_TOOTH_M):
             draw_line(image, camera, tooth, STYLE.marking, camera.thickness(STYLE.stop_line_m))
-
-
-def beside(line: Polyline, d: float) -> Array:
-    """(n, 2) the line shifted by d to the left; corners are mitred, at most threefold."""
-    delta = np.diff(line.points, axis=0)
-    unit = delta / np.hypot(delta[:, 0], delta[:, 1])[:, None]
-    normal = np.column_stack((-unit[:, 1], unit[:, 0]))
-    bisector = np.vstack((normal[:1], normal[:-1] + normal[1:], normal[-1:]))
-    size = np.hypot(bisector[:, 0], bisector[:, 1])[:, None]
-    bisector = bisector / np.maximum(size, 1e-9)
-    cosine = np.einsum("ij,ij->i", bisector, np.vstack((normal, normal[-1:])))
-    shifted: Array = line.points + bisector * (d / np.clip(cosine, 1 / 3, None))[:, None]
-    return shifted
 
 
 def dashes(line: Polyline, dash: float, gap: float) -> list[Array]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from tsbench.maps.network import RoadNetwork
+from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.scenarios.drivers import Driver
 from tsbench.scenarios.traffic import Car
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS
@@ -21,9 +21,11 @@ def _num(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
-def _vtype(name: str, driver: Driver, speed_factor: float, color: str) -> etree._Element:
+def _vtype(
+    name: str, driver: Driver, speed_factor: float, color: str, vclass: str = "passenger"
+) -> etree._Element:
     values = {
-        "id": name, "vClass": "passenger", "carFollowModel": "IDM", "speedDev": "0",
+        "id": name, "vClass": vclass, "carFollowModel": "IDM", "speedDev": "0",
         "speedFactor": _num(speed_factor), "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
         "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
         "length": _num(driver.length), "width": _num(driver.width), "color": color,
@@ -74,12 +76,12 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
 
 
 def convoy_elements(
-    drivers: Sequence[Driver], places: Sequence[float], lane_order: int, edges: Sequence[str]
+    drivers: Sequence[Driver], places: Sequence[float], lane_order: int, edges: Sequence[str], vclass: str = "passenger"
 ) -> list[etree._Element]:
-    """The convoy, lead first, standing with its fronts at `places` on the first edge's lane."""
+    """The convoy, whom the ego meets first in front, standing with its fronts at `places` on the first edge's lane."""
     elements: list[etree._Element] = []
     for k, (driver, place) in enumerate(zip(drivers, places, strict=True)):
-        elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow"))
+        elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow", vclass))
         vehicle = etree.Element(
             "vehicle", id=f"convoy_{k}", type=f"convoy{k}", depart="0", departLane=str(lane_order),
             departPos=_num(place), departSpeed="0", insertionChecks="none",
@@ -87,6 +89,39 @@ def convoy_elements(
         etree.SubElement(vehicle, "route", edges=" ".join(edges))
         elements.append(vehicle)
     return elements
+
+
+def moving_car(
+    name: str, driver: Driver, lane_order: int, place: float, edges: Sequence[str]
+) -> tuple[etree._Element, etree._Element]:
+    """A car of the scene's own and its type: at time 0 its front is at `place` and it drives at its cruise speed."""
+    vehicle = etree.Element(
+        "vehicle", id=name, type=f"{name}_type", depart="0", departLane=str(lane_order), departPos=_num(place),
+        departSpeed=_num(driver.speed), insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    return _vtype(f"{name}_type", driver, 1.0, "yellow"), vehicle
+
+
+def waiting_elements(
+    driver: Driver, lane: Lane, edges: Sequence[str], seconds: float
+) -> list[etree._Element]:
+    """A car that stands a metre before the end of a lane for a while, and then drives on when it may."""
+    place = lane.length - 1.0
+    vehicle = etree.Element(
+        "vehicle", id="waiting_0", type="waiting0", depart="0", departLane=str(lane.order), departPos=_num(place),
+        departSpeed="0", insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    etree.SubElement(
+        vehicle,
+        "stop",
+        lane=lane.id,
+        startPos=_num(place - driver.length),
+        endPos=_num(place),
+        duration=_num(seconds),
+    )
+    return [_vtype("waiting0", driver, 1.0, "magenta"), vehicle]
 
 
 def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> list[etree._Element]:

@@ -24,10 +24,13 @@ def lead_time(
     """
     sim.load(net, additional, network, seed)
     sim.step()
-    sim.hold("convoy_0")
+    convoy = [name for name, *_ in sim.fleet()]
+    for vehicle in convoy:
+        sim.hold(vehicle)
     sim.step()
     began = sim.distance_driven("convoy_0")
-    sim.release("convoy_0")
+    for vehicle in convoy:
+        sim.release(vehicle)
     for tick in range(1, int(LEAD_LIMIT_S / DT_S)):
         sim.step()
         if sim.distance_driven("convoy_0") - began >= way_m:

@@ -12,6 +12,7 @@ import numpy as np
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import Connection, RoadNetwork
+from tsbench.sim.reserved import open_lanes, turned_lanes
 from tsbench.sim.scene import Destination
 
 Turn = tuple[str, str]
@@ -78,17 +79,34 @@ class RoutePath:
 
 
 class LaneGraph:
-    """Routes and paths for passenger cars over a network."""
+    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (sim.reserved)."""
 
     def __init__(self, network: RoadNetwork, vclass: str = "passenger") -> None:
         self.network = network
         self.vclass = vclass
+        self._open = open_lanes(network, vclass)
+        self._turned = turned_lanes(network, vclass)
         self._next: dict[str, dict[str, list[Connection]]] = {}
         for connection in network.connections:
-            a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-            if a.internal or not (a.permits(vclass) and b.permits(vclass)):
+            if connection.from_lane not in self._open or connection.to_lane not in self._open:
                 continue
+            a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
             self._next.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+
+    def edge_of(self, lane: int) -> str:
+        """The edge that a lane (index) is a lane of; a contraflow lane of the one that it seems to belong to."""
+        turned = self._turned.get(lane)
+        return self.network.lanes[lane].edge if turned is None else turned.host
+
+    def line_of(self, lane: int) -> Polyline:
+        """A lane's centre line in the direction of `edge_of` it."""
+        turned = self._turned.get(lane)
+        return self.network.lanes[lane].line if turned is None else turned.line
+
+    def order_of(self, lane: int) -> int:
+        """A lane's place on `edge_of` it, 0 = rightmost."""
+        turned = self._turned.get(lane)
+        return self.network.lanes[lane].order if turned is None else turned.order
 
     def successors(self, edge: str) -> tuple[str, ...]:
         """Edges that can be reached directly from this one."""
@@ -146,7 +164,9 @@ class LaneGraph:
         `lane` lies on the first edge, or is an internal lane that leads into it. None where the lanes do not connect.
         """
         changes = self._changes_to_go(edges)
-        builder = _PathBuilder(self.network)
+        builder = _PathBuilder(self)
+        if lane in self._turned:
+            s = self._turned[lane].line.length - s
         if self.network.lanes[lane].internal:
             after = builder.through(lane, s)
             if after < 0 or self.network.lanes[after].edge != edges[0]:
@@ -156,9 +176,9 @@ class LaneGraph:
             last = k == len(edges) - 1
             options = changes[k]
             keep = [
-                (abs(self.network.lanes[i].order - self.network.lanes[lane].order) + options[i], i != lane, i)
-                for i in self.network.edges[edge].lanes
-                if options[i] < math.inf
+                (abs(self.order_of(i) - self.order_of(lane)) + left, i != lane, i)
+                for i, left in options.items()
+                if left < math.inf
             ]
             if not keep:
                 return None
@@ -166,30 +186,33 @@ class LaneGraph:
             builder.along(lane, chosen, s)
             if last:
                 break
-            candidates = [c for c in self.connections(edge, edges[k + 1]) if c.from_lane == chosen]
-            step = min(candidates, key=lambda c: (changes[k + 1][c.to_lane], c.to_lane))
-            for via in step.via:
+            steps = [c for c in self._steps(edge, edges[k + 1]) if c[0] == chosen]
+            _, lane, inner = min(steps, key=lambda c: (changes[k + 1][c[1]], c[1]))
+            for via in inner:
                 builder.add(via, 0.0)
-            lane, s = step.to_lane, 0.0
+            s = 0.0
         return builder.finish(edges, destination)
+
+    def _steps(self, source: str, target: str) -> list[tuple[int, int, tuple[int, ...]]]:
+        """Ways from one edge to the next: lane from, lane to, lanes between."""
+        lanes = self.network.edges[source].lanes
+        steps = [(c.from_lane, c.to_lane, c.via) for c in self.connections(source, target)]
+        turned = (t for t in self._turned.values() if t.host == target and t.entry in lanes)
+        return steps + [(t.entry, t.lane, ()) for t in turned]
 
     def _changes_to_go(self, edges: tuple[str, ...]) -> list[dict[int, float]]:
         """For each edge, the lane changes needed after leaving it from each lane; inf where there is no way on."""
         table: list[dict[int, float]] = [{} for _ in edges]
-        permitted = [
-            [i for i in self.network.edges[e].lanes if self.network.lanes[i].permits(self.vclass)]
-            for e in edges
-        ]
         for k in range(len(edges) - 1, -1, -1):
-            row = dict.fromkeys(self.network.edges[edges[k]].lanes, math.inf)
+            turned = [t.lane for t in self._turned.values() if t.host == edges[k]]
+            row = dict.fromkeys([*self.network.edges[edges[k]].lanes, *turned], math.inf)
             if k == len(edges) - 1:
-                row.update(dict.fromkeys(permitted[k], 0.0))
+                row.update((i, 0.0) for i in row if i in self._open or i in self._turned)
             else:
                 reach = table[k + 1]
-                for c in self.connections(edges[k], edges[k + 1]):
-                    to = self.network.lanes[c.to_lane].order
-                    cost = min(abs(self.network.lanes[i].order - to) + reach[i] for i in reach)
-                    row[c.from_lane] = min(row[c.from_lane], cost)
+                for start, end, _ in self._steps(edges[k], edges[k + 1]):
+                    cost = min(abs(self.order_of(i) - self.order_of(end)) + reach[i] for i in reach)
+                    row[start] = min(row[start], cost)
             table[k] = row
         return table
 
@@ -197,15 +220,15 @@ class LaneGraph:
 class _PathBuilder:
     """Collects stretches of lanes into one line."""
 
-    def __init__(self, network: RoadNetwork) -> None:
-        self.network = network
+    def __init__(self, graph: LaneGraph) -> None:
+        self.graph, self.network = graph, graph.network
         self.chunks: list[Array] = []
         self.lanes: list[int] = []
         self.first_s = 0.0
 
     def add(self, lane: int, s: float) -> None:
         """The rest of a lane from arc length s."""
-        line = self.network.lanes[lane].line
+        line = self.graph.line_of(lane)
         if line.length - s > 1e-3:
             self._push(line.slice(s, line.length).points if s > 0.0 else line.points, lane)
 
@@ -225,9 +248,9 @@ class _PathBuilder:
         if lane == target:
             self.add(lane, s)
             return
-        a, b = self.network.lanes[lane].line, self.network.lanes[target].line
+        a, b = self.graph.line_of(lane), self.graph.line_of(target)
         span = a.length - s
-        steps = abs(self.network.lanes[lane].order - self.network.lanes[target].order)
+        steps = abs(self.graph.order_of(lane) - self.graph.order_of(target))
         length = min(40.0 * steps, max(span - 10.0, span * 0.8))
         if length < _BLEND_STEP_M:
             self.add(target, min(s, b.length))

@@ -64,7 +64,7 @@ class Navigator:
         ahead = {p.lane for p in self._path.pieces if p.s0 - 1.0 <= s <= p.s1 + 1.0}
         if lane.internal:
             return ego.lane not in ahead and abs(d) > _OTHER_LANE_SHARE * lane.width
-        return lane.edge not in self._edges or abs(d) > _OTHER_LANE_SHARE * lane.width
+        return self.graph.edge_of(ego.lane) not in self._edges or abs(d) > _OTHER_LANE_SHARE * lane.width
 
     def _replan(self, ego: EgoState) -> None:
         first = self._path is None
@@ -81,7 +81,7 @@ class Navigator:
 
     def _from_lane(self, lane: int, s: float) -> RoutePath | None:
         network = self.graph.network
-        edge = network.lanes[lane].edge
+        edge = self.graph.edge_of(lane)
         if network.lanes[lane].internal:
             onward = [c.to_lane for c in network.connections if lane in c.via]
             if not onward:

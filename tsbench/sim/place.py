@@ -37,6 +37,11 @@ class LaneLocator:
             for lane in self._drivable
         ]
         self._boxes = np.asarray(boxes, dtype=np.float64)
+        # Both directions of a road run between the same two junctions.
+        self._road = {
+            e.id: (e.id,) if e.internal else tuple(sorted((e.source, e.target)))
+            for e in network.edges.values()
+        }
         self._areas = [j.polygon for j in network.junctions.values() if len(j.polygon) >= 3]
 
     def locate(self, x: float, y: float, heading: float, last: int) -> tuple[int, float, float, bool]:
@@ -69,14 +74,14 @@ class LaneLocator:
         return -1, 0.0, 0.0, any(inside_polygon(x, y, area) for area in self._areas)
 
     def _in_slit(self, x: float, y: float, hits: list[int]) -> tuple[int, tuple[float, float]]:
-        """The nearer of two lanes of one edge that both come within a slit's width of the point; else -1."""
-        near: dict[str, list[tuple[float, int, float, float]]] = {}
+        """The nearer of two lanes of one road that both come within a slit's width of the point; else -1."""
+        near: dict[tuple[str, ...], list[tuple[float, int, float, float]]] = {}
         for k in hits:
             lane = self._drivable[k]
             s, d = lane.line.project(x, y)
             beside = abs(d) - lane.width / 2
             if beside <= _SLIT_M and -_SLIT_M <= s <= lane.line.length + _SLIT_M:
-                near.setdefault(lane.edge, []).append((beside, lane.index, s, d))
+                near.setdefault(self._road[lane.edge], []).append((beside, lane.index, s, d))
         between = [min(lanes) for lanes in near.values() if len(lanes) > 1]
         if not between:
             return -1, (0.0, 0.0)

@@ -24,6 +24,8 @@ OBSTACLE_PREFIX = "obstacle"
 CONVOY_PREFIX = "convoy"
 
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
+# keepRoute of moveToXY: off the road too (2), and on lanes that the ego may not use (4), or nobody there would see it.
+_ANYWHERE = 2 | 4
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _OPTIONS = [
     "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
@@ -91,7 +93,7 @@ class Simulation:
         x, y = m.x + half * math.cos(m.heading), m.y + half * math.sin(m.heading)
         if not math.isfinite(x + y + m.speed):
             raise SimulationError(f"the ego's pose is not finite ({m})")
-        libsumo.vehicle.moveToXY(EGO_ID, edge, lane_order, x, y, 90.0 - math.degrees(m.heading), 2)
+        libsumo.vehicle.moveToXY(EGO_ID, edge, lane_order, x, y, 90.0 - math.degrees(m.heading), _ANYWHERE)
         libsumo.vehicle.setPreviousSpeed(EGO_ID, m.speed)
         self._ego_front = (x, y)
         self._placed = True

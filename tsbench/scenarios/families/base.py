@@ -32,8 +32,9 @@ class UnfitMapError(Exception):
 class ConvoySetup:
     """A convoy before its lead was timed. `places`: fronts on `lane` (id), lead first; `edges`: its route.
 
-    zone_m: along the lead's path from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps,
-    ego_turn_mps: as in sim.scene.ConvoyPlan.
+    The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
+    from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
+    sim.scene.ConvoyPlan.
     """
 
     drivers: tuple[Driver, ...]
@@ -45,6 +46,7 @@ class ConvoySetup:
     ego_zone_m: float
     ego_cruise_mps: float
     ego_turn_mps: float
+    vclass: str = "passenger"
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,9 @@ class Arrangement:
 
     extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
-    speed_factors: of the background drivers, () = all 1. platoons: edges where cars enter in
+    closed_edges: where nobody else drives at all; no length of theirs counts for the density.
+    speed_factors: of the background drivers, () = all 1. drivers: the background drivers where the plate makes others
+    of them, () = the task's. platoons: edges where cars enter in
     platoons.
     """
 
@@ -69,7 +73,9 @@ class Arrangement:
     extra: tuple[etree._Element, ...] = ()
     avoid_turns: AbstractSet[Turn] = frozenset()
     quiet_edges: AbstractSet[str] = frozenset()
+    closed_edges: AbstractSet[str] = frozenset()
     speed_factors: Sequence[float] = field(default_factory=tuple)
+    drivers: tuple[Driver, ...] = ()
     blocked: tuple[tuple[str, float, float], ...] = ()
     platoons: AbstractSet[str] = frozenset()
 
