@@ -20,7 +20,7 @@ from tsbench.planners.guards.courtesy import Courtesy
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
-from tsbench.planners.guards.speed import SpeedGuard
+from tsbench.planners.guards.speed import MinSpeedGuard, SpeedGuard
 from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import LaneChanges
 from tsbench.planners.steering import follow
@@ -31,6 +31,7 @@ from tsbench.sim.world import EgoState
 GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "give_way": GiveWayGuard,
     "speed": SpeedGuard,
+    "min_speed": MinSpeedGuard,
     "detour": DetourGuard,
     "manoeuvre": ManoeuvreGuard,
 }

@@ -13,8 +13,6 @@ from tsbench.planners.base import PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.sim.nuplan import quantile_speed
 
-# The published quantiles leave the tenth per cent to interpolation; 11 km/h is where the slowest style begins.
-SLOWEST_MPS = 11.0 / 3.6
 _GAP_M = (2.0, 8.0)
 _HEADWAY_S = (0.8, 1.7)
 _ACCEL_MPS2 = (0.5, 4.0)
@@ -27,7 +25,7 @@ def draw_style(band: tuple[float, float], seed: int) -> IdmParameters:
     How much room is kept is one rank in [0, 1]: s0 = 2 + 8 x rank, T = 0.8 + 1.7 x rank.
     """
     rng = np.random.default_rng(seed)
-    cruise = max(quantile_speed(float(rng.uniform(*band))), SLOWEST_MPS)
+    cruise = quantile_speed(float(rng.uniform(*band)))
     rank = float(rng.uniform())
     return IdmParameters(
         top_speed=cruise,
@@ -52,7 +50,8 @@ class StyledIdm(Idm):
 class IdmS1(StyledIdm):
     """`idm-s1`: about 11 to 20 km/h."""
 
-    band = (0.10, 0.35)
+    # From 18 and not from 10 %: between the published 5 and 25 % lies a straight line, which falls to 7 km/h there.
+    band = (0.18, 0.35)
 
 
 class IdmS2(StyledIdm):

@@ -95,7 +95,7 @@ class SiteBuilder:
                 row, roads.network, roads.graph, recipe, variant, drivers, rng_of("arrange", scenario_id)
             )
         )
-        files = _SceneFiles(self.sim, roads, folder, variant, a, drivers, seed, scenario_id)
+        files = _SceneFiles(self.sim, roads, folder, variant, a, a.drivers or drivers, seed, scenario_id)
         density = files.write(recipe.horizon * DT_S)
         files.check_start()
         target = next(s for s in a.signs if s.id == a.target)

@@ -1,6 +1,5 @@
-"""Speed limits (3.24 and those like it): slow from where the front crosses the plate's line.
-
-Units: m, m/s; the plate's own number is km/h.
+"""Greatest and least speeds: slow from where the front crosses the plate's line (3.24, 5.21, 5.31), fast from a while
+after it (4.6). Units: m, m/s; the plate's own number is km/h.
 """
 
 from __future__ import annotations
@@ -8,9 +7,10 @@ from __future__ import annotations
 import math
 
 from tsbench.errors import InputError
-from tsbench.planners.ahead import HALF_LENGTH_M
+from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.profile import PathSamples
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 
@@ -18,17 +18,21 @@ _KMH = 1.0 / 3.6
 _MARGIN_KMH = 0.5
 _BRAKE_MPS2 = 2.5
 _EARLY_M = 1.0
+# Least speeds: this much above the minimum; speeding up begins where it takes this much, and never takes more.
+_ABOVE_KMH = 2.0
+_GENTLE_MPS2 = 0.4
+_BRISK_MPS2 = 2.5
+_HOLD_S = 0.5
+# Nearer than this to anybody, in seconds of the ego's own speed, the base planner keeps its distance as it likes.
+_CLOSE_S = 1.0
 
 
 class SpeedGuard:
     """Brakes before the zone, holds the limit inside it."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        sign = privilege.sign
-        if sign.value is None:
-            raise InputError(f"sign {sign.id!r}: a speed sign without a value")
-        self._context, self._sign = context, sign
-        self._limit = (sign.value - _MARGIN_KMH) * _KMH
+        self._context, self._sign = context, privilege.sign
+        self._limit = (_posted(privilege) - _MARGIN_KMH) * _KMH
         self._ended_by = privilege.rule.ended_by
         self._path: RoutePath | None = None
         self._line_s = math.inf
@@ -44,7 +48,7 @@ class SpeedGuard:
             return FREE
         if route.path is not self._path:
             self._path = route.path
-            self._line_s = self._place(route.path, self._sign.edge, self._sign.position_m)
+            self._line_s = _place(self._context, route.path, self._sign.edge, self._sign.position_m)
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
         self._inside = self._inside or front >= self._line_s
         if not self._inside:
@@ -55,12 +59,61 @@ class SpeedGuard:
     def _passed_end(self, observation: Observation, front: float) -> bool:
         ends = [s for s in observation.signs if s.code in self._ended_by]
         path = observation.route.path
-        return any(self._place(path, s.edge, s.position_m) + _EARLY_M < front for s in ends)
+        places = (_place(self._context, path, s.edge, s.position_m) for s in ends)
+        return any(place + _EARLY_M < front for place in places)
 
-    def _place(self, path: RoutePath, edge: str, position: float) -> float:
-        """Arc length on the path of a line across an edge; inf where the path does not lead over the edge."""
-        network = self._context.network
-        for lane in (network.lanes[p.lane] for p in path.pieces):
-            if lane.edge == edge:
-                return path.line.project(*lane.line.point_at(position))[0]
-        return math.inf
+
+class MinSpeedGuard:
+    """Speeds up in time for where the minimum binds and holds it, unless somebody slower is ahead."""
+
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+        self._context, self._sign = context, privilege.sign
+        self._thresholds = privilege.rule.thresholds
+        self._minimum = _posted(privilege) * _KMH
+        self._target = self._minimum + _ABOVE_KMH * _KMH
+        self._path: RoutePath | None = None
+        self._samples: PathSamples
+        self._binds_s = math.inf
+
+    def guide(self, observation: Observation) -> RouteView:
+        """The navigation's own route."""
+        return observation.route
+
+    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        """At least what reaches the minimum where it binds, and what holds it from there on."""
+        if route.path is not self._path:
+            self._path, self._samples = route.path, PathSamples(route.path)
+            line_s = _place(self._context, route.path, self._sign.edge, self._sign.position_m)
+            self._binds_s = line_s + self._thresholds["settle_distance_m"]
+        v, left = observation.ego.speed, self._binds_s - route.s - HALF_LENGTH_M
+        if math.isinf(left) or self._held_up(observation, route.s):
+            return FREE
+        if left > 0.0 and v < self._target:
+            needed = (self._target * self._target - v * v) / (2.0 * left)
+            return (min(needed, _BRISK_MPS2), math.inf) if needed >= _GENTLE_MPS2 else FREE
+        return min((self._target - v) / _HOLD_S, _BRISK_MPS2), math.inf
+
+    def _held_up(self, observation: Observation, s: float) -> bool:
+        """Is somebody slower than the minimum ahead, within the distance that excuses, or anything very close?"""
+        t, v = self._thresholds, observation.ego.speed
+        reach = max(t["leader_min_m"], v * v / t["leader_divisor_mps2"] + t["leader_margin_m"])
+        front = s + HALF_LENGTH_M
+        for end, speed in moving_ahead(self._samples, s, reach, observation.actors):
+            if end - front <= (reach if speed < self._minimum else _CLOSE_S * v):
+                return True
+        return any(obstacle_ahead(self._samples, s, o) - front <= reach for o in observation.obstacles)
+
+
+def _posted(privilege: Privilege) -> float:
+    """The number on the plate, km/h; InputError where a speed sign carries none."""
+    if privilege.sign.value is None:
+        raise InputError(f"sign {privilege.sign.id!r}: a speed sign without a value")
+    return privilege.sign.value
+
+
+def _place(context: PlannerContext, path: RoutePath, edge: str, position: float) -> float:
+    """Arc length on the path of a line across an edge; inf where the path does not lead over the edge."""
+    for lane in (context.network.lanes[p.lane] for p in path.pieces):
+        if lane.edge == edge:
+            return path.line.project(*lane.line.point_at(position))[0]
+    return math.inf

@@ -10,6 +10,7 @@ from tsbench.scenarios.families.base import Placement
 from tsbench.scenarios.families.detour import DetourPlacement
 from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
+from tsbench.scenarios.families.min_speed import MinSpeedPlacement
 from tsbench.scenarios.families.speed_zone import SpeedZonePlacement
 from tsbench.scenarios.recipe import Recipe
 
@@ -17,6 +18,7 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
     {
         "give_way": GiveWayPlacement,
         "speed_zone": SpeedZonePlacement,
+        "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
         "manoeuvre": ManoeuvrePlacement,
     }

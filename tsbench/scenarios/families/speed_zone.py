@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from tsbench.maps.network import RoadNetwork
 from tsbench.maps.plain import PlainNet
@@ -26,34 +29,56 @@ def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margi
     return usable[seed_of("limit", scenario_type, row.map_id) % len(usable)]
 
 
+def task_limit(row: PoolRow, recipe: Recipe) -> int:
+    """The number on a map's plate, km/h."""
+    return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
+
+
+def speed_plate(
+    network: RoadNetwork, code: str, edge: str, s: float, value: float, zone_edges: Sequence[str]
+) -> SignInstance:
+    """The target plate of a speed scene, right of the road at `s` m along an edge; `value` in km/h."""
+    x, y, heading = beside_road(network, edge, s)
+    params = {"zone_edges": " ".join(zone_edges)}
+    return SignInstance("sign_0", code, value, edge, -1, s, x, y, heading, "target", None, params)
+
+
+def end_plate(network: RoadNetwork, code: str, edge: str, value: float) -> SignInstance:
+    """The plate that ends the target's zone, where an edge starts."""
+    x, y, heading = beside_road(network, edge, 0.0)
+    return SignInstance("sign_1", code, value, edge, -1, 0.0, x, y, heading, "end", "sign_0", {})
+
+
 class SpeedZonePlacement:
-    """`speed_limit`: 3.24 ahead of a driver who is too fast for it, 3.25 shortly before the destination."""
+    """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
+
+    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
+        self.end_code = recipe.type.end_codes[0]
 
-    def _zone(self, row: PoolRow, recipe: Recipe) -> tuple[float, float]:
-        """Arc lengths of plate and end plate on the corridor."""
+    def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
+        """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
         length = row.length_m
         end = length - recipe.number("end_before_edge_m") - recipe.number("end_plate_before_destination_m")
         plate = min(end - recipe.number("zone_m"), recipe.number("plate_at_most_m"))
         require(plate >= recipe.number("plate_at_least_m"), f"the corridor is {length:.0f} m long")
-        return plate, end
+        return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The corridor in three parts, so that other traffic can be bound in the middle one."""
-        posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
-        return split_edge(plain, row.fields["edge"], self._zone(row, recipe))[0]
+        """The zone on edges of its own, so that other traffic can be bound there."""
+        task_limit(row, recipe)
+        return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def arrange(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        limit = posted_limit(
-            row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh")
-        )
+        limit = float(task_limit(row, recipe))
         v = limit * KMH
-        edge = row.fields["edge"]
-        first, zone, last = (f"{edge}.{k}" for k in range(3))
+        edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
+        first, zone, last = edges[0], edges[1:-1], edges[-1]
         lanes = passenger_lanes(network, first)
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
@@ -63,27 +88,22 @@ class SpeedZonePlacement:
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
-        end_lane = network.edge_lanes(last)[0]
         end_s = recipe.number("end_plate_before_destination_m")
-        require(end_s < end_lane.line.length - 3.0, "no room for the destination")
+        require(end_s < network.edge_lanes(last)[0].line.length - 3.0, "no room for the destination")
         signs = (
-            self._plate(network, "sign_0", self.code, zone, float(limit), {"zone_edges": f"{zone} {last}"}),
-            self._plate(network, "sign_1", "3.25", last, float(limit), {}),
+            speed_plate(network, self.code, zone[0], 0.0, limit, (*zone, last)),
+            end_plate(network, self.end_code, last, limit),
         )
-        share = float(task.rng.uniform(recipe.number("obey_least"), recipe.number("obey_most")))
-        factors = [
-            1.0 if k < share * len(task.drivers) else row.speed_mps / v for k in range(len(task.drivers))
-        ]
+        obeying = obeying_drivers(task)
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
-            route_hint=(first, zone, last), route_length=network.edges[zone].length + end_s,
-            extra=(obey_element([zone], network, v),), speed_factors=tuple(factors),
+            route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
+            extra=(obey_element(zone, network, v),),
+            speed_factors=tuple(1.0 if k < obeying else row.speed_mps / v for k in range(len(task.drivers))),
         )  # fmt: skip
 
-    @staticmethod
-    def _plate(
-        network: RoadNetwork, sign_id: str, code: str, edge: str, value: float, params: dict[str, str]
-    ) -> SignInstance:
-        x, y, heading = beside_road(network, edge, 0.0)
-        role, ends = ("target", None) if params else ("end", "sign_0")
-        return SignInstance(sign_id, code, value, edge, -1, 0.0, x, y, heading, role, ends, params)
+
+def obeying_drivers(task: SceneTask) -> int:
+    """How many of the background drivers, from the first on, keep to the plate."""
+    least, most = task.recipe.number("obey_least"), task.recipe.number("obey_most")
+    return math.ceil(float(task.rng.uniform(least, most)) * len(task.drivers))
