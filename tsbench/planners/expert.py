@@ -16,6 +16,7 @@ from tsbench.errors import InputError
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.guards.base import Guard, slow_to
+from tsbench.planners.guards.closed_road import ClosedRoadGuard
 from tsbench.planners.guards.courtesy import Courtesy
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
@@ -33,6 +34,7 @@ GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "speed": SpeedGuard,
     "min_speed": MinSpeedGuard,
     "detour": DetourGuard,
+    "closed_road": ClosedRoadGuard,
     "manoeuvre": ManoeuvreGuard,
 }
 

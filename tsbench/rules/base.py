@@ -83,6 +83,11 @@ class Monitor(ABC):
     def finish(self) -> Verdict:
         """Close open excursions and give the verdict."""
 
+    @property
+    def completed(self) -> bool:
+        """Has the ego done what this rule takes for reaching the destination? Most rules take nothing for it."""
+        return False
+
     def param(self, key: str) -> str:
         """A parameter of the plate; InputError where the scene's builder left it out."""
         value = self.sign.params.get(key, "")

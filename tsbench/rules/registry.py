@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
+from tsbench.rules.closed_road import ClosedRoad
 from tsbench.rules.detour import Detour
 from tsbench.rules.give_way import GiveWay
 from tsbench.rules.manoeuvre import Manoeuvre
@@ -22,6 +23,7 @@ MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
         "speed": Speed,
         "min_speed": MinSpeed,
         "detour": Detour,
+        "closed_road": ClosedRoad,
         "manoeuvre": Manoeuvre,
     }
 )

@@ -10,8 +10,7 @@ from enum import IntEnum
 import numpy as np
 
 from tsbench.errors import InputError, PlannerOutputError, SimulationError
-from tsbench.metrics.fault import contact_at_fault
-from tsbench.metrics.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.metrics.outcome import Ending, EpisodeFacts, Outcome
 from tsbench.planners.base import Planner, PlannerContext, Privilege
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.rules.registry import make_monitors
@@ -21,15 +20,12 @@ from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.load import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
-from tsbench.sim.contact import touched_actor, touched_obstacle
 from tsbench.sim.convoy import ConvoyRelease
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
-from tsbench.sim.world import DT_S, ActorKind, EgoState, WorldSnapshot
-
-ARRIVAL_M = 5.0
+from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
 
 class Phase(IntEnum):
@@ -53,8 +49,8 @@ def _no_heartbeat(_: int) -> None:
 class EpisodeRunner:
     """Runs episodes one after the other with one planner, in one process.
 
-    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation: the process's one
-    simulation, where somebody else has it already.
+    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: the
+    process's one simulation and a loader of scenes, where somebody else has them already.
     """
 
     def __init__(
@@ -66,6 +62,7 @@ class EpisodeRunner:
         device: str = "cpu",
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
+        loader: SceneLoader | None = None,
     ) -> None:
         self.name = planner_name
         self._loaded: LoadedPlanner = resolve(planner_spec)
@@ -74,7 +71,7 @@ class EpisodeRunner:
         self._mask = mask_signs
         self._beat = heartbeat
         self.simulation = Simulation() if simulation is None else simulation
-        self._loader = SceneLoader()
+        self._loader = SceneLoader() if loader is None else loader
         self._catalog: Catalog = load_catalog()
 
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
@@ -174,12 +171,11 @@ class Episode:
         self.commands: list[tuple[float, float]] = []
         self.planner_s: list[float] = []
         self.sim_s = 0.0
-        self.contact: Contact | None = None
         self.target, self.others = make_monitors(catalog, scene)
+        self.ending = Ending(scene, self.target)
         self.navigator = Navigator(roads.graph, scene.destination)
         self.observer = Observer(scene, mask)
         self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
-        self._dest_lanes = frozenset(scene.network.edges[scene.destination.edge].lanes)
         start = scene.network.lane(scene.start.lane)
         x, y = start.line.point_at(scene.start.s)
         self.motion = Motion(x, y, start.line.heading_at(scene.start.s), scene.start.speed)
@@ -223,7 +219,7 @@ class Episode:
             beat(Phase.SCORING)
             for monitor in monitors:
                 monitor.update(snapshot)
-            ended = self._ended(snapshot)
+            ended = self.ending.at(snapshot)
             if ended is not None:
                 return ended
             observation = self.observer.observe(snapshot, self.route)
@@ -271,38 +267,10 @@ class Episode:
                 raise PlannerOutputError(f"intent is no way through the network: {problem}") from problem
             raise
 
-    def _ended(self, snapshot: WorldSnapshot) -> Outcome | None:
-        """The outcome if the episode ends at this tick. Contact wins over arrival, arrival over the horizon."""
-        ego, actors = snapshot.ego, snapshot.actors
-        hit = touched_actor(ego, actors)
-        if hit >= 0:
-            row = int(actors.index[hit])
-            kind = "pedestrian" if actors.table.kind[row] == ActorKind.PEDESTRIAN else "vehicle"
-            fault = contact_at_fault(
-                ego,
-                actors.pose[hit],
-                float(actors.speed[hit]),
-                float(actors.length[hit]),
-                float(actors.width[hit]),
-            )
-            self.contact = Contact(snapshot.step, kind, actors.table.ids[row], fault)
-            return Outcome.COLLISION
-        obstacle = touched_obstacle(ego, self.scene.obstacles)
-        if obstacle is not None:
-            self.contact = Contact(snapshot.step, "obstacle", obstacle.id, True)
-            return Outcome.COLLISION
-        if not ego.on_road:
-            return Outcome.OFF_ROAD
-        if ego.lane in self._dest_lanes and abs(ego.s - self.scene.destination.s) <= ARRIVAL_M:
-            return Outcome.ARRIVED
-        if snapshot.step >= self.scene.horizon:
-            return Outcome.TIMEOUT
-        return None
-
     def facts(self, outcome: Outcome) -> EpisodeFacts:
         """Everything that happened, with the verdicts closed."""
         return EpisodeFacts(
             scene=self.scene, snapshots=self.snapshots, route=self.route, start_remaining_m=self.start_remaining,
-            outcome=outcome, contact=self.contact, target=self.target.finish(),
+            outcome=outcome, contact=self.ending.contact, target=self.target.finish(),
             others=tuple(m.finish() for m in self.others),
         )  # fmt: skip

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from tsbench.errors import InputError
 from tsbench.metrics.aggregate import summarise
-from tsbench.metrics.outcome import EpisodeFacts
+from tsbench.metrics.outcome import Ending, EpisodeFacts, Outcome
 from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.files import told_plainly
@@ -87,7 +87,11 @@ class Judge:
         if trace.outcome.is_error:
             # An error outcome has no figures: there is nothing more to agree on.
             return
-        new_row, new_events = score(trace.spec, trace.planner, row["privileged"], self._facts(trace))
+        facts = self._facts(trace)
+        if (facts.outcome, facts.contact) != (trace.outcome, trace.contact):
+            yield f"outcome is {trace.outcome} ({trace.contact}), judged again {facts.outcome} ({facts.contact})"
+            return
+        new_row, new_events = score(trace.spec, trace.planner, row["privileged"], facts)
         yield from (
             f"{name} is {row[name]!r}, by its trace {new_row[name]!r}"
             for name in row
@@ -104,11 +108,24 @@ class Judge:
     def _facts(self, trace: Trace) -> EpisodeFacts:
         scene, roads = self._loader.load(trace.spec)
         target, others = make_monitors(self._catalog, scene)
+        ending = Ending(scene, target)
+        outcome, seen = None, []
         for snapshot in trace.snapshots:
+            seen.append(snapshot)
             for monitor in (target, *others):
                 monitor.update(snapshot)
-        facts = trace.facts(roads.graph, scene)
-        return replace(facts, target=target.finish(), others=tuple(monitor.finish() for monitor in others))
+            outcome = ending.at(snapshot)
+            if outcome is not None:
+                break
+        # A trace that ends for no reason of its own is that of an ego that has left the map.
+        return replace(
+            trace.facts(roads.graph, scene),
+            snapshots=seen,
+            outcome=outcome or Outcome.OFF_ROAD,
+            contact=ending.contact,
+            target=target.finish(),
+            others=tuple(monitor.finish() for monitor in others),
+        )
 
 
 def _contract_note(manifest: Manifest) -> str:
