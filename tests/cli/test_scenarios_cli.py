@@ -16,6 +16,7 @@ from tsbench.cli import main
 from tsbench.maps.build import build_net
 from tsbench.maps.network import read_network
 from tsbench.maps.pool import write_pool
+from tsbench.scenarios.certificates import certificates_path, write_certificates
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path, write_table
 from tsbench.sim.scene import Destination, EgoStart
@@ -50,9 +51,10 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pool = [madepool.crossroads("j-train", east=0.0), madepool.crossroads("j-test", east=5000.0)]
     write_pool(pool, root / "sumo_nets" / "pool.parquet")
     (folder / "build_report.json").write_text(
-        '{"density": {}, "types": {"yield": {"maps": {}, "missed": {"train": {}, "test": {"X": 3}},'
-        ' "reasons": {"the secondary arm is # m long": 7}}}}'
+        '[{"type_id": "yield", "split": "test", "maps": {}, "missed": {"X": 3}, "short": 0,'
+        ' "reasons": {"the secondary arm is # m long": 7}}]'
     )
+    write_certificates([], certificates_path(folder))
     return root
 
 
@@ -172,7 +174,9 @@ def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.Captur
     for command in ("list", "verify", "stats"):
         assert f"{table}: not a readable Parquet table" in run(capsys, command, expect=2)
     table.unlink()
-    assert "no scenario table (tsbench scenarios build makes it)" in run(capsys, "list", expect=2)
+    assert run(capsys, "list").split() == [f"yield-j-test-v{k}" for k in range(3)]
+    table_path("test", data / "scenarios").unlink()
+    assert "no such table (tsbench scenarios build makes it)" in run(capsys, "list", expect=2)
 
 
 def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

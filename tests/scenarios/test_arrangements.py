@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,7 @@ from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios import site as site_module
+from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
 from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.families.junction import assign_arms, connection_path
@@ -31,6 +33,7 @@ from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import Site, SiteBuilder
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.variants import Variant, variants_of
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.lanegraph import LaneGraph
@@ -308,7 +311,31 @@ def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) ->
     assert sum(network.edges[f"road.{k}"].length for k in range(3)) == pytest.approx(300.0, abs=0.5)
 
 
-def build(type_id: str, root: Path, monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]) -> Site:
+class Recorder:
+    """Proves nothing: every row is called solved and tempting; `asked` holds what the builder measured."""
+
+    def __init__(
+        self, verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True)
+    ) -> None:
+        self.verdicts = verdicts
+
+    def prove(
+        self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
+    ) -> Certificate:
+        solved, tempting = self.verdicts(spec, attempt)
+        return Certificate(
+            spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, tempted,
+            "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", None,
+        )  # fmt: skip
+
+
+def build(
+    type_id: str,
+    root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    numbers: tuple[int, ...],
+    prover: Recorder | None = None,
+) -> Site:
     """A site of some of its variants, from the hand-made crop."""
     row, crop = MAPS[type_id]
 
@@ -317,7 +344,8 @@ def build(type_id: str, root: Path, monkeypatch: pytest.MonkeyPatch, numbers: tu
 
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
     monkeypatch.setattr(site_module, "variants_of", some)
-    return SiteBuilder(recipe_of(type_id), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+    builder = SiteBuilder(recipe_of(type_id), root, simulation(), prover or Recorder())
+    return builder.build(row, None, "test")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("type_id", sorted(MAPS))
@@ -328,7 +356,8 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
     assert one.reason == ""
     assert [r.variant for r in one.rows] == [0, 1]
     loader = SceneLoader(tmp_path / "one")
-    for row, density in zip(one.rows, one.densities, strict=True):
+    for row, certificate in zip(one.rows, one.certificates, strict=True):
+        density = certificate.realised_density
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         assert (row.scenario_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
@@ -356,3 +385,33 @@ def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pyte
     assert site.rows == ()
     assert site.reason == "the corridor is 100 m long"
     assert not list(tmp_path.rglob("*.gz"))
+
+
+def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build(
+        "yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True))
+    )
+    assert [c.attempt for c in site.certificates] == [0, 2]
+    # The files are those of the draw that was kept, and another draw is another scene.
+    loader = SceneLoader(tmp_path)
+    for row, certificate in zip(site.rows, site.certificates, strict=True):
+        loader.load(row)
+        assert certificate.digest == row.additional_sha256
+    first = build("yield", tmp_path / "first", monkeypatch, (0, 1))
+    assert first.rows[0] == site.rows[0]
+    assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
+    assert first.rows[1].seed != site.rows[1].seed
+
+
+def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
+    assert site.rows == ()
+    assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
+
+
+def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
+    SceneLoader(tmp_path).load(site.rows[1])
+    dull = build("yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)))
+    assert dull.reason == "2 variants do not tempt idm"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import isnan
 from pathlib import Path
 
 import click
@@ -16,11 +17,13 @@ from tsbench.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 
-PROVER = "tsbench.certify.solvable:Prover"
+PROVER = "tsbench.certify.prover:Prover"
 
 
 def _all_rows() -> list[ScenarioSpec]:
-    return [spec for split in SPLITS for spec in read_table(table_path(split))]
+    # A build may have filled one split only.
+    there = [path for split in SPLITS if (path := table_path(split)).is_file()]
+    return [spec for path in there or [table_path(SPLITS[0])] for spec in read_table(path)]
 
 
 def _find(scenario_id: str) -> ScenarioSpec:
@@ -41,16 +44,21 @@ def scenarios() -> None:
     """Build and inspect the scenario tables and scene files."""
 
 
+def _types(text: str) -> tuple[str, ...]:
+    return tuple(t.strip() for t in text.split(",") if t.strip())
+
+
 @scenarios.command()
 @click.option("--types", default="", help="Comma-separated type ids; default: all that have a recipe.")
+@click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: both.")
 @click.option("--osm", type=click.Path(path_type=Path), default=None, help="Folder of OSM extracts.")
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
-def build(types: str, osm: Path | None, workers: int) -> None:
-    """Fill each type's quotas from the pool and write tables and scene files. Resumable."""
+def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -> None:
+    """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.scenarios.build import BuildRequest, build_scenarios
 
-    chosen = tuple(t.strip() for t in types.split(",") if t.strip())
-    request = BuildRequest(chosen, osm or sources_dir(), data_root() / "scenarios", workers, PROVER)
+    root = data_root() / "scenarios"
+    request = BuildRequest(_types(types), osm or sources_dir(), root, workers, PROVER, splits or SPLITS)
     with _progress() as bar:
         tasks: dict[str, TaskID] = {}
 
@@ -60,12 +68,38 @@ def build(types: str, osm: Path | None, workers: int) -> None:
             bar.update(tasks[name], completed=done)
 
         reports = build_scenarios(request, report)
-    table = Table("type", "train maps", "test maps", "quota missed", "maps passed over, by reason")
+    table = Table("type", "split", "maps", "quota missed", "maps passed over, by reason")
     for r in reports:
         reasons = "\n".join(f"{n} {why}" for why, n in r.reasons.items())
-        missed = {k: v for k, v in r.missed.items() if v}
-        table.add_row(r.type_id, str(r.maps["train"]), str(r.maps["test"]), str(missed or "none"), reasons)
+        table.add_row(r.type_id, r.split, str(sum(r.maps.values())), str(r.missed or "none"), reasons)
     Console().print(table)
+    short = [f"{r.type_id} {r.split} lacks {r.short} maps" for r in reports if r.short]
+    if short:
+        raise InputError(f"the pool is too small: {', '.join(short)}")
+
+
+@scenarios.command()
+@click.option("--types", default="", help="Comma-separated type ids; default: all.")
+@click.option("--split", type=click.Choice(SPLITS), default=None)
+@click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
+def certify(types: str, split: str | None, workers: int) -> None:
+    """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
+    from tsbench.certify.recheck import recheck
+
+    chosen = _types(types)
+    rows = [
+        s
+        for s in _all_rows()
+        if (not chosen or s.scenario_type in chosen) and (split is None or s.split == split)
+    ]
+    with _progress() as bar:
+        task = bar.add_task("certify", total=len(rows))
+        failures = recheck(rows, data_root() / "scenarios", workers, lambda n: bar.update(task, completed=n))
+    for name, problem in failures:
+        click.echo(f"{name}: {problem}")
+    click.echo(f"{len(rows)} rows, {len(failures)} without a valid certificate")
+    if failures:
+        raise SystemExit(1)
 
 
 @scenarios.command("list")
@@ -153,19 +187,20 @@ def stats() -> None:
     """Rows, maps, unique places and quotas per type and split."""
     from tsbench.scenarios.overview import build_report, type_stats
 
-    table = Table("type", "split", "rows", "maps", "places", "by stratum", "tagged", "density within 25 %")
+    table = Table(
+        "type", "split", "rows", "maps", "places", "by stratum", "tagged", "solvable", "tempting", "engaged", "sane",
+        "reproduced", "gap s",
+    )  # fmt: skip
     for t in type_stats(_all_rows()):
         strata = ", ".join(f"{k} {v}" for k, v in t.strata.items())
-        table.add_row(
-            t.type_id, t.split, str(t.rows), str(t.maps), str(t.places), strata, f"{t.tagged_share:.0%}",
-            f"{t.density_within:.0%}",
-        )  # fmt: skip
+        shares = [f"{v:.1%}" for v in (t.solvable, t.tempting, t.engaged, t.sane, t.reproduced)]
+        counts = [str(v) for v in (t.rows, t.maps, t.places)]
+        gap = "" if isnan(t.gap_s) else f"{t.gap_s:.1f}"
+        table.add_row(t.type_id, t.split, *counts, strata, f"{t.tagged_share:.0%}", *shares, gap)
     console = Console()
     console.print(table)
-    passed = Table("type", "quota missed", "maps passed over, by reason")
-    for name, entry in sorted(build_report()["types"].items()):
-        missed = {k: v for k, v in entry["missed"].items() if v}
-        passed.add_row(
-            name, str(missed or "none"), "\n".join(f"{n} {why}" for why, n in entry["reasons"].items())
-        )
+    passed = Table("type", "split", "quota missed", "maps passed over, by reason")
+    for entry in build_report():
+        reasons = "\n".join(f"{n} {why}" for why, n in entry["reasons"].items())
+        passed.add_row(entry["type_id"], entry["split"], str(entry["missed"] or "none"), reasons)
     console.print(passed)

@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import json
 import shutil
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -19,14 +19,20 @@ from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
 
-from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import PoolRow, read_pool
 from tsbench.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.certificates import (
+    Certificate,
+    certificates_path,
+    read_certificates,
+    write_certificates,
+)
+from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.fingerprint import maker_fingerprint
 from tsbench.scenarios.recipe import Recipe, load_recipe, recipe_types
 from tsbench.scenarios.seeds import seed_of
-from tsbench.scenarios.site import Site, SiteBuilder
+from tsbench.scenarios.site import Prover, Site, SiteBuilder
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.split import split_pool
 from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
@@ -44,8 +50,8 @@ Progress = Callable[[str, int, int], None]
 class BuildRequest:
     """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill.
 
-    prover: "module:Class" of what drives scenes to see whether they can be solved (certify.solvable); by name, because
-    it stands above this layer and is made in each worker process.
+    prover: "module:Class" of what drives rows to prove them (certify.prover), "" = nobody; by name, because it stands
+    above this layer and is made in each worker process. splits: which tables.
     """
 
     types: tuple[str, ...]
@@ -53,15 +59,21 @@ class BuildRequest:
     root: Path
     workers: int
     prover: str
+    splits: tuple[str, ...] = SPLITS
 
 
 @dataclass(frozen=True)
 class TypeReport:
-    """What became of one type: maps per stratum and split, and the reasons of maps that were passed over."""
+    """What became of one type in one split.
+
+    maps, missed: by stratum, taken and wanting. short: maps wanting in all. reasons: of maps that were passed over.
+    """
 
     type_id: str
-    maps: dict[str, dict[str, int]]
-    missed: dict[str, dict[str, int]]
+    split: str
+    maps: dict[str, int]
+    missed: dict[str, int]
+    short: int
     reasons: dict[str, int]
 
 
@@ -74,45 +86,41 @@ def stratum_of(row: PoolRow) -> str:
     return row.shape
 
 
-_sim: Simulation | None = None
-
-
 @lru_cache(maxsize=8)
 def _source(name: str, osm: Path) -> SourceNetwork:
     return load_source(name, osm)
 
 
+@lru_cache(maxsize=1)
+def _tools(root: Path, prover: str) -> tuple[Simulation, Prover | None]:
+    """A worker process's one simulation, and who proves rows in it."""
+    sim = Simulation()
+    module, _, name = prover.partition(":")
+    return sim, getattr(importlib.import_module(module), name)(sim, root) if prover else None
+
+
 def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, object]:
-    """In a worker process: one site, as plain data. One simulation per process."""
-    global _sim
-    if _sim is None:
-        _sim = Simulation()
-    site = SiteBuilder(recipe, request.root, _sim).build(row, _source(row.source, request.osm), split)
-    reason = site.reason or _unsolved(recipe, site, _sim, request.prover)
+    """In a worker process: one site, as plain data."""
+    sim, prover = _tools(request.root, request.prover)
+    source = _source(row.source, request.osm)
+    site = SiteBuilder(recipe, request.root, sim, prover).build(row, source, split)
     return {
         "map_id": site.map_id,
-        "rows": [] if reason else [asdict(r) for r in site.rows],
-        "densities": [] if reason else list(site.densities),
-        "reason": reason,
+        "rows": [asdict(r) for r in site.rows],
+        "certificates": [asdict(c) for c in site.certificates],
+        "reason": site.reason,
     }
 
 
-def _unsolved(recipe: Recipe, site: Site, sim: Simulation, prover: str) -> str:
-    """Why too few of a site's variants can be solved; "" where enough can, or the recipe asks for none."""
-    least = int(recipe.numbers.get("solved_of_ten", 0))
-    if not least:
-        return ""
-    module, _, name = prover.partition(":")
-    solved = sum(getattr(importlib.import_module(module), name)(sim).solved(site.rows))
-    return "" if solved >= least else f"the expert solves {solved} of its variants"
-
-
 def _site(data: dict[str, object]) -> Site:
-    rows, densities = data["rows"], data["densities"]
+    rows, certificates = data["rows"], data["certificates"]
     assert isinstance(rows, list)
-    assert isinstance(densities, list)
+    assert isinstance(certificates, list)
     return Site(
-        str(data["map_id"]), tuple(ScenarioSpec(**r) for r in rows), tuple(densities), str(data["reason"])
+        str(data["map_id"]),
+        tuple(ScenarioSpec(**r) for r in rows),
+        tuple(Certificate(**c) for c in certificates),
+        str(data["reason"]),
     )
 
 
@@ -125,8 +133,7 @@ class TypeBuilder:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
         self.cache = request.root / "build" / recipe.type.id
         self.cache.mkdir(parents=True, exist_ok=True)
-        self.reasons: Counter[str] = Counter()
-        self.key = _recipe_key(recipe)
+        self.key = f"{maker_fingerprint(placement_of(recipe))}|{recipe}"
 
     def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
         """Maps of the split that the recipe's family takes, in the order in which they are tried."""
@@ -136,9 +143,7 @@ class TypeBuilder:
             usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id)
         )
 
-    def fill(
-        self, rows: Sequence[PoolRow], split: str, progress: Progress
-    ) -> tuple[list[Site], dict[str, int], dict[str, int]]:
+    def fill(self, rows: Sequence[PoolRow], split: str, progress: Progress) -> tuple[list[Site], TypeReport]:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
         share = 1 if split == "train" else TEST_PER_TRAIN
         quota = {k: v // share for k, v in self.recipe.maps.items()}
@@ -146,6 +151,7 @@ class TypeBuilder:
         taken: list[Site] = []
         places: list[tuple[float, float]] = []
         counts: Counter[str] = Counter()
+        reasons: Counter[str] = Counter()
         tried: set[str] = set()
         ordered = self.candidates(rows, split)
         for strict in (True, False):
@@ -154,7 +160,7 @@ class TypeBuilder:
             for row, site in self._sites(pick, split, counts, accept, wanted, taken, places):
                 tried.add(row.map_id)
                 if site.reason:
-                    self.reasons[_reason_class(site.reason)] += 1
+                    reasons[_reason_class(site.reason)] += 1
                     continue
                 taken.append(site)
                 places.append((row.east, row.north))
@@ -162,25 +168,25 @@ class TypeBuilder:
                 progress(f"{self.recipe.type.id} {split}", len(taken), wanted)
             if len(taken) >= wanted:
                 break
-        if len(taken) < wanted:
-            raise InputError(
-                f"{self.recipe.type.id}: the pool gives {len(taken)} maps for {split}, {wanted} are asked"
-            )
         missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
-        return taken, dict(sorted(counts.items())), missed
+        return taken, TypeReport(
+            self.recipe.type.id, split, dict(sorted(counts.items())), missed, wanted - len(taken),
+            dict(reasons.most_common()),
+        )  # fmt: skip
 
     def _sites(
         self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
         taken: list[Site], places: list[tuple[float, float]],
     ) -> Iterator[tuple[PoolRow, Site]]:  # fmt: skip
         """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
+        apart = self.recipe.numbers.get("apart_m", APART_M)
         queue = iter(pick)
         running: list[tuple[PoolRow, Callable[[], dict[str, object]]]] = []
 
         def needed(row: PoolRow) -> bool:
             if len(taken) >= wanted or (quota and counts[stratum_of(row)] >= quota[stratum_of(row)]):
                 return False
-            return all((row.east - e) ** 2 + (row.north - n) ** 2 > APART_M**2 for e, n in places)
+            return all((row.east - e) ** 2 + (row.north - n) ** 2 > apart**2 for e, n in places)
 
         while True:
             while len(running) < self.request.workers + AHEAD:
@@ -219,11 +225,6 @@ def _files_there(site: Site, root: Path) -> bool:
     return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
 
 
-def _recipe_key(recipe: Recipe) -> str:
-    """What the scenes of a type are made from, beside the map: the recipe and the sources of the makers."""
-    return f"{maker_fingerprint()}|{recipe}"
-
-
 def _reason_class(reason: str) -> str:
     """A reason without its numbers and names, for counting."""
     words = ["#" if any(c.isdigit() for c in w) else w for w in reason.split()]
@@ -238,45 +239,46 @@ def _remove_unused(root: Path, type_id: str, keep: set[str]) -> None:
 
 
 def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeReport]:
-    """Build the asked types and write the tables; rows of other types already in them stay.
+    """Build the asked types and write tables, certificates and report after each; other types' rows stay.
 
-    Raises InputError where the pool or the extracts are missing, or the pool is too small for a type.
+    Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
+    far as it goes, and its report says what is short.
     """
     catalog = load_catalog()
     rows = read_pool(pool_file())
     split_of = split_pool(rows)
-    types = request.types or recipe_types()
-    recipes = [load_recipe(t, catalog) for t in types]
+    recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
     reports: list[TypeReport] = []
-    table: dict[str, list[ScenarioSpec]] = defaultdict(list)
-    densities: dict[str, float] = {}
     with ProcessPoolExecutor(request.workers, mp_context=get_context("spawn")) as pool:
-        for recipe in recipes:
-            builder = TypeBuilder(request, recipe, pool, split_of)
-            maps: dict[str, dict[str, int]] = {}
-            missed: dict[str, dict[str, int]] = {}
-            keep: set[str] = set()
-            for split in SPLITS:
-                sites, maps[split], missed[split] = builder.fill(rows, split, progress)
-                for site in sites:
-                    keep.add(site.map_id)
-                    table[split] += site.rows
-                    densities |= {r.scenario_id: d for r, d in zip(site.rows, site.densities, strict=True)}
-            _remove_unused(request.root, recipe.type.id, keep)
-            reports.append(TypeReport(recipe.type.id, maps, missed, dict(builder.reasons.most_common())))
-    for split in SPLITS:
-        path = table_path(split, request.root)
-        others = [s for s in read_table(path) if s.scenario_type not in types] if path.is_file() else []
-        write_table([*others, *table[split]], path)
-    _write_report(request.root, reports, densities)
+        # Test first: with it alone planners can be compared already.
+        for split in [s for s in reversed(SPLITS) if s in request.splits]:
+            for recipe in recipes:
+                sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
+                _keep(request.root, recipe.type.id, split, sites)
+                _write_report(request.root, report)
+                reports.append(report)
     return reports
 
 
-def _write_report(root: Path, reports: list[TypeReport], densities: dict[str, float]) -> None:
+def _keep(root: Path, type_id: str, split: str, sites: list[Site]) -> None:
+    """Replace one type's rows and certificates in one split; drop scene files that no row names."""
+    path = table_path(split, root)
+    others = [s for s in read_table(path) if s.scenario_type != type_id] if path.is_file() else []
+    write_table([*others, *(r for s in sites for r in s.rows)], path)
+    kept = certificates_path(root)
+    old = read_certificates(kept) if kept.is_file() else []
+    new = [c for s in sites for c in s.certificates]
+    write_certificates([*(c for c in old if (c.scenario_type, c.split) != (type_id, split)), *new], kept)
+    used = {s.map_id for s in sites}
+    for side in SPLITS:
+        if side != split and table_path(side, root).is_file():
+            used |= {r.map_id for r in read_table(table_path(side, root)) if r.scenario_type == type_id}
+    _remove_unused(root, type_id, used)
+
+
+def _write_report(root: Path, report: TypeReport) -> None:
     path = root / "build_report.json"
-    kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {"types": {}, "density": {}}
-    kept["types"] |= {r.type_id: asdict(r) for r in reports}
-    fresh = {r.type_id for r in reports}
-    kept["density"] = {k: v for k, v in kept["density"].items() if k.split("-")[0] not in fresh}
-    kept["density"] |= {k: round(v, 2) for k, v in densities.items() if v}
-    path.write_text(json.dumps(kept, indent=0, sort_keys=True) + "\n", encoding="utf-8")
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    fresh = [e for e in kept if (e["type_id"], e["split"]) != (report.type_id, report.split)]
+    entries = sorted([*fresh, asdict(report)], key=lambda e: (e["type_id"], e["split"]))
+    path.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")

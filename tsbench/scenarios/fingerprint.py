@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import inspect
 from functools import cache
 from pathlib import Path
 
+from tsbench.scenarios.families.base import Placement
 from tsbench.sim.sumo import sumo_version
 
 _PARTS = ("geometry", "maps", "scenarios", "signs", "sim")
@@ -18,16 +21,46 @@ _NOT_MAKERS = (
     "overview.py",
     "verify.py",
     "picture.py",
+    "calibration.py",
+    "certificates.py",
 )
+_FAMILIES = "tsbench.scenarios.families"
+
+
+def maker_fingerprint(placement: Placement) -> str:
+    """SHA-256 over the sources that decide what a placement's scenes look like: those of other placements do not."""
+    return _fingerprint(Path(inspect.getfile(type(placement))).stem)
 
 
 @cache
-def maker_fingerprint() -> str:
-    """SHA-256 over the source files that decide what a scene looks like."""
+def _fingerprint(module: str) -> str:
     root = Path(__file__).resolve().parent.parent
+    families = root / "scenarios" / "families"
+    own = {families / f"{name}.py" for name in _with_imports(module, families)}
     digest = hashlib.sha256(sumo_version().encode())
     for part in _PARTS:
         for path in sorted((root / part).rglob("*.py")):
-            if path.name not in _NOT_MAKERS or path.parent.name == "families":
+            makes = path in own if path.parent == families else _makes(path)
+            if makes:
                 digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
+
+
+def _makes(path: Path) -> bool:
+    return path.name not in _NOT_MAKERS or path.parent.name == "families"
+
+
+def _with_imports(module: str, folder: Path) -> set[str]:
+    """A module of the families and those that it imports, by name."""
+    found: set[str] = set()
+    todo = [module]
+    while todo:
+        name = todo.pop()
+        if name in found:
+            continue
+        found.add(name)
+        tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{_FAMILIES}."):
+                todo.append(str(node.module).removeprefix(f"{_FAMILIES}."))
+    return found

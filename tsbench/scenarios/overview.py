@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from tsbench.errors import InputError
@@ -14,6 +16,7 @@ from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import read_pool
 from tsbench.paths import data_root
 from tsbench.scenarios.build import stratum_of
+from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.spec import ScenarioSpec
 
 PLACE_M = 300.0
@@ -21,7 +24,10 @@ PLACE_M = 300.0
 
 @dataclass(frozen=True)
 class TypeStats:
-    """Rows, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts."""
+    """Rows, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
+
+    The rest are shares of rows after their certificates, gap_s the median of |arrival gap| (NaN where there is none).
+    """
 
     type_id: str
     split: str
@@ -30,7 +36,12 @@ class TypeStats:
     places: int
     strata: dict[str, int]
     tagged_share: float
-    density_within: float
+    solvable: float
+    tempting: float
+    engaged: float
+    sane: float
+    reproduced: float
+    gap_s: float
 
 
 def places(points: Sequence[tuple[float, float]]) -> int:
@@ -42,11 +53,11 @@ def places(points: Sequence[tuple[float, float]]) -> int:
     return len(chosen)
 
 
-def build_report(root: Path | None = None) -> dict[str, Any]:
-    """What the last build wrote down: maps passed over with reasons, realised densities. Raises InputError."""
+def build_report(root: Path | None = None) -> list[dict[str, Any]]:
+    """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
     path = (data_root() / "scenarios" if root is None else root) / "build_report.json"
     try:
-        report: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        report: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no build report (tsbench scenarios build makes it)") from None
     except ValueError as error:
@@ -55,27 +66,33 @@ def build_report(root: Path | None = None) -> dict[str, Any]:
 
 
 def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
-    """One entry per type and split, in alphabetical order."""
+    """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
     pool = {r.map_id: r for r in read_pool(pool_file())}
-    density: dict[str, float] = build_report()["density"]
+    known = {c.scenario_id: c for c in read_certificates(certificates_path())}
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
     for spec in specs:
         groups[(spec.scenario_type, spec.split)].append(spec)
     result = []
     for (type_id, split), rows in sorted(groups.items()):
         maps = [pool[m] for m in sorted({r.map_id for r in rows})]
-        dense = [r for r in rows if r.density > 0]
-        close = sum(abs(density[r.scenario_id] / (r.density / 0.3) - 1.0) <= 0.25 for r in dense)
+        proofs = [known[r.scenario_id] for r in rows if r.scenario_id in known]
+        gaps = [abs(c.arrival_gap_s) for c in proofs if not math.isnan(c.arrival_gap_s)]
+        n = len(rows)
         result.append(
             TypeStats(
                 type_id=type_id,
                 split=split,
-                rows=len(rows),
+                rows=n,
                 maps=len(maps),
                 places=places([(m.east, m.north) for m in maps]),
                 strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
                 tagged_share=sum(m.well_tagged for m in maps) / len(maps),
-                density_within=close / max(len(dense), 1),
+                solvable=sum(c.solvable for c in proofs) / n,
+                tempting=sum(c.tempting for c in proofs) / n,
+                engaged=sum(c.engaged for c in proofs) / n,
+                sane=sum(c.sane for c in proofs) / n,
+                reproduced=sum(c.reproduced is True for c in proofs) / n,
+                gap_s=median(gaps) if gaps else math.nan,
             )
         )
     return result

@@ -14,6 +14,7 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
+_MAY = {"tempted"}
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,8 @@ class Recipe:
 
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
-    as their names say. choices: lists to draw from.
+    as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
+    (spec/scenes.md, "Certification").
     """
 
     type: ScenarioType
@@ -31,6 +33,7 @@ class Recipe:
     maps: dict[str, int]
     numbers: dict[str, float]
     choices: dict[str, list[Any]]
+    tempted: str = "idm"
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -53,7 +56,7 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         raise InputError(f"{path}: no recipe for type {type_id!r}") from None
     except yaml.YAMLError as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict) or set(data) != _KEYS:
+    if not isinstance(data, dict) or set(data) - _MAY != _KEYS:
         raise InputError(f"{path}: expected the keys {', '.join(sorted(_KEYS))}")
     if data["schema"] != SCHEMA_VERSION or data["type"] != type_id:
         raise InputError(
@@ -61,7 +64,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         )
     for key, value in data["maps"].items():
         if not isinstance(value, int) or value < 4 or value % 4:
-            raise InputError(f"{path}: maps: {key}: {value!r} is no multiple of 4 (test has a quarter of train's maps)")
+            raise InputError(
+                f"{path}: maps: {key}: {value!r} is no multiple of 4 (test has a quarter of train's maps)"
+            )
     for key, value in data["numbers"].items():
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise InputError(f"{path}: numbers: {key}: {value!r} is not a number")
@@ -72,6 +77,7 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         maps={str(k): int(v) for k, v in data["maps"].items()},
         numbers={str(k): float(v) for k, v in data["numbers"].items()},
         choices={str(k): list(v) for k, v in data["choices"].items()},
+        tempted=str(data.get("tempted", "idm")),
     )
 
 

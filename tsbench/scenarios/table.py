@@ -8,9 +8,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from tsbench.errors import InputError
+from tsbench.parquet import VERSION_KEY, open_table, save_table
 from tsbench.paths import data_root
 from tsbench.scenarios.spec import SCHEMA_VERSION, ScenarioSpec
 
@@ -33,7 +33,7 @@ def _field(name: str) -> pa.Field[pa.DataType]:
 
 
 SCHEMA = pa.schema([_field(f.name) for f in fields(ScenarioSpec)]).with_metadata(
-    {"tsbench_schema": str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+    {VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
 )
 
 
@@ -45,30 +45,12 @@ def table_path(split: str, root: Path | None = None) -> Path:
 def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
     """Write rows sorted by scenario id, atomically: the same rows give the same bytes."""
     rows = sorted((asdict(s) for s in specs), key=lambda r: str(r["scenario_id"]))
-    table = pa.Table.from_pylist(rows, schema=SCHEMA)
-    part = path.with_suffix(".part")
-    pq.write_table(table, part, compression="zstd", compression_level=9)
-    part.replace(path)
+    save_table(pa.Table.from_pylist(rows, schema=SCHEMA), path)
 
 
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    if not path.is_file():
-        raise InputError(f"{path}: no scenario table (tsbench scenarios build makes it)")
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(error).split())})") from None
-    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
-    if version != str(SCHEMA_VERSION):
-        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
-    missing = [f.name for f in fields(ScenarioSpec) if f.name not in table.column_names]
-    if missing:
-        raise InputError(f"{path}: column {missing[0]!r} is missing")
-    try:
-        rows = table.select([f.name for f in fields(ScenarioSpec)]).cast(SCHEMA).to_pylist()
-    except (pa.ArrowInvalid, ValueError) as error:
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    rows = open_table(path, SCHEMA, "tsbench scenarios build makes it").to_pylist()
     specs = [ScenarioSpec(**row) for row in rows]
     _check(specs, path)
     return specs

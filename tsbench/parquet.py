@@ -1,0 +1,43 @@
+"""Reading the project's Parquet tables: one clear line for whatever is wrong with a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.errors import InputError
+
+VERSION_KEY = "tsbench_schema"
+
+
+def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] | None = None) -> pa.Table:
+    """The table with `schema`'s columns (or `columns` of them), cast to its types.
+
+    `schema` names its version in its metadata under VERSION_KEY. Raises InputError (file, problem) for a missing,
+    unreadable or foreign file; `hint` says what makes the file.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such table ({hint})")
+    names = list(schema.names if columns is None else columns)
+    wanted = (schema.metadata or {}).get(VERSION_KEY.encode(), b"none").decode()
+    try:
+        file = pq.ParquetFile(path)
+        version = (file.schema_arrow.metadata or {}).get(VERSION_KEY.encode(), b"none").decode()
+        missing = [name for name in names if name not in file.schema_arrow.names]
+        if version == wanted and not missing:
+            return file.read(names).cast(pa.schema([schema.field(n) for n in names]))
+    except (pa.ArrowInvalid, ValueError, OSError) as error:
+        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(error).split())})") from None
+    if version != wanted:
+        raise InputError(f"{path}: schema version {version}, this tsbench reads {wanted}")
+    raise InputError(f"{path}: column {missing[0]!r} is missing")
+
+
+def save_table(table: pa.Table, path: Path) -> None:
+    """Write a table atomically: the same rows give the same bytes."""
+    part = path.with_suffix(".part")
+    pq.write_table(table, part, compression="zstd", compression_level=9)
+    part.replace(path)

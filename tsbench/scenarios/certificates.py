@@ -1,0 +1,97 @@
+"""Certificates: what driving a scenario row proved about it. `scenarios/certificates.parquet`, one row per scenario.
+
+Source: spec/scenes.md, "Certification". Who drives stands above this layer (`certify.prover`); here is what is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import pyarrow as pa
+
+from tsbench.parquet import VERSION_KEY, open_table, save_table
+from tsbench.paths import data_root
+
+SCHEMA_VERSION = 1
+DENSITY_TOLERANCE = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What is known of one row.
+
+    attempt: which draw of the variant was kept (0 = the first). expert: the privileged expert that arrived without a
+    violation, "" if none did; expert_time_s: its driving time (NaN if none). tempted: the sign-blind driver;
+    tempted_outcome: how its episode ended; tempting: it did not get SCD; engaged: the rule bound it.
+    asked_density, realised_density: moving cars per lane-km (0 without traffic). road_users: how many others the
+    tempted driver met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
+    agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
+    broke off. digest: SHA-256 of both episodes; code: of the code that drove them. reproduced: a second process got the
+    same digest (None = not yet driven again).
+    """
+
+    scenario_id: str
+    scenario_type: str
+    split: str
+    attempt: int
+    expert: str
+    expert_time_s: float
+    tempted: str
+    tempted_outcome: str
+    tempting: bool
+    engaged: bool
+    asked_density: float
+    realised_density: float
+    road_users: int
+    overlaps: int
+    arrival_gap_s: float
+    error: str
+    digest: str
+    code: str
+    reproduced: bool | None
+
+    @property
+    def solvable(self) -> bool:
+        """Some expert got SCD."""
+        return bool(self.expert)
+
+    @property
+    def sane(self) -> bool:
+        """Traffic is there as asked, nobody stands in anybody, and both episodes came to an end."""
+        if self.error or self.overlaps:
+            return False
+        if not self.asked_density:
+            return True
+        close = abs(self.realised_density / self.asked_density - 1.0) <= DENSITY_TOLERANCE
+        return close and self.road_users > 0
+
+
+_TYPES = {
+    "str": pa.string(),
+    "int": pa.int32(),
+    "float": pa.float64(),
+    "bool": pa.bool_(),
+    "bool | None": pa.bool_(),
+}
+SCHEMA = pa.schema(
+    [pa.field(f.name, _TYPES[str(f.type)], nullable="None" in str(f.type)) for f in fields(Certificate)]
+).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"})
+
+
+def certificates_path(root: Path | None = None) -> Path:
+    """Where the certificates stand."""
+    return (data_root() / "scenarios" if root is None else root) / "certificates.parquet"
+
+
+def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
+    """Write them sorted by scenario id: the same certificates give the same bytes."""
+    rows = sorted((asdict(c) for c in certificates), key=lambda r: str(r["scenario_id"]))
+    save_table(pa.Table.from_pylist(rows, schema=SCHEMA), path)
+
+
+def read_certificates(path: Path) -> list[Certificate]:
+    """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
+    table = open_table(path, SCHEMA, "tsbench scenarios build makes it")
+    return [Certificate(**row) for row in table.to_pylist()]
