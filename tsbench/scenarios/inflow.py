@@ -42,7 +42,7 @@ class Inflow:
         self.target = target
         self.router = Router(graph, ask.avoid_turns)
         entered = {c.to_lane for c in network.connections}
-        lanes = driving_lanes(network)
+        lanes = driving_lanes(network, ask.closed_edges)
         self.entries = [i for i in lanes if i.index not in entered and i.line.length >= SHORTEST_LANE_M]
         # Who has waited longest is next; the first order is drawn.
         order = rng.permutation(len(self.entries))

@@ -42,7 +42,8 @@ class TrafficRequest:
 
     avoid_turns: what the plates forbid. quiet_edges: edges kept free at the start (the convoy's).
     blocked: (lane id, from, to) stretches where no car stands at first. platoons: edges on which cars enter in
-    platoons, as from signals upstream, so that who gives way finds a gap in time.
+    platoons, as from signals upstream, so that who gives way finds a gap in time. closed_edges: where nobody stands or
+    enters; that nobody turns into them either is a matter of `avoid_turns`.
     """
 
     cars_per_lane_km: float
@@ -52,6 +53,7 @@ class TrafficRequest:
     quiet_edges: AbstractSet[str]
     blocked: tuple[tuple[str, float, float], ...]
     platoons: AbstractSet[str]
+    closed_edges: AbstractSet[str] = frozenset()
 
     def allows(self, lane: Lane, s: float) -> bool:
         """May a car stand here when the episode begins?"""
@@ -84,14 +86,18 @@ class Router:
         return tuple(route)
 
 
-def driving_lanes(network: RoadNetwork) -> list[Lane]:
-    """Ordinary lanes for cars, in the order of the network."""
-    return [lane for lane in network.lanes if not lane.internal and lane.permits("passenger")]
+def driving_lanes(network: RoadNetwork, closed: AbstractSet[str] = frozenset()) -> list[Lane]:
+    """Ordinary lanes for cars but those of closed edges, in the order of the network."""
+    return [
+        lane
+        for lane in network.lanes
+        if not lane.internal and lane.permits("passenger") and lane.edge not in closed
+    ]
 
 
-def lane_km(network: RoadNetwork) -> float:
-    """Kilometres of ordinary lanes for cars."""
-    return sum(lane.line.length for lane in driving_lanes(network)) / 1000.0
+def lane_km(network: RoadNetwork, closed: AbstractSet[str] = frozenset()) -> float:
+    """Kilometres of ordinary lanes for cars but those of closed edges."""
+    return sum(lane.line.length for lane in driving_lanes(network, closed)) / 1000.0
 
 
 def _lane_on(graph: LaneGraph, lane: Lane, edges: tuple[str, ...]) -> bool:
@@ -118,7 +124,7 @@ def standing_cars(
     router = Router(graph, ask.avoid_turns)
     spacing = 1000.0 / ask.cars_per_lane_km
     cars: list[Car] = []
-    for lane in driving_lanes(network):
+    for lane in driving_lanes(network, ask.closed_edges):
         s = float(rng.uniform(0.0, spacing))
         while s < lane.line.length - 2.0:
             if s > 6.0 and ask.allows(lane, s) and _clear_of_ego(lane, s, ask.start, network):
