@@ -58,7 +58,7 @@ class Inflow:
             self.sim.step()
             if tick % EVERY_TICKS:
                 continue
-            count, rear = self._standing_of_now()
+            count, rear = self._fleet_now()
             wanted = self.target
             if samples < window:
                 total, samples = total + count, samples + 1
@@ -68,9 +68,10 @@ class Inflow:
             self._let_in(round(tick * DT_S, 1), count, wanted, rear)
         return total / max(samples, 1)
 
-    def _standing_of_now(self) -> tuple[int, dict[str, float]]:
+    def _fleet_now(self) -> tuple[int, dict[str, float]]:
         """Background cars on ordinary lanes, and how far the last one on each lane has come."""
-        count, rear = 0, {}
+        count = 0
+        rear: dict[str, float] = {}
         for name, lane, place in self.sim.fleet():
             if name.startswith(OWN_PREFIX):
                 count += lane[0] != ":"

@@ -1,4 +1,4 @@
-"""Short runs without the ego while scenes are built: how long the convoy's lead takes, how dense the traffic is."""
+"""A short run without the ego while scenes are built: how long the convoy's lead takes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from pathlib import Path
 
 from tsbench.errors import SimulationError
 from tsbench.maps.network import RoadNetwork
-from tsbench.scenarios.traffic import lane_km
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-DENSITY_WINDOW_S = 30.0
-SAMPLE_EVERY = 4
 LEAD_LIMIT_S = 40.0
 
 
@@ -36,16 +33,3 @@ def lead_time(
         if sim.distance_driven("convoy_0") - began >= way_m:
             return tick * DT_S
     raise SimulationError(f"{additional}: the convoy's lead does not reach the conflict zone")
-
-
-def realised_density(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> float:
-    """Background cars per lane-km, the mean over the first 30 s."""
-    sim.load(net, additional, network, seed)
-    total, samples = 0, 0
-    for tick in range(int(DENSITY_WINDOW_S / DT_S)):
-        sim.step()
-        if tick % SAMPLE_EVERY == 0:
-            fleet = sim.fleet()
-            total += sum(name.startswith("bg_") and not lane.startswith(":") for name, lane, _ in fleet)
-            samples += 1
-    return total / samples / lane_km(network)
