@@ -20,6 +20,7 @@ from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnap
 
 ONE_OF_EACH = {
     "give_way": "enters_two_seconds_before",
+    "stop": "drives_through",
     "speed": "ignores_the_limit",
     "min_speed": "too_slow",
     "detour": "passes_left",
@@ -117,6 +118,7 @@ def test_a_missing_param_is_named(rule: str) -> None:
         ("give_way", {"main_in": "w_in nowhere"}),
         ("give_way", {"junction": "W"}),
         ("give_way", {"main_in": "w_out"}),
+        ("stop", {"approach": "nowhere"}),
         ("speed", {"zone_edges": "bc"}),
         ("detour", {"obstacle": "none"}),
         ("manoeuvre", {"junction": "E"}),

@@ -69,7 +69,7 @@ def _element(tag: str, **attributes: str | float | bool | None) -> etree._Elemen
 
 
 def _node(node: PlainNode) -> etree._Element:
-    return _element("node", id=node.id, x=node.x, y=node.y, type=node.type)
+    return _element("node", id=node.id, x=node.x, y=node.y, type=node.type, rightOfWay=node.right_of_way)
 
 
 def _edge(edge: PlainEdge) -> etree._Element:

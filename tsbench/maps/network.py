@@ -61,13 +61,17 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """A lane-to-lane connection; `via` are the internal lanes in order; `direction`, `state` as SUMO's."""
+    """A lane-to-lane connection; `via` are the internal lanes in order; `direction`, `state` as SUMO's.
+
+    yields_to: of each connection with right of way over this one, one of its internal lanes (SUMO's `response`).
+    """
 
     from_lane: int
     to_lane: int
     via: tuple[int, ...]
     direction: str
     state: str
+    yields_to: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +170,23 @@ def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
     return lanes, edges
 
 
+def _read_responses(root: etree._Element, index: dict[str, int]) -> dict[int, frozenset[int]]:
+    """By internal lane: the internal lanes of the connections with right of way over its own."""
+    found = {}
+    for junction in root.iterfind("junction"):
+        lanes = [index.get(name, -1) for name in junction.get("intLanes", "").split()]
+        for request in junction.iterfind("request"):
+            # The last character is that of the first connection.
+            bits = request.get("response", "")[::-1]
+            yields = frozenset(i for i, bit in zip(lanes, bits, strict=False) if bit == "1" and i >= 0)
+            found[lanes[int(request.attrib["index"])]] = yields
+    return found
+
+
 def _read_connections(
     root: etree._Element, edges: dict[str, Edge], index: dict[str, int]
 ) -> list[Connection]:
+    responses = _read_responses(root, index)
     inner: dict[int, int] = {}
     outer: list[tuple[int, int, str, str, str]] = []
     for element in root.iterfind("connection"):
@@ -190,7 +208,8 @@ def _read_connections(
         while step >= 0 and step not in chain:
             chain.append(step)
             step = inner.get(step, -1)
-        result.append(Connection(a, b, tuple(chain), direction, state))
+        yields = next((responses[v] for v in chain if v in responses), frozenset[int]())
+        result.append(Connection(a, b, tuple(chain), direction, state, yields))
     return result
 
 

@@ -13,12 +13,16 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class PlainNode:
-    """A node: position in metres in the crop's own frame (x east, y north)."""
+    """A node: position in metres in the crop's own frame (x east, y north).
+
+    right_of_way: SUMO's `rightOfWay`, "" = default, "edgePriority" = by the priorities of the edges alone.
+    """
 
     id: str
     x: float
     y: float
     type: str = "priority"
+    right_of_way: str = ""
 
 
 @dataclass(frozen=True, slots=True)

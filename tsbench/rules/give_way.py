@@ -46,7 +46,7 @@ class GiveWay(Monitor):
         self._foes = FoeFinder(scene.network, self._foe_paths)
         self._engage = rule.thresholds["engage_distance_m"]
         self._reach = rule.thresholds["priority_distance_m"]
-        self._engaged = False
+        self.engaged = False
         self._armed = False
         self._bound = [False] * len(self._paths)
         self._ticks: list[WorldSnapshot] = []
@@ -128,7 +128,7 @@ class GiveWay(Monitor):
         )
         egos = [t.ego for t in self._ticks]
         taken = min(fits, key=lambda k: (_deviation(self._paths[k], egos), k))
-        self._engaged = self._engaged or self._bound[taken]
+        self.engaged = self.engaged or self._bound[taken]
         self._bound = [False] * len(self._paths)
         crossing = Crossing(
             self._paths[taken], self._zones[taken], self._foe_paths, self._foes, self.rule, self.log
@@ -146,7 +146,7 @@ class GiveWay(Monitor):
             self._resolve("")
         if self._crossing is not None:
             self._crossing.close()
-        return self.log.verdict(self._engaged or any(self._bound))
+        return self.log.verdict(self.engaged or any(self._bound))
 
 
 def _deviation(path: JunctionPath, egos: list[EgoState]) -> int:

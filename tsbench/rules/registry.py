@@ -16,6 +16,7 @@ from tsbench.rules.speed import Speed
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.scene import Scene
+from tsbench.rules.stop import Stop
 
 MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
     {
@@ -23,6 +24,7 @@ MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
         "speed": Speed,
         "min_speed": MinSpeed,
         "detour": Detour,
+        "stop": Stop,
         "closed_road": ClosedRoad,
         "manoeuvre": Manoeuvre,
     }
