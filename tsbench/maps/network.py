@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import gzip
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -85,9 +85,19 @@ class Junction:
     polygon: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A pedestrian crossing over `edges`: its middle line from kerb to kerb, and its width in m."""
+
+    id: str
+    edges: tuple[str, ...]
+    line: Polyline
+    width: float
+
+
 @dataclass(frozen=True)
 class RoadNetwork:
-    """Lanes by index; edges, junctions by id; `outgoing[lane]` = its connections in file order."""
+    """Lanes by index; edges, junctions, crossings by id; `outgoing[lane]` = its connections in file order."""
 
     lanes: tuple[Lane, ...]
     lane_index: dict[str, int]
@@ -95,6 +105,7 @@ class RoadNetwork:
     junctions: dict[str, Junction]
     connections: tuple[Connection, ...]
     outgoing: tuple[tuple[Connection, ...], ...]
+    crossings: dict[str, Crossing] = field(default_factory=dict)
 
     def lane(self, lane_id: str) -> Lane:
         """The lane with this SUMO id."""
@@ -183,6 +194,18 @@ def _read_responses(root: etree._Element, index: dict[str, int]) -> dict[int, fr
     return found
 
 
+def _read_crossings(root: etree._Element) -> dict[str, Crossing]:
+    found = {}
+    for element in root.iterfind("edge"):
+        lane = element.find("lane") if element.get("function") == "crossing" else None
+        if lane is not None:
+            name = str(element.attrib["id"])
+            line = Polyline(_points(str(lane.attrib["shape"])))
+            edges = tuple(element.get("crossingEdges", "").split())
+            found[name] = Crossing(name, edges, line, float(lane.attrib["width"]))
+    return found
+
+
 def _read_connections(
     root: etree._Element, edges: dict[str, Edge], index: dict[str, int]
 ) -> list[Connection]:
@@ -244,6 +267,7 @@ def read_network(path: Path) -> RoadNetwork:
             for e in root.iterfind("junction")
             if e.get("type") != "internal"
         }
+        crossings = _read_crossings(root)
     except (KeyError, ValueError, IndexError) as error:
         raise InputError(f"{path}: malformed network ({type(error).__name__}: {error})") from None
     if not lanes:
@@ -254,4 +278,5 @@ def read_network(path: Path) -> RoadNetwork:
     return RoadNetwork(
         lanes=tuple(lanes), lane_index=index, edges=edges, junctions=junctions,
         connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
+        crossings=crossings,
     )  # fmt: skip
