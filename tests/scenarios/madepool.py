@@ -29,9 +29,9 @@ def corridor(name: str = "c-made-1", **more: Any) -> PoolRow:
 def crossroads(name: str = "j-made-1", **more: Any) -> PoolRow:
     """The crossroads `cross` as a junction map: west-east of the higher class."""
     arms = [
-        {"in_edge": f"{k}_in", "out_edge": f"{k}_out", "heading_deg": 0.0, "length_m": 142.0, "lanes_in": 1,
+        {"in_edge": f"{k}_in", "out_edge": f"{k}_out", "heading_deg": heading, "length_m": 142.0, "lanes_in": 1,
          "lanes_out": 1, "class": "secondary" if k in "we" else "residential"}
-        for k in "wesn"
+        for k, heading in {"w": 180.0, "e": 0.0, "s": -90.0, "n": 90.0}.items()
     ]  # fmt: skip
     return row(name, "junction", "X", **{"node": "x", "arms": arms, "through": [[0, 1], [2, 3]], **more})
 

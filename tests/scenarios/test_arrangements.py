@@ -16,7 +16,6 @@ from madepool import corridor, crossroads, dual_path
 from simworld import CALM, LIMIT, cross_plain, edge, plain, road_plain, simulation
 
 from tsbench.geometry.angles import wrap
-from tsbench.geometry.overlap import conflict_zone
 from tsbench.geometry.polyline import Polyline
 from tsbench.maps.build import build_net
 from tsbench.maps.network import RoadNetwork, read_network
@@ -26,7 +25,6 @@ from tsbench.scenarios import site as site_module
 from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
 from tsbench.scenarios.families.corridor import split_edge
-from tsbench.scenarios.families.junction import assign_arms, connection_path
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.families.speed_zone import posted_limit
 from tsbench.scenarios.lint import lint_scene
@@ -37,7 +35,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.variants import Variant, variants_of
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.lanegraph import LaneGraph
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+from tsbench.sim.world import EGO_LENGTH_M
 
 LAYOUTS = range(6)
 
@@ -121,62 +119,6 @@ def test_what_holds_for_every_scene(
     # The same draw gives the same scene.
     assert arrange(networks, type_id, variant, seed).signs == a.signs
     assert arrange(networks, type_id, variant, seed).start == a.start
-
-
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_yield(networks: dict[str, RoadNetwork], layout: int) -> None:
-    network, recipe = networks["yield"], recipe_of("yield")
-    a = arrange(networks, "yield", Variant(1, 90.0, 4.0, 7.75, 0, layout))
-    lane = network.lane(a.start.lane)
-    assert lane.edge == "s_in"
-    front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
-    assert front == pytest.approx(recipe.number("ego_before_line_m"))
-    sign = a.signs[0]
-    assert (sign.code, sign.edge, sign.params["main_in"]) == ("2.4", "s_in", "w_in e_in")
-    assert sign.position_m == pytest.approx(lane.line.length - recipe.number("plate_before_line_m"))
-    convoy = a.convoy
-    assert convoy is not None
-    assert convoy.edges[0] in ("w_in", "e_in")
-    ego = next(c for c in network.outgoing[lane.index] if network.lanes[c.to_lane].edge == a.destination.edge)
-    foe_lane = network.lane(convoy.lane)
-    foe = next(
-        c for c in network.outgoing[foe_lane.index] if network.lanes[c.to_lane].edge == convoy.edges[1]
-    )
-    # SUMO's right of way says what the plate says, and the two paths do meet.
-    assert (ego.state, foe.state) == ("m", "M")
-    line, _ = connection_path(network, ego)
-    foe_line, foe_width = connection_path(network, foe)
-    zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
-    assert zone is not None
-    assert convoy.ego_zone_m == pytest.approx(zone.a_in)
-    assert convoy.zone_m == pytest.approx(foe_lane.line.length + zone.b_in)
-    back = foe_lane.line.length - convoy.places[0]
-    assert recipe.number("convoy_nearest_m") - 1e-6 <= back <= recipe.number("convoy_farthest_m") + 1e-6
-    step = convoy.drivers[0].length + recipe.number("convoy_gap_m")
-    assert all(p - q == pytest.approx(step) for p, q in pairwise(convoy.places))
-    assert 1 <= len(convoy.places) <= recipe.number("convoy_most")
-    assert a.quiet_edges == {convoy.edges[0]}
-    # Nobody is between the ego and its line.
-    assert ("s_in_0", a.start.s, lane.line.length) in a.blocked
-
-
-def test_yield_layouts_differ(networks: dict[str, RoadNetwork]) -> None:
-    seen = set()
-    for layout in LAYOUTS:
-        a = arrange(networks, "yield", Variant(1, 90.0, 4.0, 7.75, 0, layout))
-        assert a.convoy is not None
-        seen.add((a.destination.edge, a.convoy.edges))
-    assert len(seen) >= 4
-
-
-def test_the_main_road_is_the_through_pair_of_the_higher_class() -> None:
-    arms = assign_arms(crossroads(), 60.0)
-    assert set(arms.main_in) == {"w_in", "e_in"}
-    assert (arms.ego_in, arms.others_in) == ("s_in", ("n_in",))
-    with pytest.raises(UnfitMapError, match="the secondary arm is 142 m long"):
-        assign_arms(crossroads(), 150.0)
-    with pytest.raises(UnfitMapError, match="no two arms go straight on"):
-        assign_arms(crossroads(through=[]), 60.0)
 
 
 @pytest.mark.parametrize("initial", [3.61, 7.75, 11.05])
