@@ -176,6 +176,7 @@ class Episode:
         self.navigator = Navigator(roads.graph, scene.destination)
         self.observer = Observer(scene, mask)
         self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
+        self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
         start = scene.network.lane(scene.start.lane)
         x, y = start.line.point_at(scene.start.s)
         self.motion = Motion(x, y, start.line.heading_at(scene.start.s), scene.start.speed)
@@ -185,6 +186,8 @@ class Episode:
         if scene.convoy:
             for vehicle in scene.convoy.vehicles:
                 sim.hold(vehicle)
+        if scene.walkers:
+            sim.hold_persons(scene.walkers.persons)
         # One more step brings the ego to its exact pose and fills the first view.
         sim.step()
         self.route: RouteView = self.navigator.update(self.ego)
@@ -248,6 +251,10 @@ class Episode:
             assert self.scene.convoy is not None
             for vehicle in self.scene.convoy.vehicles:
                 sim.release(vehicle)
+        if self.walk is not None and self.walk.update(ego):
+            assert self.scene.walkers is not None
+            for person, speed in zip(self.scene.walkers.persons, self.scene.walkers.speeds, strict=True):
+                sim.let_walk(person, speed)
         shown = self.intent or self.route.path.edges
         if shown is not self._shown and (shown == self._shown or self._show(shown)):
             self._shown = shown

@@ -1,4 +1,4 @@
-"""The convoy's release: once, when its lead would reach the conflict zone together with the ego.
+"""The release of a convoy, or of pedestrians: once, when the first would meet the ego in the conflict zone.
 
 Source: spec/scenes.md, "Arrangement per family" (Junction). The prediction reads the ego's present place and speed
 only; planners never see the plan.
@@ -6,8 +6,9 @@ only; planners never see the plan.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from tsbench.maps.network import RoadNetwork
-from tsbench.sim.scene import ConvoyPlan
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0
@@ -15,6 +16,30 @@ _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
 _LONG_S = 60.0
+
+
+class Meeting(Protocol):
+    """What a release goes by: see `sim.scene.ConvoyPlan`."""
+
+    @property
+    def line_lane(self) -> str:
+        """Lane whose end is the ego's line."""
+
+    @property
+    def ego_zone_m(self) -> float:
+        """From that line to the zone."""
+
+    @property
+    def lead_time_s(self) -> float:
+        """From the release until the first is there."""
+
+    @property
+    def ego_cruise_mps(self) -> float:
+        """What the ego may accelerate to."""
+
+    @property
+    def ego_turn_mps(self) -> float:
+        """Its speed at the line."""
 
 
 def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
@@ -33,9 +58,9 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
 
 
 class ConvoyRelease:
-    """Decides the moment of release. `update` returns True once, at that tick."""
+    """Decides the moment of release, of vehicles or pedestrians. `update` returns True once, at that tick."""
 
-    def __init__(self, plan: ConvoyPlan, network: RoadNetwork) -> None:
+    def __init__(self, plan: Meeting, network: RoadNetwork) -> None:
         self.plan = plan
         lane = network.lane(plan.line_lane)
         self._edge = frozenset(network.edges[lane.edge].lanes)

@@ -57,6 +57,23 @@ class ConvoyPlan:
     ego_turn_mps: float
 
 
+@dataclass(frozen=True, slots=True)
+class WalkersPlan:
+    """Pedestrians held until the first of them would meet the ego at their crossing; then all set off.
+
+    persons: SUMO ids. speeds: m/s, by person. line_lane, ego_cruise_mps, ego_turn_mps: as of a convoy. ego_zone_m: from
+    that line to the crossing. lead_time_s: from the release until the first is where it would meet the ego.
+    """
+
+    persons: tuple[str, ...]
+    speeds: tuple[float, ...]
+    line_lane: str
+    ego_zone_m: float
+    lead_time_s: float
+    ego_cruise_mps: float
+    ego_turn_mps: float
+
+
 @dataclass(frozen=True)
 class Scene:
     """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps.
@@ -78,6 +95,7 @@ class Scene:
     seed: int
     route_hint: tuple[str, ...] = ()
     compliant_hint: tuple[str, ...] = ()
+    walkers: WalkersPlan | None = None
 
     @property
     def target_sign(self) -> SignInstance:

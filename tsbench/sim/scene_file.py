@@ -18,7 +18,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.footprint import corners
 from tsbench.maps.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene
+from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene, WalkersPlan
 
 EGO_ID = "ego"
 
@@ -35,6 +35,7 @@ class SceneLayout:
     convoy: ConvoyPlan | None
     route_hint: tuple[str, ...]
     compliant_hint: tuple[str, ...] = ()
+    walkers: WalkersPlan | None = None
 
 
 def _poi(kind: str, x: float, y: float, color: str, params: dict[str, str]) -> etree._Element:
@@ -58,20 +59,32 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
     x, y = line.point_at(destination.s)
     elements.append(_poi("destination", x, y, "green", {"edge": destination.edge, "s": repr(destination.s)}))
     if layout.convoy is not None:
-        plan = layout.convoy
-        lane = network.lane(plan.line_lane)
-        x, y = lane.line.point_at(lane.line.length)
-        params = {
-            "vehicles": " ".join(plan.vehicles),
-            "line_lane": plan.line_lane,
-            "ego_zone_m": repr(plan.ego_zone_m),
-            "lead_time_s": repr(plan.lead_time_s),
-            "ego_cruise_mps": repr(plan.ego_cruise_mps),
-            "ego_turn_mps": repr(plan.ego_turn_mps),
+        held = {"vehicles": " ".join(layout.convoy.vehicles)}
+        elements.append(_plan_poi("convoy", layout.convoy, held, network))
+    if layout.walkers is not None:
+        held = {
+            "persons": " ".join(layout.walkers.persons),
+            "speeds": " ".join(map(repr, layout.walkers.speeds)),
         }
-        elements.append(_poi("convoy", x, y, "cyan", params))
+        elements.append(_plan_poi("walkers", layout.walkers, held, network))
     elements.extend(_obstacle_poly(o) for o in layout.obstacles)
     return elements
+
+
+def _plan_poi(
+    kind: str, plan: ConvoyPlan | WalkersPlan, held: dict[str, str], network: RoadNetwork
+) -> etree._Element:
+    """Who is held and when it is let go, at the ego's line."""
+    line = network.lane(plan.line_lane).line
+    params = {
+        **held,
+        "line_lane": plan.line_lane,
+        "ego_zone_m": repr(plan.ego_zone_m),
+        "lead_time_s": repr(plan.lead_time_s),
+        "ego_cruise_mps": repr(plan.ego_cruise_mps),
+        "ego_turn_mps": repr(plan.ego_turn_mps),
+    }
+    return _poi(kind, *line.point_at(line.length), "cyan", params)
 
 
 def _obstacle_poly(o: Obstacle) -> etree._Element:
@@ -114,7 +127,7 @@ def read_layout(path: Path) -> SceneLayout:
     try:
         pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
         start, end = pois["start"], pois["destination"]
-        convoy = pois.get("convoy")
+        convoy, walkers = pois.get("convoy"), pois.get("walkers")
         layout = SceneLayout(
             signs=signs,
             target=start["target"],
@@ -128,6 +141,7 @@ def read_layout(path: Path) -> SceneLayout:
             convoy=None if convoy is None else _convoy(convoy),
             route_hint=tuple(start["route"].split()),
             compliant_hint=tuple(start.get("compliant", "").split()),
+            walkers=None if walkers is None else _walkers(walkers),
         )
     except KeyError as error:
         raise InputError(f"{path}: scene file lacks {error}") from None
@@ -154,10 +168,27 @@ def _convoy(p: dict[str, str]) -> ConvoyPlan:
     )
 
 
+def _walkers(p: dict[str, str]) -> WalkersPlan:
+    persons, speeds = tuple(p["persons"].split()), tuple(map(float, p["speeds"].split()))
+    if not persons or len(persons) != len(speeds):
+        raise ValueError(f"{len(persons)} walkers with {len(speeds)} speeds")
+    return WalkersPlan(
+        persons=persons,
+        speeds=speeds,
+        line_lane=p["line_lane"],
+        ego_zone_m=float(p["ego_zone_m"]),
+        lead_time_s=float(p["lead_time_s"]),
+        ego_cruise_mps=float(p["ego_cruise_mps"]),
+        ego_turn_mps=float(p["ego_turn_mps"]),
+    )
+
+
 def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None:
     lanes = {"start": layout.start.lane}
     if layout.convoy is not None:
         lanes["convoy"] = layout.convoy.line_lane
+    if layout.walkers is not None:
+        lanes["walkers"] = layout.walkers.line_lane
     lanes |= {f"obstacle {o.id}": o.lane for o in layout.obstacles}
     for what, lane in lanes.items():
         if lane not in network.lane_index:
@@ -180,5 +211,5 @@ def scene_from_layout(
         net_path=net_path, additional_path=additional_path, network=network, signs=layout.signs,
         target=layout.target, obstacles=layout.obstacles, start=layout.start, destination=layout.destination,
         convoy=layout.convoy, horizon=horizon, seed=seed, route_hint=layout.route_hint,
-        compliant_hint=layout.compliant_hint,
+        compliant_hint=layout.compliant_hint, walkers=layout.walkers,
     )  # fmt: skip

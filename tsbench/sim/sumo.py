@@ -12,8 +12,10 @@ from pathlib import Path
 
 import libsumo
 import numpy as np
+import numpy.typing as npt
 
 from tsbench.errors import SimulationError
+from tsbench.geometry.polyline import Array
 from tsbench.maps.network import RoadNetwork
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene_file import EGO_ID
@@ -31,7 +33,22 @@ _OPTIONS = [
     "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
     "--time-to-teleport", "-1", "--collision.action", "none", "--default.speeddev", "0", "--xml-validation", "never",
     "--xml-validation.net", "never", "--max-depart-delay", "5", "--ignore-route-errors", "false",
+    "--pedestrian.striping.dawdling", "0",
 ]  # fmt: skip
+
+
+# Rows, poses, speeds, lanes and places on them, as in `Actors`.
+_Seen = tuple[npt.NDArray[np.int32], Array, Array, npt.NDArray[np.int32], Array]
+
+
+def _centres(data: Array, half: Array) -> Array:
+    """(n, 3) poses of centres from SUMO's fronts: `data` (n, >= 3) x, y, degrees from north; `half` lengths."""
+    heading = ((270.0 - data[:, 2]) % 360.0 - 180.0) * (math.pi / 180.0)
+    pose = np.empty((len(data), 3))
+    pose[:, 0] = data[:, 0] - half * np.cos(heading)
+    pose[:, 1] = data[:, 1] - half * np.sin(heading)
+    pose[:, 2] = heading
+    return pose
 
 
 def sumo_version() -> str:
@@ -49,6 +66,7 @@ class Simulation:
         self._lane_index: dict[str, int] = {}
         self._seen: tuple[str, ...] = ()
         self._kept: list[str] = []
+        self._persons: tuple[str, ...] = ()
         self._rows = np.zeros(0, dtype=np.int32)
         self._half = np.zeros(0)
         self._ego_there = False
@@ -72,6 +90,7 @@ class Simulation:
         self._lane_index = network.lane_index
         self._table = ActorTable()
         self._seen = ()
+        self._persons = ()
 
     @property
     def table(self) -> ActorTable:
@@ -132,10 +151,34 @@ class Simulation:
         """Give a held vehicle back to its own driver."""
         libsumo.vehicle.setSpeed(vehicle, -1.0)
 
+    def hold_persons(self, persons: tuple[str, ...]) -> None:
+        """Keep pedestrians standing where they are put in, whatever wait the scene gives them; they are seen from now.
+
+        Raises SimulationError for one who is not there.
+        """
+        there = libsumo.person.getIDList()
+        for person in persons:
+            if person not in there:
+                raise SimulationError(f"SUMO did not insert pedestrian {person}")
+            while libsumo.person.getStage(person).type != libsumo.STAGE_WALKING:
+                libsumo.person.removeStage(person, 0)
+            libsumo.person.setSpeed(person, 0.0)
+        self._persons = tuple(sorted(persons))
+
+    def let_walk(self, person: str, speed: float) -> None:
+        """Let a pedestrian who is held go on."""
+        if person in libsumo.person.getIDList():
+            libsumo.person.setSpeed(person, speed)
+
     def fleet(self) -> list[tuple[str, str, float]]:
         """All vehicles on the road, sorted by id: (id, lane id, front's place along it in m)."""
         lane, place = libsumo.vehicle.getLaneID, libsumo.vehicle.getLanePosition
         return [(i, lane(i), place(i)) for i in sorted(libsumo.vehicle.getIDList())]
+
+    def speeds(self, prefix: str) -> list[float]:
+        """Speeds (m/s) of all vehicles on the road whose ids begin with `prefix`, in the order of the ids."""
+        speed = libsumo.vehicle.getSpeed
+        return [speed(i) for i in sorted(libsumo.vehicle.getIDList()) if i.startswith(prefix)]
 
     def add_car(self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int) -> None:
         """Let a car of a loaded type in at the start of its first edge, as fast as is safe."""
@@ -188,15 +231,40 @@ class Simulation:
             kept, rows, half, data = [kept[k] for k in near.tolist()], rows[near], half[near], data[near]
         lanes, lane_of = self._lane_index, v.getLaneID
         lane = np.array([lanes.get(lane_of(i), -1) for i in kept], dtype=np.int32)
-        heading = ((270.0 - data[:, 2]) % 360.0 - 180.0) * (math.pi / 180.0)
-        pose = np.empty((len(kept), 3))
-        pose[:, 0] = data[:, 0] - half * np.cos(heading)
-        pose[:, 1] = data[:, 1] - half * np.sin(heading)
-        pose[:, 2] = heading
+        seen = rows, _centres(data, half), data[:, 3], lane, data[:, 4]
+        if self._persons:
+            seen = self._with_persons(seen)
         # Planners get these very arrays: nobody may write into the record of what happened.
-        for array in (rows, pose, data, lane):
+        for array in seen:
             array.flags.writeable = False
-        return Actors(self._table, rows, pose, data[:, 3], lane, data[:, 4])
+        return Actors(self._table, *seen)
+
+    def _with_persons(self, seen: _Seen) -> _Seen:
+        """Pedestrians behind the vehicles, in the order of their ids; lane -1 on crossings."""
+        p = libsumo.person
+        there = frozenset(p.getIDList())
+        rows, flat, lane = [], [], []
+        for i in self._persons:
+            if i not in there:
+                continue
+            x, y = p.getPosition(i)
+            if math.hypot(x - self._ego_front[0], y - self._ego_front[1]) > VIEW_M:
+                continue
+            if i not in self._table.rows:
+                self._table.add(i, ActorKind.PEDESTRIAN, p.getLength(i), p.getWidth(i), ())
+            rows.append(self._table.rows[i])
+            flat.append((x, y, p.getAngle(i), p.getSpeed(i), p.getLanePosition(i)))
+            lane.append(self._lane_index.get(p.getLaneID(i), -1))
+        row = np.array(rows, dtype=np.int32)
+        data = np.array(flat, dtype=np.float64).reshape(-1, 5)
+        pose = _centres(data, self._table.length[row] * 0.5)
+        return (
+            np.concatenate((seen[0], row)),
+            np.concatenate((seen[1], pose)),
+            np.concatenate((seen[2], data[:, 3])),
+            np.concatenate((seen[3], np.array(lane, dtype=np.int32))),
+            np.concatenate((seen[4], data[:, 4])),
+        )
 
     def close(self) -> None:
         """End SUMO in this process."""

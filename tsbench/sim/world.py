@@ -89,10 +89,11 @@ class ActorTable:
 
 @dataclass(frozen=True, slots=True)
 class Actors:
-    """Other road users around the ego, sorted by SUMO id.
+    """Other road users around the ego: vehicles, then pedestrians, each sorted by SUMO id.
 
     index: (n,) int32 rows of `table`. pose: (n, 3) x, y, heading. speed: (n,) m/s. lane: (n,) int32.
     lane_s: (n,) m, the *front's* place along `lane`.
+    Pedestrians on a crossing are on no lane.
     """
 
     table: ActorTable
