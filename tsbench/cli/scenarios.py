@@ -204,3 +204,36 @@ def stats() -> None:
         reasons = "\n".join(f"{n} {why}" for why, n in entry["reasons"].items())
         passed.add_row(entry["type_id"], entry["split"], str(entry["missed"] or "none"), reasons)
     console.print(passed)
+
+
+@scenarios.command()
+@click.option("--split", type=click.Choice(SPLITS), default=None)
+@click.option("--png", type=click.Path(path_type=Path), default=Path("calibration.png"), show_default=True)
+@click.option("--scenes", type=click.IntRange(1), default=300, help="Driven for the cruise speed.")
+def calibration(split: str | None, png: Path, scenes: int) -> None:
+    """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
+    import numpy as np
+
+    from tsbench.scenarios.calibration import GOAL, calibrate, draw, driven_speeds, grid_speeds, sample_rows
+    from tsbench.scenarios.certificates import certificates_path, read_certificates
+    from tsbench.sim.sumo import Simulation
+
+    rows = [s for s in _all_rows() if split is None or s.split == split]
+    names = {s.scenario_id for s in rows}
+    proven = [c for c in read_certificates(certificates_path()) if c.scenario_id in names]
+    densities = np.array([c.realised_density for c in proven if c.asked_density])
+    chosen = sample_rows(rows, scenes)
+    with _progress() as bar:
+        task = bar.add_task("drive", total=len(chosen))
+        sim, root = Simulation(), data_root() / "scenarios"
+        cruise = driven_speeds(chosen, sim, root, lambda n: bar.update(task, completed=n))
+        sim.close()
+    fits = calibrate(grid_speeds(rows), cruise, densities)
+    draw(fits, png)
+    table = Table("quantity", "n", "KS", "KS at the grid's levels", f"goal (at most {GOAL:.2f})")
+    for fit in fits:
+        judged = "none" if fit.good is None else "met" if fit.good else "missed"
+        probes = "" if fit.good is None else f"{fit.at_probes:.3f}"
+        table.add_row(fit.quantiles.name, str(len(fit.sample)), f"{fit.distance:.3f}", probes, judged)
+    Console().print(table)
+    click.echo(f"picture: {png}")
