@@ -24,6 +24,7 @@ from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
 from tsbench.planners.guards.speed import MinSpeedGuard, SpeedGuard
 from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import LaneChanges
+from tsbench.planners.guards.stop import StopGuard
 from tsbench.planners.steering import follow
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.sim.ego import Motion, track
@@ -33,6 +34,7 @@ GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "give_way": GiveWayGuard,
     "speed": SpeedGuard,
     "min_speed": MinSpeedGuard,
+    "stop": StopGuard,
     "detour": DetourGuard,
     "closed_road": ClosedRoadGuard,
     "manoeuvre": ManoeuvreGuard,
@@ -67,7 +69,8 @@ class Expert:
             )
         self._guard = GUARDS[name](context, privilege)
         self._lanes = LaneChanges(context)
-        self._courtesy = Courtesy(context, but=privilege.sign.edge if name == "give_way" else "")
+        # A guard that looks after a junction itself says from which approach.
+        self._courtesy = Courtesy(context, but=getattr(self._guard, "approach", ""))
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:

@@ -12,26 +12,22 @@ from dataclasses import dataclass
 from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.guards.base import FREE
-from tsbench.planners.guards.junction import Way, ways_from
-from tsbench.planners.guards.yielding import Caution, Yielding
+from tsbench.planners.guards.junction import ways_through
+from tsbench.planners.guards.yielding import COURTESY, Yielding
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 
-# SUMO's states of a connection: "m" gives way, "s" stops and gives way; "M" has priority.
-_MINOR, _MAJOR = "ms", "M"
+# SUMO's states of a connection that gives way: "m", or "s" after a stop.
+_MINOR = "ms"
 _LOOK_M = 60.0
-# No rule is at stake here: others see who is in the junction, and slow down a little.
-_GAP_S, _LEAST_MPS, _POST_CLEAR_S = 0.0, 2.0, 0.0
-_CAUTION = Caution(gap_s=0.0, clear_s=0.0, patience_s=3.0, trust=0.1, share=0.6)
 
 
 @dataclass(frozen=True, slots=True)
 class _Junction:
-    """A junction on the route where the ego gives way: arc length of its line, approach, ways with priority."""
+    """A junction on the route where the ego gives way: arc length of its line, approach."""
 
     line_s: float
     approach: str
-    ways: tuple[Way, ...]
 
 
 class Courtesy:
@@ -56,15 +52,8 @@ class Courtesy:
                 return FREE
             here = self._junctions.pop(0)
             self._end = here.line_s
-            self._next = Yielding(
-                self._network,
-                here.approach,
-                here.ways,
-                gap=_GAP_S,
-                least=_LEAST_MPS,
-                post_clear=_POST_CLEAR_S,
-                caution=_CAUTION,
-            )
+            others = ways_through(self._network, here.approach)
+            self._next = Yielding(self._network, here.approach, (), COURTESY, others)
         least, most = self._next.bounds(observation, route)
         if route.s > self._end:
             self._next = None
@@ -81,8 +70,5 @@ def _minor(network: RoadNetwork, path: RoutePath, but: str) -> list[_Junction]:
         states = [c.state for c in network.outgoing[lane.index] if c.via and c.via[0] == after.lane]
         if not states or states[0] not in _MINOR:
             continue
-        junction = network.edges[lane.edge].target
-        others = tuple(e.id for e in network.edges.values() if e.target == junction and e.id != lane.edge)
-        ways = tuple(w for w in ways_from(network, others) if w.connection.state == _MAJOR)
-        found.append(_Junction(piece.s1, lane.edge, ways))
+        found.append(_Junction(piece.s1, lane.edge))
     return found

@@ -1,25 +1,31 @@
-"""Giving way at a sign (2.4): the junction and the approaches with priority stand on the plate."""
+"""Giving way at a sign: the junction and the approaches with priority stand on the plate."""
 
 from __future__ import annotations
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.junction import ways_from
+from tsbench.planners.guards.blocking import Demand
+from tsbench.planners.guards.junction import ways_from, ways_through
 from tsbench.planners.guards.yielding import Yielding
 from tsbench.sim.navigation import RouteView
 
 
 class GiveWayGuard:
-    """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds."""
+    """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds.
+
+    Whoever else has right of way over the ego in this junction (it turns left in front of the arm opposite) is let
+    pass too, as at any other junction. `approach`: the edge from which this guard looks after the junction.
+    """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         params, thresholds = privilege.sign.params, privilege.rule.thresholds
-        self._yielding = Yielding(
-            context.network,
-            params.get("approach", privilege.sign.edge),
-            ways_from(context.network, tuple(params["main_in"].split())),
-            gap=thresholds["gap_s"],
-            least=thresholds["min_foe_speed_mps"],
-            post_clear=thresholds["post_clear_s"],
+        network, first = context.network, tuple(params["main_in"].split())
+        self.approach = params["approach"]
+        self.yielding = Yielding(
+            network,
+            self.approach,
+            ways_from(network, first),
+            Demand(thresholds["gap_s"], thresholds["min_foe_speed_mps"], thresholds["post_clear_s"]),
+            ways_through(network, self.approach, first),
         )
 
     def guide(self, observation: Observation) -> RouteView:
@@ -28,4 +34,4 @@ class GiveWayGuard:
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What the junction asks for."""
-        return self._yielding.bounds(observation, route)
+        return self.yielding.bounds(observation, route)

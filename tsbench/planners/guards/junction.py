@@ -62,8 +62,21 @@ def ways_from(network: RoadNetwork, edges: tuple[str, ...]) -> tuple[Way, ...]:
     return tuple(found)
 
 
-def passage(network: RoadNetwork, path: RoutePath, approach: str, others: tuple[Way, ...]) -> Passage | None:
-    """Where a route passes the junction from `approach`; None where it does not (any more)."""
+def ways_through(network: RoadNetwork, approach: str, but: tuple[str, ...] = ()) -> tuple[Way, ...]:
+    """The ways through the junction at the end of `approach` from its other approaches, save some."""
+    junction, left_out = network.edges[approach].target, {approach, *but}
+    edges = (e.id for e in network.edges.values() if e.target == junction and not e.internal)
+    return ways_from(network, tuple(e for e in edges if e not in left_out))
+
+
+def passage(
+    network: RoadNetwork, path: RoutePath, approach: str, others: tuple[Way, ...], ruled: int = 0
+) -> Passage | None:
+    """Where a route passes the junction from `approach`; None where it does not (any more).
+
+    Zones with the first `ruled` of the others' ways, whose priority a plate states, and with those of the rest that
+    the network gives right of way over the ego's.
+    """
     last = -1
     for k, piece in enumerate(path.pieces):
         if network.lanes[piece.lane].edge == approach:
@@ -81,7 +94,14 @@ def passage(network: RoadNetwork, path: RoutePath, approach: str, others: tuple[
     if not inner:
         return None
     line, width = join([v.line for v in inner]), max(v.width for v in inner)
-    zones = tuple(conflict_zone(line, width, w.line, w.width) for w in others)
+    own = network.outgoing[path.pieces[last].lane]
+    first = next((c.yields_to for c in own if inner[0].index in c.via), frozenset[int]())
+    zones = tuple(
+        conflict_zone(line, width, w.line, w.width)
+        if k < ruled or not first.isdisjoint(w.connection.via)
+        else None
+        for k, w in enumerate(others)
+    )
     return Passage(path.pieces[last].s1, zones)
 
 
