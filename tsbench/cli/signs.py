@@ -27,6 +27,19 @@ def show_sign(code: str) -> None:
     Console().print(sign_page(load_catalog().sign(code)))
 
 
+@signs.command("pages")
+@click.option("--types", default="", help="Comma-separated type ids; default: all that have test scenarios.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for pages and pictures.")
+def write_pages(types: str, out: Path) -> None:
+    """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
+    from tsbench.report.sign_pages import PageMaker
+
+    maker = PageMaker(out)
+    for name in [t.strip() for t in types.split(",") if t.strip()] or maker.types:
+        click.echo(str(maker.write(name)))
+    click.echo(str(maker.write_index()))
+
+
 @signs.command("sheet")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG file to write.")
 def draw_sheet(out: Path) -> None:

@@ -36,6 +36,7 @@ GIF_EVERY = 2
 HOLD_S = 1.5
 _PLATE_NEAR_M = 90.0
 _GIF_COLOURS = 128
+_CLEAR = 255
 
 
 def render_episode(run: Path, episode: str, kind: str | None, out: Path | None, time: float | None) -> Path:
@@ -87,14 +88,19 @@ def _tick(trace: Trace, time: float | None) -> int:
     return min(round(time / DT_S), last)
 
 
-def film(trace: Trace, scene: Scene, size: PageSize, every: int = 1) -> Iterator[Image]:
-    """The pages of a whole episode, each `every` ticks and the last one; one array, drawn into anew."""
+def film(
+    trace: Trace, scene: Scene, size: PageSize, every: int = 1, span: tuple[int, int] | None = None
+) -> Iterator[Image]:
+    """The pages of an episode, each `every` ticks and the last one; one array, drawn into anew.
+
+    span: first and last tick, by default all; such a short film has a camera that stands still.
+    """
     sign = scene.target_sign
-    track = [(s.ego.x, s.ego.y) for s in trace.snapshots]
-    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), follow=True)
+    first, last = (0, len(trace.snapshots) - 1) if span is None else span
+    track = [(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]]
+    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), follow=span is None)
     page = np.empty((size.height, size.width, 3), dtype=np.uint8)
-    last = len(trace.snapshots) - 1
-    for tick in [*range(0, last, every), last]:
+    for tick in [*range(first, last, every), last]:
         yield eye.page(tick, page)
 
 
@@ -121,19 +127,29 @@ def render_mp4(trace: Trace, scene: Scene, path: Path) -> None:
         writer.close()
 
 
-def render_gif(trace: Trace, scene: Scene, path: Path) -> None:
-    """The whole episode in real time at half the frame rate and in one palette."""
+def render_gif(
+    trace: Trace, scene: Scene, path: Path, size: PageSize = GIF_SIZE, span: tuple[int, int] | None = None
+) -> None:
+    """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette."""
     frames: list[PilImage.Image] = []
     palette: PilImage.Image | None = None
-    for page in film(trace, scene, GIF_SIZE, GIF_EVERY):
+    before: Image | None = None
+    for page in film(trace, scene, size, GIF_EVERY, span):
         picture = PilImage.fromarray(page)
         if palette is None:
             palette = _palette(picture)
-        frames.append(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
+        indices = np.asarray(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
+        # What has not changed since the page before is left clear: long runs of one index pack well.
+        fresh = indices if before is None else np.where(indices == before, _CLEAR, indices).astype(np.uint8)
+        before = indices
+        frame = PilImage.fromarray(fresh, mode="P")
+        frame.putpalette(palette.getpalette() or [])
+        frames.append(frame)
     step = round(1000 * DT_S * GIF_EVERY)
     durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
     _write(path, lambda: frames[0].save(
         path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
+        transparency=_CLEAR, disposal=1,
     ))  # fmt: skip
 
 

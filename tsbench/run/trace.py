@@ -90,6 +90,19 @@ class Trace:
         )  # fmt: skip
 
 
+def trace_of(result: EpisodeResult) -> Trace:
+    """The trace of an episode that was just run. Raises ValueError for an episode without a tick."""
+    facts = result.facts
+    if facts is None or not facts.snapshots:
+        raise ValueError(
+            f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})"
+        )
+    return Trace(
+        result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
+        facts.start_remaining_m, facts.snapshots, result.commands,
+    )  # fmt: skip
+
+
 def trace_path(run: Path, planner: str, scenario_id: str) -> Path:
     """Where the trace of an episode lies in a run folder; names become safe file names."""
     return run / "traces" / _file_name(planner) / f"{_file_name(scenario_id)}.parquet"
