@@ -9,7 +9,8 @@ A case (`tests/cases/<rule>/<case>.yaml`):
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
         order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases; the ego's
         are the length of the case, another keeps its last). Actors: id; as needed kind, length, width, route.
-    expect: engaged; events: clause, at (s), and where they matter value, other; steps where it matters.
+    expect: engaged; events: clause, at (s), and where they matter value, other; steps where it matters; completes,
+        when (s) the rule takes the episode for complete (null: never).
 """
 
 from __future__ import annotations
@@ -182,3 +183,15 @@ def judge(case: Spec, view: Transform | None = None) -> Verdict:
     for tick in snapshots(case, view, scene.network):
         monitor.update(tick)
     return monitor.finish()
+
+
+def completion(case: Spec, view: Transform | None = None) -> float | None:
+    """When the target's rule takes the episode for complete, s; None: never."""
+    view = view or Transform()
+    scene = scene_of(case, view)
+    monitor, _ = make_monitors(load_catalog(), scene)
+    for tick in snapshots(case, view, scene.network):
+        monitor.update(tick)
+        if monitor.completed:
+            return tick.time
+    return None

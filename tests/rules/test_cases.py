@@ -4,7 +4,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from labelled import case_files, judge, read_case
+from labelled import case_files, completion, judge, read_case
 from transform import Transform
 
 from tsbench.rules.base import Verdict
@@ -47,6 +47,10 @@ def test_case_has_the_expected_verdict(path: Path) -> None:
         assert case["signs"][0]["code"] in event.sentence
     if "steps" in expect:
         assert verdict.violating_steps == expect["steps"]
+    wanted_at = expect.get("completes")
+    assert completion(case) == (
+        wanted_at if wanted_at is None else pytest.approx(wanted_at, abs=TIME_TOLERANCE_S)
+    )
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -56,6 +60,7 @@ def test_case_has_the_same_verdict_elsewhere(path: Path, view: str) -> None:
     here, there = judge(case), judge(case, VIEWS[view])
     assert _summary(there) == _summary(here)
     assert (there.engaged, there.violating_steps) == (here.engaged, here.violating_steps)
+    assert completion(case, VIEWS[view]) == completion(case)
     for a, b in zip(here.violations, there.violations, strict=True):
         assert abs(b.value) == pytest.approx(abs(a.value), abs=1e-6)
         assert b.margin == pytest.approx(a.margin, abs=1e-6)

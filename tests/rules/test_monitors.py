@@ -25,6 +25,7 @@ ONE_OF_EACH = {
     "min_speed": "too_slow",
     "detour": "passes_left",
     "manoeuvre": "turns_left",
+    "closed_road": "drives_in",
 }
 
 
@@ -121,6 +122,7 @@ def test_a_missing_param_is_named(rule: str) -> None:
         ("stop", {"approach": "nowhere"}),
         ("speed", {"zone_edges": "bc"}),
         ("detour", {"obstacle": "none"}),
+        ("closed_road", {"approach": "nowhere"}),
         ("manoeuvre", {"junction": "E"}),
     ],
 )

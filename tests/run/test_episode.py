@@ -13,8 +13,8 @@ import pytest
 
 from tsbench.maps.build import build_net
 from tsbench.maps.network import read_network
+from tsbench.metrics import outcome as outcome_module
 from tsbench.metrics.outcome import Outcome
-from tsbench.run import episode as episode_module
 from tsbench.run.episode import EpisodeRunner, Phase
 from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.load import SceneLoader
@@ -234,7 +234,7 @@ def test_a_defect_of_ours_is_an_error_with_its_traceback(
     def broken(*_: object) -> int:
         raise ZeroDivisionError("a monitor's slip")
 
-    monkeypatch.setattr(episode_module, "touched_actor", broken)
+    monkeypatch.setattr(outcome_module, "touched_actor", broken)
     result = runner(root, "Follow").run(on_the_road(on_road, "plain"))
     assert result.outcome is Outcome.SIM_ERROR
     assert result.error == "internal error: ZeroDivisionError: a monitor's slip"
