@@ -9,6 +9,7 @@ A case (`tests/cases/<rule>/<case>.yaml`):
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
         order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases; the ego's
         are the length of the case, another keeps its last). Actors: id; as needed kind, length, width, route.
+        Pedestrians go by points: they are on no lane.
     expect: engaged; events: clause, at (s), and where they matter value, other; steps where it matters; completes,
         when (s) the rule takes the episode for complete (null: never).
 """
@@ -35,6 +36,8 @@ from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
+# Length and width of who says none, m.
+SIZES = {ActorKind.PEDESTRIAN: (0.3, 0.5)}
 CASES = Path(__file__).resolve().parent.parent / "cases"
 Spec = dict[str, Any]
 
@@ -76,7 +79,9 @@ class Track:
         return s + left * speed, speed
 
     def lane_at(self, s: float, net: RoadNetwork) -> tuple[int, float]:
-        """Lane and SUMO's place on it of a point of the line."""
+        """Lane and SUMO's place on it of a point of the line; -1 for who keeps to no lanes."""
+        if not self.lanes:
+            return -1, 0.0
         lane, begin = next((x for x in reversed(self.lanes) if x[1] <= s), self.lanes[0])
         one = net.lanes[lane]
         return lane, (s - begin) * one.length / one.line.length
@@ -97,8 +102,8 @@ def _track(spec: Spec, net: RoadNetwork) -> Track:
 
 
 def _route(spec: Spec, net: RoadNetwork) -> tuple[str, ...]:
-    if "route" in spec:
-        return tuple(spec["route"])
+    if "route" in spec or "points" in spec:
+        return tuple(spec.get("route", ()))
     return tuple(dict.fromkeys(net.lane(name).edge for name in spec["path"]))
 
 
@@ -144,7 +149,8 @@ def snapshots(case: Spec, view: Transform, seen: RoadNetwork) -> list[WorldSnaps
     table = ActorTable(4)
     for spec, _ in others:
         kind = ActorKind[spec.get("kind", "car").upper()]
-        table.add(spec["id"], kind, spec.get("length", 4.5), spec.get("width", 1.8), _route(spec, net))
+        length, width = SIZES.get(kind, (4.5, 1.8))
+        table.add(spec["id"], kind, spec.get("length", length), spec.get("width", width), _route(spec, net))
     ticks = []
     for step in range(round(sum(seconds for seconds, _ in ego.phases) / DT_S) + 1):
         time = step * DT_S

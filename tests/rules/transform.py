@@ -53,7 +53,8 @@ class Transform:
             x, y, _ = self.pose(junction.x, junction.y, 0.0)
             area = self.points(junction.polygon) if len(junction.polygon) else junction.polygon
             junctions[key] = replace(junction, x=x, y=y, polygon=area)
-        return replace(network, lanes=lanes, junctions=junctions)
+        crossings = {k: replace(c, line=self.line(c.line)) for k, c in network.crossings.items()}
+        return replace(network, lanes=lanes, junctions=junctions, crossings=crossings)
 
     def sign(self, sign: SignInstance) -> SignInstance:
         """A plate."""

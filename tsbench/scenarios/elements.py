@@ -103,6 +103,25 @@ def moving_car(
     return _vtype(f"{name}_type", driver, 1.0, "yellow"), vehicle
 
 
+def walker_elements(
+    name: str, size: tuple[float, float], speed: float, way: tuple[str, str], place: tuple[float, float], wait: float
+) -> tuple[etree._Element, etree._Element]:
+    """A pedestrian and its type, size length and width: stands at `place` (m along, m left) of the first edge of `way`.
+
+    After `wait` seconds it walks to the end of the other; in an episode when its plan says.
+    """
+    vtype = etree.Element(
+        "vType", id=f"{name}_type", vClass="pedestrian", length=_num(size[0]), width=_num(size[1]),
+        speedDev="0", speedFactor="1", color="0.2,0.5,1",
+    )  # fmt: skip
+    person = etree.Element("person", id=name, type=f"{name}_type", depart="0", departPos=_num(place[0]))
+    etree.SubElement(person, "stop", edge=way[0], endPos=_num(place[0]), duration=_num(wait))
+    etree.SubElement(
+        person, "walk", edges=" ".join(way), speed=_num(speed), departPosLat=_num(place[1]), arrivalPos="0"
+    )  # fmt: skip
+    return vtype, person
+
+
 def waiting_elements(
     driver: Driver, lane: Lane, edges: Sequence[str], seconds: float
 ) -> list[etree._Element]:

@@ -203,7 +203,7 @@ class _SceneFiles:
         try:
             plan = self._convoy_plan() if a.convoy else None
             layout = SceneLayout(
-                a.signs, a.target, a.obstacles, a.start, a.destination, plan, a.route_hint, a.compliant_hint
+                a.signs, a.target, a.obstacles, a.start, a.destination, plan, a.route_hint, a.compliant_hint, a.walkers
             )
             fixed = layout_elements(layout, network)
             fixed += list(a.extra) + obstacle_elements(a.obstacles, network)
@@ -285,3 +285,5 @@ class _SceneFiles:
         missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
         if missing:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
+        if a.walkers:
+            self.sim.hold_persons(a.walkers.persons)

@@ -18,7 +18,7 @@ from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.variants import Variant
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.lanegraph import LaneGraph, Turn
-from tsbench.sim.scene import Destination, EgoStart, Obstacle
+from tsbench.sim.scene import Destination, EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
 
 PLATE_BESIDE_M = 1.2
@@ -58,7 +58,7 @@ class Arrangement:
     closed_edges: where nobody else drives at all; no length of theirs counts for the density.
     speed_factors: of the background drivers, () = all 1. drivers: the background drivers where the plate makes others
     of them, () = the task's. platoons: edges where cars enter in
-    platoons.
+    platoons. walkers: the plan of pedestrians who stand in `extra`.
     """
 
     signs: tuple[SignInstance, ...]
@@ -78,6 +78,7 @@ class Arrangement:
     drivers: tuple[Driver, ...] = ()
     blocked: tuple[tuple[str, float, float], ...] = ()
     platoons: AbstractSet[str] = frozenset()
+    walkers: WalkersPlan | None = None
 
 
 @dataclass(frozen=True)

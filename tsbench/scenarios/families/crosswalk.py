@@ -1,0 +1,162 @@
+"""Crosswalk scenes: people who cross where the ego comes. Source: spec/scenes.md, "Crosswalk". Units: m, s, m/s."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lxml import etree
+
+from tsbench.geometry.polyline import Polyline
+from tsbench.maps.network import Crossing, Lane
+from tsbench.maps.plain import PlainNet
+from tsbench.maps.pool import PoolRow
+from tsbench.scenarios.elements import walker_elements
+from tsbench.scenarios.families.base import (
+    Arrangement,
+    SceneTask,
+    beside_road,
+    passenger_lanes,
+    require,
+    way_ahead,
+)
+from tsbench.scenarios.families.crosswalk_net import (
+    SIDES,
+    kerb_to_kerb,
+    path_name,
+    to_crossing,
+    with_crossing,
+)
+from tsbench.scenarios.recipe import Recipe
+from tsbench.signs.annotations import SignInstance
+from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.scene import Destination, EgoStart, WalkersPlan
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+
+@dataclass(frozen=True, slots=True)
+class _Walker:
+    """One pedestrian: from which side, how fast, how far from its kerb it stands."""
+
+    side: str
+    speed: float
+    from_kerb: float
+
+
+class CrosswalkPlacement:
+    """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The road with its crossing and footpaths."""
+        edge = next(e for e in plain.edges if e.id == row.fields["edge"])
+        other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
+        most = int(recipe.number("most_lanes"))
+        require(edge.num_lanes <= most, f"{edge.num_lanes} lanes")
+        require(other is None or other.num_lanes <= most, "more lanes in the other direction")
+        at = recipe.number("ego_before_crossing_m") + recipe.number("start_room_m") + EGO_LENGTH_M
+        length = Polyline(edge.shape).length
+        require(at <= length - recipe.number("least_after_m"), f"the corridor is {length:.0f} m long")
+        return with_crossing(plain, edge, other, at, recipe)
+
+    def arrange(self, task: SceneTask) -> Arrangement:
+        """The ego 60 m before the crossing; the preset by layout, lane and sides drawn."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        first, last = (f"{row.fields['edge']}.{k}" for k in range(2))
+        crossing = next(c for c in network.crossings.values() if first in c.edges)
+        lanes = passenger_lanes(network, first)
+        lane = lanes[int(task.rng.integers(len(lanes)))]
+        ahead = to_crossing(lane, crossing)
+        start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
+        require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
+        start = EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed))
+        x, y, heading = beside_road(network, first, network.edge_lanes(first)[0].line.length)
+        right = network.edge_lanes(first)[0]
+        sign = SignInstance(
+            id="sign_0", code=self.code, value=None, edge=first, lane=-1, position_m=right.line.length, x=x, y=y,
+            heading=heading, role="target", params={"crossing": crossing.id, "exit": last},
+        )  # fmt: skip
+        walkers = self._walkers(task, crossing)
+        plan = _plan(task, walkers, crossing, lane, ahead)
+        wait = predicted_arrival(
+            lane.line.length - start_s,
+            lane.line.length - start_s + ahead,
+            start.speed,
+            lane.speed,
+            lane.speed,
+        )
+        room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
+        end_s = min(variant.route_length, room)
+        return Arrangement(
+            signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
+            route_hint=(first, last), route_length=end_s,
+            extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
+            blocked=way_ahead([lane], start),
+        )  # fmt: skip
+
+    @staticmethod
+    def _walkers(task: SceneTask, crossing: Crossing) -> list[_Walker]:
+        """The preset's people, each so far from its kerb that it steps onto the road a gap after the one before.
+
+        `gap_s`: seconds; or `gap_share`: when the one before has gone that share of the crossing.
+        """
+        recipe, rng = task.recipe, task.rng
+        presets = recipe.choices["presets"]
+        preset = presets[task.variant.layout % len(presets)]
+        side = int(rng.integers(2))
+        walkers: list[_Walker] = []
+        steps_on = 0.0
+        for k in range(int(preset["count"])):
+            speed = float(rng.uniform(recipe.number("walk_least_mps"), recipe.number("walk_most_mps")))
+            if not k:
+                steps_on = recipe.number("wait_from_kerb_m") / speed
+            elif "gap_share" in preset:
+                steps_on += float(preset["gap_share"]) * crossing.line.length / walkers[-1].speed
+            else:
+                steps_on += float(preset["gap_s"])
+            turn = k if preset["alternate"] else 0
+            walkers.append(_Walker(SIDES[(side + turn) % 2], speed, steps_on * speed))
+        return walkers
+
+
+def _plan(
+    task: SceneTask, walkers: list[_Walker], crossing: Crossing, lane: Lane, ahead: float
+) -> WalkersPlan:
+    """When they set off: as the ego's front is at the crossing the first is on the road, but not before the ego."""
+    recipe, first = task.recipe, walkers[0]
+    line = kerb_to_kerb(crossing, lane, first.side)
+    middle, _ = line.project(*lane.line.point_at(lane.line.length + ahead))
+    before = middle - EGO_WIDTH_M / 2
+    meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_share") * before)
+    return WalkersPlan(
+        persons=tuple(f"walker_{k}" for k in range(len(walkers))),
+        speeds=tuple(w.speed for w in walkers),
+        line_lane=lane.id,
+        ego_zone_m=ahead,
+        lead_time_s=(first.from_kerb + meets) / first.speed,
+        ego_cruise_mps=lane.speed,
+        ego_turn_mps=lane.speed,
+    )
+
+
+def _elements(
+    task: SceneTask, walkers: list[_Walker], crossing: Crossing, wait: float
+) -> tuple[etree._Element, ...]:
+    """The people and their types, those beside one another on different tracks of their footpath."""
+    recipe, network = task.recipe, task.network
+    edge = task.row.fields["edge"]
+    size = recipe.number("walker_length_m"), recipe.number("walker_width_m")
+    tracks = recipe.choices["tracks_m"]
+    elements: list[etree._Element] = []
+    for k, w in enumerate(walkers):
+        way = (path_name(edge, w.side), path_name(edge, SIDES[w.side == "right"]))
+        lane = network.edge_lanes(way[0])[0]
+        kerb = kerb_to_kerb(crossing, network.edge_lanes(f"{edge}.0")[0], w.side).points[0]
+        reach = math.hypot(*(kerb - lane.line.points[0]))
+        require(w.from_kerb <= reach, f"a pedestrian would wait {w.from_kerb:.0f} m from the kerb")
+        elements += walker_elements(
+            f"walker_{k}", size, w.speed, way, (reach - w.from_kerb, float(tracks[k % len(tracks)])), wait
+        )
+    return tuple(elements)
