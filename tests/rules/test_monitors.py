@@ -21,6 +21,7 @@ from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnap
 ONE_OF_EACH = {
     "give_way": "enters_two_seconds_before",
     "stop": "drives_through",
+    "crosswalk": "drives_on",
     "speed": "ignores_the_limit",
     "min_speed": "too_slow",
     "detour": "passes_left",

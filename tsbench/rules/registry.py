@@ -8,6 +8,7 @@ from types import MappingProxyType
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
 from tsbench.rules.closed_road import ClosedRoad
+from tsbench.rules.crosswalk import Crosswalk
 from tsbench.rules.detour import Detour
 from tsbench.rules.give_way import GiveWay
 from tsbench.rules.manoeuvre import Manoeuvre
@@ -21,6 +22,7 @@ from tsbench.rules.stop import Stop
 MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
     {
         "give_way": GiveWay,
+        "crosswalk": Crosswalk,
         "speed": Speed,
         "min_speed": MinSpeed,
         "detour": Detour,

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from tsbench.errors import InputError
 from tsbench.scenarios.families.base import Placement
+from tsbench.scenarios.families.crosswalk import CrosswalkPlacement
 from tsbench.scenarios.families.detour import DetourPlacement
 from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
@@ -17,6 +18,7 @@ from tsbench.scenarios.recipe import Recipe
 PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
     {
         "give_way": GiveWayPlacement,
+        "crosswalk": CrosswalkPlacement,
         "speed_zone": SpeedZonePlacement,
         "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
