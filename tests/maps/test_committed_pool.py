@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,25 @@ def test_junctions(pool: list[PoolRow]) -> None:
         assert all(40 <= arm["length_m"] <= 80 for arm in arms)
         for i, j in row.fields["through"]:
             assert abs(wrap(arms[i]["heading_deg"] - arms[j]["heading_deg"])) >= 144.8
+
+
+def test_roundabouts(pool: list[PoolRow]) -> None:
+    rings: dict[tuple[str, ...], list[PoolRow]] = {}
+    for row in of(pool, "roundabout"):
+        detail = row.fields
+        rings.setdefault((row.source, *detail["ring"]), []).append(row)
+        assert len(detail["entries"]) >= 3
+        assert len(detail["exits"]) >= 2
+        assert detail["entries"][detail["entry"]]["edges"][-1] == detail["entry_edge"]
+        assert detail["exits"][detail["exit"]]["edges"][0] == detail["exit_edge"]
+        assert [detail["entry_edge"], detail["exit_edge"]] not in detail["arms"]
+        assert 30 <= row.length_m <= 700
+    assert len(rings) >= 30
+    for rows in rings.values():
+        first = [row for row in rows if row.fields["rank"] == 0]
+        assert len({row.fields["entry"] for row in first}) == len(first)
+    middles = [(rows[0].east, rows[0].north) for rows in rings.values()]
+    assert min(math.dist(a, b) for a, b in combinations(middles, 2)) > 80
 
 
 def test_dual_paths(pool: list[PoolRow]) -> None:

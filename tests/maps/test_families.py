@@ -13,6 +13,7 @@ from tsbench.maps.arms import Arm, least_separation, through_pairs
 from tsbench.maps.crop import plain_crop
 from tsbench.maps.families.junction import junction_shape
 from tsbench.maps.families.registry import REGISTRY
+from tsbench.maps.families.roundabout import ARM_CUTS_M, shape_fault
 from tsbench.maps.lines import chord_over_arc
 from tsbench.maps.pool import PoolRow
 from tsbench.maps.source import SourceNetwork
@@ -68,17 +69,55 @@ def test_junctions_of_the_town(tiny: SourceNetwork) -> None:
         assert all(40 <= arm["length_m"] <= 80 for arm in row.fields["arms"])
 
 
-def test_roundabout_has_a_map_for_each_entry_and_cut(tiny: SourceNetwork) -> None:
+def test_roundabout_has_a_map_for_each_entry_exit_and_cut(tiny: SourceNetwork) -> None:
     rows, _ = found(tiny, "roundabout")
-    assert len({row.map_id for row in rows}) == 4
-    assert {row.fields["arm_cut_m"] for row in rows} == {80.0, 60.0, 45.0}
+    assert len({row.map_id for row in rows}) == 4 * 3  # never out again on the arm of the entry
+    cuts = [(row.fields["entry_cut_m"], row.fields["arm_cut_m"]) for row in rows]
+    assert cuts[0] == (80.0, 80.0)
+    assert set(cuts) == set(ARM_CUTS_M)
     for row in rows:
-        ring = row.fields["ring"]
+        detail = row.fields
+        ring = detail["ring"]
         heads = [tiny.head[tiny.edge_row[edge]] for edge in ring]
         tails = [tiny.tail[tiny.edge_row[edge]] for edge in ring]
         assert heads == [*tails[1:], tails[0]]
         assert row.length_m == pytest.approx(125, abs=3)
-        assert len(row.fields["entries"]) == len(row.fields["exits"]) == 4
+        assert len(detail["entries"]) == len(detail["exits"]) == 4
+        entry, leave = tiny.edge_row[detail["entry_edge"]], tiny.edge_row[detail["exit_edge"]]
+        assert tiny.head[entry] in tails
+        assert tiny.tail[leave] in tails
+        assert tiny.opposite[entry] != leave
+        assert detail["rank"] in (0, 1, 2)
+    by_entry = Counter((row.fields["entry"], row.fields["rank"]) for row in rows)
+    assert set(by_entry.values()) == {len(ARM_CUTS_M)}
+
+
+def polygon(*angles_deg: float, radius: float = 30.0) -> np.ndarray:
+    """A closed line with its corners on a circle, (k, 2)."""
+    angles = np.radians(angles_deg)
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+BLOCK = "a block of one-way streets, not round"
+CIRCLE = polygon(*range(0, 360, 15))
+
+
+@pytest.mark.parametrize(
+    ("line", "fine", "coarse"),
+    [
+        (CIRCLE, "", ""),
+        (polygon(0, 90, 180, 270), BLOCK, BLOCK),
+        (polygon(0, 80, 150, 220, 290), BLOCK, ""),
+        (polygon(0, 100, 180, 230, 290), BLOCK, BLOCK),
+        (CIRCLE[::-1], "driven clockwise", "driven clockwise"),
+        (CIRCLE / 8, "circumference outside 30-700 m", "circumference outside 30-700 m"),
+    ],
+)  # fmt: skip
+def test_a_generalised_ring_may_have_blunt_corners_but_be_no_block(
+    line: np.ndarray, fine: str, coarse: str
+) -> None:
+    assert shape_fault(line, coarse=False) == fine
+    assert shape_fault(line, coarse=True) == coarse
 
 
 def test_corridors_are_one_to_a_way_and_as_straight_as_they_say(tiny: SourceNetwork) -> None:

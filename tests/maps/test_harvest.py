@@ -45,7 +45,7 @@ def test_harvest_is_deterministic_resumable_and_finds_no_place_twice(workplace: 
     assert {row.family for row in first.rows} == set(REGISTRY)
     refused = first.rejected["moscow-city-generalised"]
     assert refused["junction: a better-tagged extract has the place"] == 16  # its signal is not in the copy
-    assert refused["roundabout: a better-tagged extract has the place"] == 4
+    assert refused["roundabout: a better-tagged extract has the place"] == 12
     steps = sorted((build_dir() / "harvest").rglob("lint-*.json"))
     assert steps
     steps[0].unlink()  # as if killed before the last step
@@ -55,7 +55,8 @@ def test_harvest_is_deterministic_resumable_and_finds_no_place_twice(workplace: 
     report = json.loads((tmp_path / "harvest.json").read_text())
     assert report["maps"] == len(first.rows)
     assert report["rings"] == 1
-    assert [row.fields["arm_cut_m"] for row in first.rows if row.family == "roundabout"] == [80.0] * 4
+    rings = [row.fields for row in first.rows if row.family == "roundabout"]
+    assert [(ring["entry_cut_m"], ring["arm_cut_m"]) for ring in rings] == [(80.0, 80.0)] * 12
 
 
 def test_a_better_extract_keeps_a_place_only_where_it_has_roads(tiny: SourceNetwork) -> None:

@@ -115,3 +115,11 @@ def test_places_are_three_hundred_metres_apart() -> None:
     assert places([]) == 0
     assert places([(0, 0), (299, 0), (598, 0), (301, 0)]) == 2
     assert places([(0, 0), (301, 0), (0, 301)]) == 3
+
+
+@settings(deadline=None, max_examples=30)
+@given(pools())
+def test_roundabouts_have_no_say_in_the_choice_of_tiles(rows: list[PoolRow]) -> None:
+    others = [r for r in rows if r.family != "roundabout"]
+    if others:
+        assert choose_test_tiles(rows) == choose_test_tiles(others)

@@ -6,6 +6,8 @@ from tsbench.errors import InputError
 from tsbench.maps.build import build_net
 from tsbench.maps.cut import assemble
 from tsbench.maps.families.registry import REGISTRY
+from tsbench.maps.families.roundabout import roundabout_chains
+from tsbench.maps.merge import merge_chains, part_carriageways
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.maps.source import SourceNetwork
@@ -28,5 +30,7 @@ def plain_crop(row: PoolRow, source: SourceNetwork) -> PlainNet:
             f"{row.map_id}: no edge {missing} in this '{source.name}'; "
             f"the pool is from another version of the extract, run `tsbench maps harvest`"
         ) from missing
-    rings = [detail["ring"]] if row.family == "roundabout" else []
-    return assemble(source, pieces, rings)
+    if row.family != "roundabout":
+        return assemble(source, pieces)
+    plain = merge_chains(assemble(source, pieces, [detail["ring"]]), roundabout_chains(detail))
+    return part_carriageways(plain, detail["arms"])

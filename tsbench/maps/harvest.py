@@ -156,10 +156,8 @@ def _collect(folder: Path, names: list[str], batches: Sequence[_Batch]) -> Harve
             if fault:
                 faults[row.map_id] = (row.source, f"{row.family.replace('_', ' ')}: {fault}")
             else:
-                # of a roundabout's cuts the longest arms win: their bounding box is the largest
-                best = sound.get(row.map_id)
-                if best is None or row.half_w * row.half_h > best.half_w * best.half_h:
-                    sound[row.map_id] = row
+                # a roundabout comes with its arms cut in several ways, the preferred one first
+                sound.setdefault(row.map_id, row)
     twice = _rings_seen_before(list(sound.values()), names)
     for name, source in twice.items():
         rejected[source]["roundabout: a better-tagged extract has the place"] += 1

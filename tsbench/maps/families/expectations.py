@@ -41,10 +41,10 @@ def _junction(_: PoolRow, detail: dict[str, Any]) -> Expectations:
 
 
 def _roundabout(_: PoolRow, detail: dict[str, Any]) -> Expectations:
-    ring, entry = detail["ring"], detail["entries"][detail["entry"]]
-    chains = [leg["edges"] for leg in (*detail["entries"], *detail["exits"])]
-    links = [*pairwise([*ring, ring[0]]), *(pair for chain in chains for pair in pairwise(chain))]
-    return Expectations(dict.fromkeys(entry["edges"], USED_LANE_M), links)
+    ring = detail["ring"]
+    links = list(pairwise([*ring, ring[0]]))
+    # A leg is one edge of the crop, the one at the ring (maps.merge).
+    return Expectations({detail["entry_edge"]: USED_LANE_M, detail["exit_edge"]: USED_LANE_M}, links)
 
 
 def _dual_path(row: PoolRow, detail: dict[str, Any]) -> Expectations:
