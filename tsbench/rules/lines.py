@@ -103,6 +103,11 @@ class Road:
                 at -= lanes[i].line.length
                 self._enter(lanes[i], at, 1.0, 1.0)
 
+    def place(self, ego: EgoState) -> float | None:
+        """Metres along the road of the ego's centre, whichever way it drives; None where it is on no lane of it."""
+        station = self._stations.get(ego.lane)
+        return None if station is None else station.start + station.rate * ego.s
+
     def front(self, ego: EgoState) -> float | None:
         """Metres along the road of the ego's front; None where the ego does not drive along this road."""
         station = self._stations.get(ego.lane)

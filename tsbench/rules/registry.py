@@ -13,6 +13,7 @@ from tsbench.rules.detour import Detour
 from tsbench.rules.give_way import GiveWay
 from tsbench.rules.manoeuvre import Manoeuvre
 from tsbench.rules.min_speed import MinSpeed
+from tsbench.rules.reserved_lane import ReservedLane
 from tsbench.rules.speed import Speed
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
@@ -29,6 +30,7 @@ MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
         "stop": Stop,
         "closed_road": ClosedRoad,
         "manoeuvre": Manoeuvre,
+        "reserved_lane": ReservedLane,
     }
 )
 

@@ -79,13 +79,18 @@ class RoutePath:
 
 
 class LaneGraph:
-    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (sim.reserved)."""
+    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (sim.reserved).
 
-    def __init__(self, network: RoadNetwork, vclass: str = "passenger") -> None:
+    closed: lanes (indices) not to use all the same.
+    """
+
+    def __init__(
+        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
+    ) -> None:
         self.network = network
         self.vclass = vclass
-        self._open = open_lanes(network, vclass)
-        self._turned = turned_lanes(network, vclass)
+        self._open = open_lanes(network, vclass) - closed
+        self._turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
         self._next: dict[str, dict[str, list[Connection]]] = {}
         for connection in network.connections:
             if connection.from_lane not in self._open or connection.to_lane not in self._open:

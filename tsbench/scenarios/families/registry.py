@@ -8,10 +8,12 @@ from types import MappingProxyType
 from tsbench.errors import InputError
 from tsbench.scenarios.families.base import Placement
 from tsbench.scenarios.families.crosswalk import CrosswalkPlacement
+from tsbench.scenarios.families.contraflow import ContraflowPlacement
 from tsbench.scenarios.families.detour import DetourPlacement
 from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
 from tsbench.scenarios.families.min_speed import MinSpeedPlacement
+from tsbench.scenarios.families.reserved_lane import ReservedLanePlacement
 from tsbench.scenarios.families.speed_zone import SpeedZonePlacement
 from tsbench.scenarios.recipe import Recipe
 
@@ -23,6 +25,8 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
         "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
         "manoeuvre": ManoeuvrePlacement,
+        "reserved_lane": ReservedLanePlacement,
+        "contraflow": ContraflowPlacement,
     }
 )
 

@@ -1,0 +1,116 @@
+"""Keep out of a lane that is reserved for buses or cyclists. Source: spec/rules.md, "Reserved lane". Units: m, s, rad.
+
+Plate params: `approach`, the edge before the plate; `zone_edges`, the edges of the marked zone, the plate's own first;
+`lanes`, ids of the reserved lanes, of the zone's edges or of those in the opposite direction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from tsbench.errors import InputError
+from tsbench.geometry.footprint import boxes_overlap
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.lines import Road
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
+
+_KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
+_EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
+
+
+class ReservedLane(Monitor):
+    """The ego's centre is in a reserved lane of the zone for longer than the tolerance, or it touches a user."""
+
+    needs: ClassVar[tuple[str, ...]] = ("approach", "zone_edges", "lanes")
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        super().__init__(sign, rule, scene)
+        self._log = EventLog(sign, rule)
+        self._lanes = self._reserved(scene)
+        self._edges = frozenset(scene.network.lanes[i].edge for i in self._lanes)
+        zone = self.edges("zone_edges")
+        if sign.edge != zone[0]:
+            where = f"{scene.additional_path}: sign {sign.id!r}"
+            raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {zone[0]!r}")
+        self._road = Road(scene.network, (*self.edges("approach"), *zone))
+        self._plate = self._road.starts[sign.edge] + sign.position_m
+        self._kind = int(_KINDS[rule.option("users")])
+        self._inside = Excursion(self._log, "in_reserved_lane")
+        self._contact = Excursion(self._log, "contact")
+        self._run: list[WorldSnapshot] = []
+        self._engaged = False
+
+    def _reserved(self, scene: Scene) -> frozenset[int]:
+        index = scene.network.lane_index
+        ids = self.param("lanes").split()
+        for lane in ids:
+            if lane not in index:
+                raise InputError(
+                    f"{scene.additional_path}: sign {self.sign.id!r}: param 'lanes': no lane {lane!r}"
+                )
+        return frozenset(index[lane] for lane in ids)
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        t, ego = self.rule.thresholds, snapshot.ego
+        if not self._engaged:
+            front = self._road.front(ego)
+            self._engaged = (
+                front is not None and -t["engage_distance_m"] <= front - self._plate <= self._length
+            )
+        if ego.lane in self._lanes and self._past_plate(ego):
+            self._run.append(snapshot)
+            self._judge(snapshot, t["duration_s"])
+        else:
+            self._leave()
+        touched = self._touched(ego, snapshot.actors)
+        if touched is None:
+            self._contact.close()
+        else:
+            self._contact.broken(snapshot, 1.0, 0.0, touched)
+
+    @property
+    def _length(self) -> float:
+        return self._road.length - self._plate
+
+    def _past_plate(self, ego: EgoState) -> bool:
+        place = self._road.place(ego)
+        return place is not None and place > self._plate
+
+    def _judge(self, snapshot: WorldSnapshot, tolerated_s: float) -> None:
+        """One more tick inside: how long has it been?"""
+        began = self._run[0].time
+        if snapshot.time - began > tolerated_s + 1e-9:
+            for tick in self._run if not self._inside.open else self._run[-1:]:
+                self._inside.broken(tick, tick.time - began, tolerated_s)
+
+    def _leave(self) -> None:
+        self._inside.close()
+        self._run.clear()
+
+    def _touched(self, ego: EgoState, actors: Actors) -> str | None:
+        """The first user of the lane whose footprint overlaps the ego's."""
+        for k in np.flatnonzero(actors.kind == self._kind).tolist():
+            row = int(actors.index[k])
+            table = actors.table
+            x, y, heading = actors.pose[k].tolist()
+            length, width = float(table.length[row]), float(table.width[row])
+            near = math.hypot(x - ego.x, y - ego.y) <= _EGO_RADIUS_M + 0.5 * (length + width)
+            if near and not self._edges.isdisjoint(table.routes[row]) and boxes_overlap(
+                ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, length, width
+            ):  # fmt: skip
+                return table.ids[row]
+        return None
+
+    def finish(self) -> Verdict:
+        """Excursions that are still open end with the episode."""
+        self._leave()
+        self._contact.close()
+        return self._log.verdict(self._engaged)
