@@ -26,6 +26,8 @@ ONE_OF_EACH = {
     "min_speed": "too_slow",
     "detour": "passes_left",
     "manoeuvre": "turns_left",
+    "one_way_exit": "left_on_the_wrong_carriageway",
+    "no_entry": "drives_in",
     "closed_road": "drives_in",
 }
 

@@ -185,35 +185,6 @@ def test_a_road_of_one_lane_takes_no_detour() -> None:
         placement_of(recipe).prepare(corridor(lanes=1), road_plain(lanes=1), recipe)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_no_turn_left(networks: dict[str, RoadNetwork], layout: int) -> None:
-    network, recipe = networks["no_turn_left"], recipe_of("no_turn_left")
-    a = arrange(networks, "no_turn_left", Variant(1, 90.0, 4.0, 7.75, 0, layout), layout)
-    graph = LaneGraph(network)
-    assert a.route_hint == ("ab", "bc", "cd")
-    assert a.compliant_hint == ("ab", "bu", "uv", "vc", "cd")
-    assert graph.turn("ab", "bc") == "left"
-    assert a.avoid_turns == {("ab", "bc")}
-    sign = a.signs[0]
-    assert (sign.code, sign.edge, sign.params["junction"]) == ("3.18.2", "ab", "b")
-    lane = network.lane(a.start.lane)
-    before = lane.line.length - a.start.s - EGO_LENGTH_M / 2
-    assert recipe.number("ego_nearest_m") <= before <= recipe.number("ego_farthest_m")
-    assert a.route_length > 90.0
-
-
-def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:
-    recipe, network = recipe_of("no_turn_left"), networks["no_turn_left"]
-    task = SceneTask(
-        replace(LEFT, slot="r_s"), network, LaneGraph(network), recipe, variants_of("t", "m")[1], (CALM,),
-        np.random.default_rng(1),
-    )  # fmt: skip
-    with pytest.raises(UnfitMapError, match="slot r_s, but the way over bc goes left"):
-        placement_of(recipe).arrange(task)
-    with pytest.raises(UnfitMapError, match="the obedient way is 900 m long"):
-        placement_of(recipe).prepare(dual_path(compliant_m=900.0), left_block(), recipe)
-
-
 BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
 
 

@@ -21,6 +21,7 @@ from tsbench.planners.guards.courtesy import Courtesy
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
+from tsbench.planners.guards.no_entry import NoEntryGuard
 from tsbench.planners.guards.reserved_lane import ReservedLaneGuard
 from tsbench.planners.guards.speed import MinSpeedGuard, SpeedGuard
 from tsbench.planners.idm import Idm
@@ -39,6 +40,8 @@ GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "detour": DetourGuard,
     "closed_road": ClosedRoadGuard,
     "manoeuvre": ManoeuvreGuard,
+    "one_way_exit": ManoeuvreGuard,
+    "no_entry": NoEntryGuard,
     "reserved_lane": ReservedLaneGuard,
 }
 

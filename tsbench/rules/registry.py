@@ -13,6 +13,8 @@ from tsbench.rules.detour import Detour
 from tsbench.rules.give_way import GiveWay
 from tsbench.rules.manoeuvre import Manoeuvre
 from tsbench.rules.min_speed import MinSpeed
+from tsbench.rules.no_entry import NoEntry
+from tsbench.rules.one_way_exit import OneWayExit
 from tsbench.rules.reserved_lane import ReservedLane
 from tsbench.rules.speed import Speed
 from tsbench.signs.annotations import SignInstance
@@ -30,6 +32,8 @@ MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
         "stop": Stop,
         "closed_road": ClosedRoad,
         "manoeuvre": Manoeuvre,
+        "one_way_exit": OneWayExit,
+        "no_entry": NoEntry,
         "reserved_lane": ReservedLane,
     }
 )

@@ -36,13 +36,20 @@ def lint_scene(scene: Scene, graph: LaneGraph) -> Iterator[str]:
     elif shortest != scene.route_hint:
         yield "navigation gives another way than the scene says"
     if scene.compliant_hint:
-        banned = (scene.route_hint[0], scene.route_hint[1])
-        if graph.route(start.edge, scene.destination.edge, avoid_turns={banned}) != scene.compliant_hint:
+        if _obedient_way(scene, graph) != scene.compliant_hint:
             yield "the obedient way is not the one that the scene says"
     yield from _lint_ways(scene, graph)
     yield from _lint_plates(scene)
     yield from _lint_obstacles(scene)
     yield from _lint_bodies(scene)
+
+
+def _obedient_way(scene: Scene, graph: LaneGraph) -> tuple[str, ...] | None:
+    """The shortest way by the turn that the scene's obedient way begins with, not through an edge signed ahead."""
+    first, then = scene.compliant_hint[0], scene.compliant_hint[1:2]
+    others = {(first, e) for e in graph.successors(first) if e not in then}
+    signed = {scene.target_sign.edge} - {first}
+    return graph.route(first, scene.destination.edge, others, signed)
 
 
 def _lint_ways(scene: Scene, graph: LaneGraph) -> Iterator[str]:

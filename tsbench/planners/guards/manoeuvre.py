@@ -17,8 +17,12 @@ class ManoeuvreGuard:
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._context, self._sign = context, privilege.sign
-        self._banned = banned_turns(context.graph, privilege)
+        self._banned = self.banned(context.graph, privilege)
         self._navigator: Navigator | None = None
+
+    def banned(self, graph: LaneGraph, privilege: Privilege) -> frozenset[Turn]:
+        """Turns that the way may not hold."""
+        return banned_turns(graph, privilege)
 
     def guide(self, observation: Observation) -> RouteView:
         """The shortest way that the sign allows."""

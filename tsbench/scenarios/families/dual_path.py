@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
+import numpy as np
+
 from tsbench.geometry.polyline import Polyline
+from tsbench.maps.lines import heading_away, heading_towards, turn_class, wrap
 from tsbench.maps.network import RoadNetwork
-from tsbench.maps.plain import PlainNet
+from tsbench.maps.plain import PlainEdge, PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import (
     Arrangement,
@@ -21,79 +25,195 @@ from tsbench.scenarios.families.base import (
 )
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
-from tsbench.sim.lanegraph import LaneGraph
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.lanegraph import LaneGraph, Turn
 from tsbench.sim.scene import Destination, EgoStart
 
 _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
-
-
-def drive_time(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str], recipe: Recipe) -> float:
-    """A rough driving time (s): lengths by limits or by the speed of traffic, and a few seconds for each turn."""
-    pace = recipe.number("traffic_mps")
-    time = sum(network.edges[e].length / min(network.edge_lanes(e)[0].speed, pace) for e in edges)
-    return time + recipe.number("turn_s") * sum(graph.turn(a, b) != "straight" for a, b in pairwise(edges))
+# SUMO's own word for a turn, as a manoeuvre class.
+_SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
 
 
 class ManoeuvrePlacement:
-    """One plate on the approach; navigation leads through the manoeuvre that it prohibits."""
+    """One plate on the approach; navigation leads through a manoeuvre that it prohibits."""
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
+        self.allowed = load_catalog().sign(self.code).rule.options.get("allowed", ())
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The roads stay as they are: other traffic is routed as the plate says."""
-        way = float(row.fields["compliant_m"])
-        require(way <= recipe.number("longest_way_m"), f"the obedient way is {way:.0f} m long")
-        edges = {e.id: e for e in plain.edges}
-        pace = recipe.number("traffic_mps")
-        known = [edges[e] for e in row.fields["compliant"] if e in edges]
-        seconds = sum(Polyline(e.shape).length / min(e.speed, pace) for e in known)
-        # Checked again on the finished network; this spares building most of those that are too long.
+        """The roads stay; the obedient way becomes the main road. Other traffic is routed as the plate says."""
+        ways = (row.fields["signed_edge"], *row.fields["compliant"])
+        seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
-        return plain
+        return main_road(plain, ways, int(recipe.number("main_priority")))
 
     def arrange(self, task: SceneTask) -> Arrangement:
         """The ego 40 to 60 m before the signed junction, in a lane that leads into the prohibited manoeuvre."""
-        row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
-        fields = row.fields
-        signed, target, junction = fields["signed_edge"], fields["destination_edge"], fields["junction"]
+        network, graph, recipe, variant = task.network, task.graph, task.recipe, task.variant
+        signed, target = task.row.fields["signed_edge"], task.row.fields["destination_edge"]
         for edge in (signed, target):
             require(edge in network.edges, f"edge {edge} is gone in the finished network")
         short = graph.route(signed, target)
-        require(short is not None and len(short) > 1, "no way to the destination")
+        require(short is not None and len(short) > 2, "no way to the destination")
         assert short is not None
-        banned = (short[0], short[1])
-        compliant = graph.route(signed, target, avoid_turns={banned})
+        banned = self.banned(graph, short)
+        closed = self.closed(graph, short)
+        compliant = graph.route(signed, target, banned, closed)
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
-        self._check_slot(row, graph, short, compliant)
-        seconds = drive_time(network, graph, compliant, recipe)
-        require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
-        options = [network.lanes[c.from_lane] for c in graph.connections(*banned)]
+        _check_turns(task.row, graph, short, compliant)
+        options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
         start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
         goal = network.edge_lanes(target)[0].line.length
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
-        plate_s = lane.line.length - recipe.number("plate_before_line_m")
-        x, y, heading = beside_road(network, signed, plate_s)
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=signed, lane=-1, position_m=plate_s, x=x, y=y,
-            heading=heading, role="target", params={"junction": junction, "approach": signed},
-        )  # fmt: skip
+        sign = self.plate(task, short)
+        others = {(a, e) for e in closed for a in network.edges if e in graph.successors(a)}
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(target, end_s), route_hint=short,
-            compliant_hint=compliant, route_length=_length(network, graph, short[1:]), avoid_turns=frozenset({banned}),
+            compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
+            avoid_turns=banned | others, quiet_edges=closed,
             platoons=frozenset(network.edges), blocked=way_ahead(passenger_lanes(network, signed), start),
         )  # fmt: skip
 
-    @staticmethod
-    def _check_slot(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant: Sequence[str]) -> None:
-        for route, letter in ((short, row.slot[0]), (compliant, row.slot[2])):
-            turn = graph.turn(route[0], route[1])
-            if turn != _SLOT_WORDS[letter]:
-                raise UnfitMapError(f"slot {row.slot}, but the way over {route[1]} goes {turn}")
+    def banned(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[Turn]:
+        """Turns out of the signed approach that nobody makes."""
+        return frozenset(
+            (short[0], exit_)
+            for exit_ in graph.successors(short[0])
+            if graph.turn(short[0], exit_) not in self.allowed
+        )
+
+    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
+        """Edges that nobody enters, wherever from."""
+        del graph, short
+        return frozenset()
+
+    def plate(self, task: SceneTask, short: Sequence[str]) -> SignInstance:
+        """The target's plate: on the approach, for all its lanes."""
+        lane = task.network.edge_lanes(short[0])[0]
+        params = {"junction": task.row.fields["junction"], "approach": short[0]}
+        at = lane.line.length - task.recipe.number("plate_before_line_m")
+        return _plate(task.network, self.code, short[0], at, params)
+
+
+class OneWayPlacement(ManoeuvrePlacement):
+    """5.7.x: the crossing road runs one way. What contradicts the plate is taken out, or closed to others.
+
+    The arm that may be entered loses its lanes towards the junction. The lanes of the other arm that lead away
+    from it stay, because navigation leads into them, but no other car uses them.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        super().__init__(recipe)
+        self.way = "r" if "right" in self.allowed else "l"
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crop without the lanes that come from where the one-way road leads to."""
+        plain = super().prepare(row, plain, recipe)
+        signed, junction = row.fields["signed_edge"], row.fields["junction"]
+        approach = next(e for e in plain.edges if e.id == signed)
+        exits = [e for e in plain.edges if e.source == junction]
+        require(
+            any(turn_between(approach, e) == self.way for e in exits),
+            "the crossing road does not go on where the plate points",
+        )
+        # An edge into the junction belongs to the arm that the reversed edge would leave by.
+        gone = {
+            e.id
+            for e in plain.edges
+            if e.target == junction
+            and e.id not in (signed, *row.fields["short"], *row.fields["compliant"])
+            and turn_between(approach, replace(e, shape=e.shape[::-1])) == self.way
+        }
+        return replace(
+            plain,
+            edges=tuple(e for e in plain.edges if e.id not in gone),
+            connections=tuple(c for c in plain.connections if not {c.source, c.target} & gone),
+        )
+
+    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
+        """The exits against the one-way road."""
+        return frozenset(e for _, e in self.banned(graph, short))
+
+
+class NoEntryPlacement(ManoeuvrePlacement):
+    """3.1 on the exit edge that navigation leads into; nobody enters it from anywhere."""
+
+    def banned(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[Turn]:
+        """What binds is the edge, not the turn."""
+        del graph, short
+        return frozenset()
+
+    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
+        """The signed edge."""
+        del graph
+        return frozenset({short[1]})
+
+    def plate(self, task: SceneTask, short: Sequence[str]) -> SignInstance:
+        """The plate a few metres into the closed edge, facing who would enter it."""
+        at = task.recipe.number("plate_after_start_m")
+        length = task.network.edge_lanes(short[1])[0].line.length
+        require(length >= 2.0 * at, f"the closed edge is {length:.0f} m long")
+        return _plate(task.network, self.code, short[1], at, {})
+
+
+def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
+    """The crop with priority for some edges and those beside them in the opposite direction.
+
+    What traffic at junctions without a plate of the scene costs is not what the scene is about.
+    """
+    ends = {(e.source, e.target) for e in plain.edges if e.id in ways}
+    main = {e.id for e in plain.edges if e.id in ways or (e.target, e.source) in ends}
+    return replace(
+        plain, edges=tuple(replace(e, priority=priority) if e.id in main else e for e in plain.edges)
+    )
+
+
+def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
+    """A rough time (s) from the farthest start to the destination on the last edge of `ways`.
+
+    Lengths by limits or by the speed of traffic, and some seconds for each turn. Raises UnfitMapError.
+    """
+    by_id = {e.id: e for e in plain.edges}
+    require(all(e in by_id for e in ways), "an edge of the obedient way is not in the crop")
+    edges = [by_id[e] for e in ways]
+    inner = [Polyline(e.shape).length for e in edges[1:-1]]
+    metres = [recipe.number("ego_farthest_m"), *inner, recipe.number("destination_m")]
+    pace = recipe.number("traffic_mps")
+    time = sum(m / min(e.speed, pace) for m, e in zip(metres, edges, strict=True))
+    return time + recipe.number("turn_s") * sum(turn_between(a, b) != "s" for a, b in pairwise(edges))
+
+
+def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
+    """Class of the turn from one edge to the next, as maps.lines has it: s, l, r, u."""
+    return turn_class(wrap(heading_away(np.array(following.shape)) - heading_towards(np.array(edge.shape))))
+
+
+def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant: Sequence[str]) -> None:
+    """The ways go as the slot says, and SUMO calls every exit what the rule calls it."""
+    for route, letter in ((short, row.slot[0]), (compliant, row.slot[2])):
+        turn = graph.turn(route[0], route[1])
+        if turn != _SLOT_WORDS[letter]:
+            raise UnfitMapError(f"slot {row.slot}, but the way over {route[1]} goes {turn}")
+    for exit_ in graph.successors(short[0]):
+        turn = graph.turn(short[0], exit_)
+        for c in graph.connections(short[0], exit_):
+            if _SUMO_WORDS.get(c.direction) != turn:
+                raise UnfitMapError(
+                    f"SUMO calls the turn into {exit_} {c.direction!r}, by its angle it is {turn}"
+                )
+
+
+def _plate(network: RoadNetwork, code: str, edge: str, at: float, params: dict[str, str]) -> SignInstance:
+    x, y, heading = beside_road(network, edge, at)
+    return SignInstance(
+        id="sign_0", code=code, value=None, edge=edge, lane=-1, position_m=at, x=x, y=y, heading=heading,
+        role="target", params=params,
+    )  # fmt: skip
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:

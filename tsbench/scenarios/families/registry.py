@@ -10,7 +10,7 @@ from tsbench.scenarios.families.base import Placement
 from tsbench.scenarios.families.crosswalk import CrosswalkPlacement
 from tsbench.scenarios.families.contraflow import ContraflowPlacement
 from tsbench.scenarios.families.detour import DetourPlacement
-from tsbench.scenarios.families.dual_path import ManoeuvrePlacement
+from tsbench.scenarios.families.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
 from tsbench.scenarios.families.min_speed import MinSpeedPlacement
 from tsbench.scenarios.families.reserved_lane import ReservedLanePlacement
@@ -25,6 +25,8 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
         "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
         "manoeuvre": ManoeuvrePlacement,
+        "one_way_exit": OneWayPlacement,
+        "no_entry": NoEntryPlacement,
         "reserved_lane": ReservedLanePlacement,
         "contraflow": ContraflowPlacement,
     }

@@ -1,0 +1,51 @@
+"""No entry (3.1): the plate's edge may not be driven in its own direction. Source: spec/rules.md. Units: m."""
+
+from __future__ import annotations
+
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.lines import ApproachLine, Road
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
+
+
+class NoEntry(Monitor):
+    """Engaged near the end of every edge that leads into the closed one; broken while the front is past the plate."""
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        super().__init__(sign, rule, scene)
+        self.log = EventLog(sign, rule)
+        network = scene.network
+        self._road = Road(network, (sign.edge,))
+        leads = {
+            network.lanes[c.from_lane].edge
+            for c in network.connections
+            if network.lanes[c.to_lane].edge == sign.edge
+        }
+        self._lines = [ApproachLine(network, e) for e in network.edges if e in leads]
+        self._plate = sign.position_m
+        self._past = rule.thresholds["past_line_m"]
+        self._window = rule.thresholds["engage_distance_m"]
+        self._entered = Excursion(self.log, "entered")
+        self._engaged = False
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        ego = snapshot.ego
+        if not self._engaged:
+            for line in self._lines:
+                to_go = line.to_go(ego) if ego.lane in line.lanes else None
+                self._engaged = self._engaged or (to_go is not None and to_go <= self._window)
+        front = self._road.front(ego)
+        past = front - self._plate if front is not None and front <= self._road.length else None
+        if past is not None and past >= self._past:
+            self._entered.broken(snapshot, past, self._past)
+        else:
+            self._entered.close()
+
+    def finish(self) -> Verdict:
+        """Who never came near the edge was not bound."""
+        self._entered.close()
+        return self.log.verdict(self._engaged)
