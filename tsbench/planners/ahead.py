@@ -11,13 +11,10 @@ import math
 
 from tsbench.planners.profile import PathSamples
 from tsbench.sim.scene import Obstacle
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, Actors
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, Actors, Box
 
 STRIP_HALF_M = EGO_WIDTH_M / 2 + 0.25
 HALF_LENGTH_M = EGO_LENGTH_M / 2
-
-# A rectangle: x and y of its centre, heading, length, width.
-Box = tuple[float, float, float, float, float]
 
 
 def moving_ahead(samples: PathSamples, s: float, reach: float, actors: Actors) -> list[tuple[float, float]]:
@@ -28,15 +25,18 @@ def moving_ahead(samples: PathSamples, s: float, reach: float, actors: Actors) -
     found: list[tuple[float, float]] = []
     first = max(math.ceil(s + HALF_LENGTH_M + STRIP_HALF_M), 0)
     last = min(int(s + HALF_LENGTH_M + reach), samples.last)
-    rows = actors.index
-    lengths, widths = actors.table.length[rows].tolist(), actors.table.width[rows].tolist()
-    speeds = actors.speed.tolist()
-    for row, (x, y, heading) in enumerate(actors.pose.tolist()):
-        box = (x, y, heading, lengths[row], widths[row])
-        k = touch(samples, first, last, box)
+    if first > last:
+        return found
+    x, y, sqrt = samples.x[first], samples.y[first], math.sqrt
+    for row, box in enumerate(actors.boxes):
+        # The first step of `touch`, taken here: most of them are farther away than the strip is long.
+        dx, dy = x - box[0], y - box[1]
+        away = sqrt(dx * dx + dy * dy) - 0.5 * (box[3] + box[4]) - STRIP_HALF_M
+        start = first + int(away) if away >= 1.0 else first
+        k = touch(samples, start, last, box) if start <= last else -1
         if k >= 0:
-            along = math.cos(heading) * samples.cos[k] + math.sin(heading) * samples.sin[k]
-            found.append((nearest_end(samples, k, box), max(speeds[row] * along, 0.0)))
+            along = math.cos(box[2]) * samples.cos[k] + math.sin(box[2]) * samples.sin[k]
+            found.append((nearest_end(samples, k, box), max(float(actors.speed[row]) * along, 0.0)))
     return found
 
 

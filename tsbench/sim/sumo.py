@@ -12,14 +12,12 @@ from pathlib import Path
 
 import libsumo
 import numpy as np
-import numpy.typing as npt
 
 from tsbench.errors import SimulationError
-from tsbench.geometry.polyline import Array
 from tsbench.maps.network import RoadNetwork
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene_file import EGO_ID
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, Box
 
 VIEW_M = 120.0
 OBSTACLE_PREFIX = "obstacle"
@@ -28,6 +26,7 @@ CONVOY_PREFIX = "convoy"
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
 # keepRoute of moveToXY: off the road too (2), and on lanes that the ego may not use (4), or nobody there would see it.
 _ANYWHERE = 2 | 4
+_RAD_PER_DEGREE = math.pi / 180.0
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _OPTIONS = [
     "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
@@ -37,18 +36,31 @@ _OPTIONS = [
 ]  # fmt: skip
 
 
-# Rows, poses, speeds, lanes and places on them, as in `Actors`.
-_Seen = tuple[npt.NDArray[np.int32], Array, Array, npt.NDArray[np.int32], Array]
+# What stays the same of a road user: id, row in the table, half its length, length, width.
+_Body = tuple[str, int, float, float, float]
 
 
-def _centres(data: Array, half: Array) -> Array:
-    """(n, 3) poses of centres from SUMO's fronts: `data` (n, >= 3) x, y, degrees from north; `half` lengths."""
-    heading = ((270.0 - data[:, 2]) % 360.0 - 180.0) * (math.pi / 180.0)
-    pose = np.empty((len(data), 3))
-    pose[:, 0] = data[:, 0] - half * np.cos(heading)
-    pose[:, 1] = data[:, 1] - half * np.sin(heading)
-    pose[:, 2] = heading
-    return pose
+class _Sight:
+    """Road users in sight, collected as plain numbers: at ten of them arrays cost more than they save."""
+
+    __slots__ = ("boxes", "lanes", "places", "poses", "rows", "speeds")
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+        self.boxes: list[Box] = []
+        self.poses: list[tuple[float, float, float]] = []
+        self.speeds: list[float] = []
+        self.lanes: list[int] = []
+        self.places: list[float] = []
+
+    def actors(self, table: ActorTable) -> Actors:
+        """As arrays. Planners get these very arrays: nobody may write into the record of what happened."""
+        index, lane = np.array(self.rows, dtype=np.int32), np.array(self.lanes, dtype=np.int32)
+        pose = np.array(self.poses, dtype=np.float64).reshape(-1, 3)
+        speed, place = np.array(self.speeds, dtype=np.float64), np.array(self.places, dtype=np.float64)
+        for array in (index, pose, speed, lane, place):
+            array.setflags(write=False)
+        return Actors(table, index, pose, speed, lane, place, tuple(self.boxes))
 
 
 def sumo_version() -> str:
@@ -65,10 +77,9 @@ class Simulation:
         self._table = ActorTable()
         self._lane_index: dict[str, int] = {}
         self._seen: tuple[str, ...] = ()
-        self._kept: list[str] = []
+        self._kept: list[_Body] = []
+        self._bodies: dict[str, _Body] = {}
         self._persons: tuple[str, ...] = ()
-        self._rows = np.zeros(0, dtype=np.int32)
-        self._half = np.zeros(0)
         self._ego_there = False
         self._ego_front = (0.0, 0.0)
 
@@ -89,6 +100,7 @@ class Simulation:
             raise SimulationError(f"{additional}: SUMO does not load the scene ({error})") from error
         self._lane_index = network.lane_index
         self._table = ActorTable()
+        self._bodies = {}
         self._seen = ()
         self._persons = ()
 
@@ -196,75 +208,79 @@ class Simulation:
         """Metres since its departure, its start position included."""
         return float(libsumo.vehicle.getDistance(vehicle))
 
-    def _enter(self, vehicle: str) -> int:
+    def _enter(
+        self, name: str, kind: ActorKind, length: float, width: float, route: tuple[str, ...]
+    ) -> _Body:
+        row = self._table.add(name, kind, length, width, route)
+        body = self._bodies[name] = (name, row, length * 0.5, length, width)
+        return body
+
+    def _vehicle(self, name: str) -> _Body:
         v = libsumo.vehicle
-        kind = _KINDS.get(v.getVehicleClass(vehicle), ActorKind.CAR)
-        return self._table.add(
-            vehicle, kind, v.getLength(vehicle), v.getWidth(vehicle), tuple(v.getRoute(vehicle))
-        )
+        kind = _KINDS.get(v.getVehicleClass(name), ActorKind.CAR)
+        return self._enter(name, kind, v.getLength(name), v.getWidth(name), tuple(v.getRoute(name)))
 
     def _remember(self, ids: tuple[str, ...]) -> None:
-        """Who is on the road, until that changes: rows in the table and half lengths."""
-        known = self._table.rows
+        """Which vehicles are on the road, until that changes."""
+        known = self._bodies
         kept = sorted(i for i in ids if i != EGO_ID and not i.startswith(OBSTACLE_PREFIX))
-        self._rows = np.array([known[i] if i in known else self._enter(i) for i in kept], dtype=np.int32)
-        self._half = self._table.length[self._rows] * 0.5
-        self._seen, self._kept = ids, kept
+        self._kept = [known[i] if i in known else self._vehicle(i) for i in kept]
+        self._seen = ids
         self._ego_there = EGO_ID in ids
 
     def actors(self) -> Actors | None:
         """Road users within 120 m of the ego; None if the ego has left the map."""
-        v = libsumo.vehicle
-        ids = v.getIDList()
+        ids = libsumo.vehicle.getIDList()
         if ids != self._seen:
             self._remember(ids)
         if not self._ego_there:
             return None
-        position, angle, speed, place = v.getPosition, v.getAngle, v.getSpeed, v.getLanePosition
-        kept, rows, half = self._kept, self._rows, self._half
-        flat = [(*position(i), angle(i), speed(i), place(i)) for i in kept]
-        data = np.array(flat, dtype=np.float64).reshape(-1, 5)
-        dx, dy = data[:, 0] - self._ego_front[0], data[:, 1] - self._ego_front[1]
-        far = dx * dx + dy * dy > VIEW_M * VIEW_M
-        if far.any():
-            near = np.nonzero(~far)[0]
-            kept, rows, half, data = [kept[k] for k in near.tolist()], rows[near], half[near], data[near]
-        lanes, lane_of = self._lane_index, v.getLaneID
-        lane = np.array([lanes.get(lane_of(i), -1) for i in kept], dtype=np.int32)
-        seen = rows, _centres(data, half), data[:, 3], lane, data[:, 4]
+        sight = _Sight()
+        self._look(libsumo.vehicle, self._kept, sight)
         if self._persons:
-            seen = self._with_persons(seen)
-        # Planners get these very arrays: nobody may write into the record of what happened.
-        for array in seen:
-            array.flags.writeable = False
-        return Actors(self._table, *seen)
+            self._look(libsumo.person, self._walkers(), sight)
+        return sight.actors(self._table)
 
-    def _with_persons(self, seen: _Seen) -> _Seen:
-        """Pedestrians behind the vehicles, in the order of their ids; lane -1 on crossings."""
-        p = libsumo.person
+    def _walkers(self) -> list[_Body]:
+        """Pedestrians of the scene who are there and in sight."""
+        p, known = libsumo.person, self._bodies
         there = frozenset(p.getIDList())
-        rows, flat, lane = [], [], []
-        for i in self._persons:
-            if i not in there:
-                continue
-            x, y = p.getPosition(i)
-            if math.hypot(x - self._ego_front[0], y - self._ego_front[1]) > VIEW_M:
-                continue
-            if i not in self._table.rows:
-                self._table.add(i, ActorKind.PEDESTRIAN, p.getLength(i), p.getWidth(i), ())
-            rows.append(self._table.rows[i])
-            flat.append((x, y, p.getAngle(i), p.getSpeed(i), p.getLanePosition(i)))
-            lane.append(self._lane_index.get(p.getLaneID(i), -1))
-        row = np.array(rows, dtype=np.int32)
-        data = np.array(flat, dtype=np.float64).reshape(-1, 5)
-        pose = _centres(data, self._table.length[row] * 0.5)
-        return (
-            np.concatenate((seen[0], row)),
-            np.concatenate((seen[1], pose)),
-            np.concatenate((seen[2], data[:, 3])),
-            np.concatenate((seen[3], np.array(lane, dtype=np.int32))),
-            np.concatenate((seen[4], data[:, 4])),
+        near = [
+            i for i in self._persons if i in there and math.dist(p.getPosition(i), self._ego_front) <= VIEW_M
+        ]
+        return [
+            known[i]
+            if i in known
+            else self._enter(i, ActorKind.PEDESTRIAN, p.getLength(i), p.getWidth(i), ())
+            for i in near
+        ]
+
+    def _look(
+        self, domain: type[libsumo.vehicle] | type[libsumo.person], bodies: list[_Body], sight: _Sight
+    ) -> None:
+        """Read where these are; those farther than 120 m from the ego's front are left out."""
+        position, angle, speed, place = (
+            domain.getPosition,
+            domain.getAngle,
+            domain.getSpeed,
+            domain.getLanePosition,
         )
+        lane_of, lanes = domain.getLaneID, self._lane_index
+        ego_x, ego_y = self._ego_front
+        boxes, poses, cos, sin = sight.boxes, sight.poses, math.cos, math.sin
+        for name, row, half, length, width in bodies:
+            x, y = position(name)
+            dx, dy = x - ego_x, y - ego_y
+            if dx * dx + dy * dy > VIEW_M * VIEW_M:
+                continue
+            heading = ((270.0 - angle(name)) % 360.0 - 180.0) * _RAD_PER_DEGREE
+            x, y = x - half * cos(heading), y - half * sin(heading)
+            sight.rows.append(row)
+            boxes.append((x, y, heading, length, width))
+            poses.append((x, y, heading))
+            sight.speeds.append(speed(name))
+            sight.lanes.append(lanes.get(lane_of(name), -1))
+            sight.places.append(place(name))
 
     def close(self) -> None:
         """End SUMO in this process."""

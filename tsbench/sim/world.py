@@ -7,7 +7,7 @@ the *centre* of a footprint. Lane numbers are `RoadNetwork.lanes` indices, -1 = 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -19,6 +19,10 @@ DT_S = 0.1
 EGO_LENGTH_M = 4.515
 EGO_WIDTH_M = 1.852
 WHEELBASE_M = 2.469
+
+
+# A footprint in plain numbers: x and y of its centre, heading, length, width.
+Box = tuple[float, float, float, float, float]
 
 
 class ActorKind(IntEnum):
@@ -93,7 +97,7 @@ class Actors:
 
     index: (n,) int32 rows of `table`. pose: (n, 3) x, y, heading. speed: (n,) m/s. lane: (n,) int32.
     lane_s: (n,) m, the *front's* place along `lane`.
-    Pedestrians on a crossing are on no lane.
+    Pedestrians on a crossing are on no lane. known_boxes: `boxes`, where they are at hand.
     """
 
     table: ActorTable
@@ -102,9 +106,18 @@ class Actors:
     speed: Array
     lane: npt.NDArray[np.int32]
     lane_s: Array
+    known_boxes: tuple[Box, ...] | None = field(default=None, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.index)
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """The n footprints as plain numbers: scalar look-ups in a tick are several times faster than in arrays."""
+        if self.known_boxes is not None:
+            return self.known_boxes
+        sizes = zip(self.length.tolist(), self.width.tolist(), strict=True)
+        return tuple((x, y, h, *size) for (x, y, h), size in zip(self.pose.tolist(), sizes, strict=True))
 
     @property
     def length(self) -> Array:
