@@ -161,7 +161,8 @@ class SceneMaker:
         elements += driver_types(drivers, [1.0] * len(drivers)) + ego_elements(start, network, route)
         if convoy_at is not None:
             lane, fronts, edges = convoy_at
-            elements += convoy_elements([CALM] * len(fronts), fronts, network.lane(lane).order, edges)
+            order = network.lane(lane).order
+            elements += convoy_elements([CALM] * len(fronts), [(front, order, edges) for front in fronts])
         elements += background(cars)
         if change is not None:
             change(elements)

@@ -76,11 +76,11 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
 
 
 def convoy_elements(
-    drivers: Sequence[Driver], places: Sequence[float], lane_order: int, edges: Sequence[str], vclass: str = "passenger"
+    drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger"
 ) -> list[etree._Element]:
-    """The convoy, whom the ego meets first in front, standing with its fronts at `places` on the first edge's lane."""
+    """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route."""
     elements: list[etree._Element] = []
-    for k, (driver, place) in enumerate(zip(drivers, places, strict=True)):
+    for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
         elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow", vclass))
         vehicle = etree.Element(
             "vehicle", id=f"convoy_{k}", type=f"convoy{k}", depart="0", departLane=str(lane_order),

@@ -224,8 +224,12 @@ class _SceneFiles:
         return driver_types(self.drivers, factors)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
-        lane = self.roads.network.lane(c.lane)
-        return convoy_elements(c.drivers, c.places, lane.order, c.edges, c.vclass)
+        lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
+        stands = [
+            (place, lane.order, c.edges[c.edges.index(lane.edge) :])
+            for place, lane in zip(c.places, lanes, strict=True)
+        ]
+        return convoy_elements(c.drivers, stands, c.vclass)
 
     def _convoy_plan(self) -> ConvoyPlan:
         c = self.a.convoy

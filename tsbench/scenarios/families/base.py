@@ -32,6 +32,8 @@ class UnfitMapError(Exception):
 class ConvoySetup:
     """A convoy before its lead was timed. `places`: fronts on `lane` (id), lead first; `edges`: its route.
 
+    lanes: where the cars behind the lead stand on other lanes than it, the lane of each; `edges` then begins with the
+    last one's, and each drives on from its own.
     The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
     from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
     sim.scene.ConvoyPlan.
@@ -47,6 +49,7 @@ class ConvoySetup:
     ego_cruise_mps: float
     ego_turn_mps: float
     vclass: str = "passenger"
+    lanes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
