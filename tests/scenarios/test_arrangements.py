@@ -159,32 +159,6 @@ def test_posted_limits_come_in_equal_shares() -> None:
         posted_limit(corridor(speed=20 / 3.6), "speed_limit", [20, 30, 40], 20)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-def test_detour(networks: dict[str, RoadNetwork], layout: int) -> None:
-    network, recipe = networks["detour_right"], recipe_of("detour_right")
-    a = arrange(networks, "detour_right", Variant(1, 90.0, 4.0, 7.75, 0, layout), layout)
-    (thing,) = a.obstacles
-    assert thing.lane == a.start.lane == "road_2"  # leftmost, with a lane to its right
-    lane = network.lane(thing.lane)
-    s, d = lane.line.project(thing.x, thing.y)
-    assert d == pytest.approx(0.0, abs=0.01)
-    ahead = s - thing.length / 2 - a.start.s - EGO_LENGTH_M / 2
-    assert ahead == pytest.approx(recipe.number("ego_before_obstacle_m"), abs=0.01)
-    sign = a.signs[0]
-    assert (sign.code, sign.lane, sign.params["obstacle"]) == ("4.2.1", 2, thing.id)
-    assert sign.position_m == pytest.approx(s - thing.length / 2)
-    assert a.destination.s > s + thing.length / 2 + 20.0
-    assert ("road_2", a.start.s, pytest.approx(s)) in a.blocked
-    shapes = recipe.choices["obstacles"]
-    assert thing.shape == shapes[layout % len(shapes)]["shape"]
-
-
-def test_a_road_of_one_lane_takes_no_detour() -> None:
-    recipe = recipe_of("detour_right")
-    with pytest.raises(UnfitMapError, match="1 lanes"):
-        placement_of(recipe).prepare(corridor(lanes=1), road_plain(lanes=1), recipe)
-
-
 BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
 
 

@@ -9,6 +9,7 @@ from tsbench.errors import InputError
 from tsbench.scenarios.families.base import Placement
 from tsbench.scenarios.families.crosswalk import CrosswalkPlacement
 from tsbench.scenarios.families.contraflow import ContraflowPlacement
+from tsbench.scenarios.families.closed_road import ClosedRoadPlacement
 from tsbench.scenarios.families.detour import DetourPlacement
 from tsbench.scenarios.families.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.scenarios.families.junction import GiveWayPlacement
@@ -24,6 +25,7 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
         "speed_zone": SpeedZonePlacement,
         "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
+        "closed_road": ClosedRoadPlacement,
         "manoeuvre": ManoeuvrePlacement,
         "one_way_exit": OneWayPlacement,
         "no_entry": NoEntryPlacement,
