@@ -41,7 +41,7 @@ from tsbench.sim.sumo import Simulation
 
 TEST_PER_TRAIN = 4
 APART_M = 60.0
-AHEAD = 8
+AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
 
@@ -180,25 +180,32 @@ class TypeBuilder:
     ) -> Iterator[tuple[PoolRow, Site]]:  # fmt: skip
         """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
         apart = self.recipe.numbers.get("apart_m", APART_M)
-        queue = iter(pick)
+        waiting = list(pick)
         running: list[tuple[PoolRow, Callable[[], dict[str, object]]]] = []
 
-        def needed(row: PoolRow) -> bool:
-            if len(taken) >= wanted or (quota and counts[stratum_of(row)] >= quota[stratum_of(row)]):
+        def needed(row: PoolRow, others: Sequence[PoolRow]) -> bool:
+            """Would the row still be taken if `others` were?"""
+            stratum = stratum_of(row)
+            if len(taken) + len(others) >= wanted:
                 return False
-            return all((row.east - e) ** 2 + (row.north - n) ** 2 > apart**2 for e, n in places)
+            if quota and counts[stratum] + sum(stratum_of(o) == stratum for o in others) >= quota[stratum]:
+                return False
+            there = [*places, *((o.east, o.north) for o in others)]
+            return all((row.east - e) ** 2 + (row.north - n) ** 2 >= apart**2 for e, n in there)
 
         while True:
-            while len(running) < self.request.workers + AHEAD:
-                row = next((r for r in queue if needed(r)), None)
+            # How far ahead is the same for any number of workers: which maps are taken hangs on it.
+            while len(running) < AHEAD:
+                row = next((r for r in waiting if needed(r, [r for r, _ in running])), None)
                 if row is None:
                     break
+                waiting.remove(row)
                 running.append((row, self._start(row, split)))
             if not running:
                 return
             row, get = running.pop(0)
             data = get()
-            if needed(row):
+            if needed(row, ()):
                 yield row, _site(data)
 
     def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, object]]:
