@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from dataclasses import replace
 import subprocess
 import sys
 from pathlib import Path
@@ -113,6 +114,8 @@ def test_actors_are_centres_on_their_lanes(sim: Simulation, on_cross: SceneMaker
     row = first.index.tolist().index(first.table.rows["bg_000"])
     assert math.cos(first.pose[row, 2]) == pytest.approx(1.0)
     assert first.table.routes[first.table.rows["bg_000"]] == ("w_in", "e_out")
+    # What came along as plain numbers is what the arrays say.
+    assert all(replace(now, known_boxes=None).boxes == now.known_boxes for now in seen)
 
 
 def test_nobody_can_write_into_the_record(sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec) -> None:

@@ -32,7 +32,7 @@ class Observer:
         ego, k = snapshot.ego, snapshot.step
         self._history[k] = (ego.x, ego.y, ego.heading, ego.speed)
         history = self._history[max(k + 1 - HISTORY_TICKS, 0) : k + 1]
-        history.flags.writeable = False
+        history.setflags(write=False)
         signs = []
         for s, code, value in self._signs:
             distance = math.hypot(s.x - ego.x, s.y - ego.y)
@@ -41,7 +41,7 @@ class Observer:
                 signs.append(view)
         if len(signs) > 1:
             signs.sort(key=_by_distance)
-        obstacles = tuple(
+        obstacles = self._obstacles and tuple(
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
         return Observation(k, snapshot.time, ego, history, route, snapshot.actors, tuple(signs), obstacles)
