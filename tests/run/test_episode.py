@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import libsumo
 import numpy as np
 import pytest
 
@@ -322,6 +323,29 @@ def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
         ys = [float(s.actors.pose[0, 1]) for s in result.facts.snapshots if len(s.actors)]
         entered[planner] = next((k for k, y in enumerate(ys) if y > -3.2), len(ys))
     assert entered["IndicatesRight"] < entered["Follow"]
+
+
+def test_sumo_is_told_the_way_again_where_it_has_forgotten_it(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As when SUMO takes the ego for another path's inside a junction: who has no way on is seen by nobody."""
+    net = root / "block.net.xml.gz"
+    build_net(world.block_plain(), net)
+    made = world.SceneMaker(root, net, read_network(net))
+    sign, way = world.speed_plate(made.network, "ta", 60.0), ("ta", "ab", "bu")
+    spec = made.make("forgotten", EgoStart("ta_0", 100.0, 8.0), Destination("bu", 20.0), way, sign)
+    sim, routes = world.simulation(), {}
+    step = sim.step
+
+    def forgetful() -> None:
+        step()
+        if libsumo.vehicle.getRoadID("ego").startswith(":a"):
+            libsumo.vehicle.setRoute("ego", ("ta", "ab"))
+        routes[libsumo.vehicle.getRoadID("ego")] = libsumo.vehicle.getRoute("ego")
+
+    monkeypatch.setattr(sim, "step", forgetful)
+    assert runner(root, "Follow").run(spec).outcome is Outcome.ARRIVED
+    assert routes["ab"][-1] == "bu"
 
 
 def test_an_intent_that_does_not_connect_is_an_invalid_output(root: Path, on_cross) -> None:

@@ -194,6 +194,7 @@ class Episode:
         self.start_remaining = self.route.remaining
         self.intent: tuple[str, ...] = ()
         self._shown: tuple[str, ...] = ()
+        self._shown_on = -1
         self._take(0)
         self.start_s = 0.0
 
@@ -256,6 +257,9 @@ class Episode:
             for person, speed in zip(self.scene.walkers.persons, self.scene.walkers.speeds, strict=True):
                 sim.let_walk(person, speed)
         shown = self.intent or self.route.path.edges
+        if ego.lane != self._shown_on:
+            # Inside a junction SUMO may take the ego for another path's, and forgets its way for that one's.
+            self._shown, self._shown_on = (), ego.lane
         if shown is not self._shown and (shown == self._shown or self._show(shown)):
             self._shown = shown
         if ego.lane >= 0:
