@@ -40,10 +40,15 @@ def draw_actors(image: Image, camera: Camera, actors: Actors) -> None:
     for k, row, shape in zip(seen.tolist(), rows.tolist(), shapes, strict=True):
         kind = int(table.kind[row])
         if kind == ActorKind.PEDESTRIAN:
-            draw_disc(image, camera, actors.pose[k, :2], 0.35, _COLOURS[kind])
+            draw_pedestrian(image, camera, actors.pose[k, :2])
         else:
             convoy = table.ids[row].startswith(CONVOY_PREFIX)
             _draw_body(image, shape, STYLE.convoy if convoy else _COLOURS[kind])
+
+
+def draw_pedestrian(image: Image, camera: Camera, at: Array) -> None:
+    """Somebody on foot, wider than they are where the scale would make them a speck."""
+    draw_disc(image, camera, at, max(0.35, 3.5 / camera.scale), _COLOURS[ActorKind.PEDESTRIAN])
 
 
 def draw_ego(image: Image, camera: Camera, x: float, y: float, heading: float) -> None:

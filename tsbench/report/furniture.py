@@ -9,7 +9,7 @@ import numpy as np
 
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import RoadNetwork
-from tsbench.report.bodies import draw_obstacle, draw_vehicle
+from tsbench.report.bodies import draw_obstacle, draw_pedestrian, draw_vehicle
 from tsbench.report.camera import SHIFT, Camera, Image
 from tsbench.report.lettering import paste
 from tsbench.report.roads import dashes, draw_line
@@ -134,9 +134,11 @@ def draw_way(
 
 
 def draw_start(image: Image, camera: Camera, scene: Scene) -> None:
-    """The ego as it starts, and the convoy's vehicles where they wait."""
+    """The ego as it starts, the convoy's vehicles and the pedestrians where they wait."""
     for x, y, heading, length in convoy_places(scene):
         draw_vehicle(image, camera, x, y, heading, length, 1.85, STYLE.convoy)
+    for place in walker_places(scene):
+        draw_pedestrian(image, camera, np.array(place))
     line = scene.network.lane(scene.start.lane).line
     x, y = line.point_at(scene.start.s)
     draw_vehicle(image, camera, x, y, line.heading_at(scene.start.s), 4.515, 1.852, STYLE.ego)
@@ -158,4 +160,18 @@ def convoy_places(scene: Scene) -> list[tuple[float, float, float, float]]:
         length = lengths.get(vehicle.get("type"), 5.0)
         s = float(vehicle.get("departPos", 0)) - length / 2
         places.append((*lane.line.point_at(s), lane.line.heading_at(s), length))
+    return places
+
+
+def walker_places(scene: Scene) -> list[tuple[float, float]]:
+    """Where the held pedestrians stand."""
+    if scene.walkers is None:
+        return []
+    places = []
+    for person in read_additional(scene.additional_path).iterfind("person"):
+        walk = person.find("walk")
+        if person.get("id") in scene.walkers.persons and walk is not None:
+            lane = scene.network.edge_lanes(str(walk.get("edges", "")).split()[0])[0]
+            s, d = float(person.get("departPos", 0)), float(walk.get("departPosLat", 0))
+            places.append(lane.line.point_at(s, d))
     return places

@@ -16,7 +16,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.report.bev import BirdsEye, PageSize
 from tsbench.report.camera import Image, camera_over
-from tsbench.report.furniture import convoy_places, draw_furniture, draw_start, draw_way
+from tsbench.report.furniture import convoy_places, draw_furniture, draw_start, draw_way, walker_places
 from tsbench.report.hud import draw_attribution, draw_scale_bar
 from tsbench.report.lettering import paste, shorten, write
 from tsbench.report.roads import draw_roads
@@ -195,7 +195,7 @@ def _scene_points(scene: Scene, graph: LaneGraph) -> Array:
     lane = network.lane(start.lane)
     points = [lane.line.point_at(start.s), (scene.target_sign.x, scene.target_sign.y)]
     points.append(network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s))
-    points += [(x, y) for x, y, _, _ in convoy_places(scene)]
+    points += [(x, y) for x, y, _, _ in convoy_places(scene)] + walker_places(scene)
     for edges in (scene.route_hint, scene.compliant_hint):
         path = graph.path(edges, lane.index, start.s, scene.destination) if edges else None
         if path is not None:
@@ -225,6 +225,8 @@ def _caption(page: Image, scene: Scene, title: str) -> None:
         legend.append(("obedient way", STYLE.compliant))
     if scene.convoy is not None:
         legend.append(("convoy, held until the ego comes", STYLE.convoy))
+    if scene.walkers is not None:
+        legend.append(("pedestrians, held until the ego comes", STYLE.pedestrian))
     legend.append(("line of the plate", STYLE.plate_line))
     x = 12
     for text, colour in legend:

@@ -8,7 +8,7 @@ import shapely
 
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.maps.network import Edge, Lane, RoadNetwork
+from tsbench.maps.network import Crossing, Edge, Lane, RoadNetwork
 from tsbench.report.camera import SHIFT, Camera, Image
 from tsbench.report.style import STYLE, Colour
 
@@ -17,14 +17,19 @@ _KERB_M = 0.25
 _SOLID_STATES = frozenset("swoOrRyYuUgG")
 _GIVE_WAY_STATES = frozenset("m=")
 _TOOTH_M = (0.35, 0.75)
+_ZEBRA_M = (0.5, 0.5)
+# Where people wait, beyond the kerb: as deep as netconvert makes it, and wider than the crossing.
+_APRON_M = (3.0, 1.6)
 
 
 def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
-    """Ground, pavements, carriageways with their kerbs, lane markings, stop and give-way lines."""
+    """Ground, pavements, carriageways with their kerbs, lane markings, zebras, stop and give-way lines."""
     image[:] = STYLE.ground
     walks = [strip(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
-    fill(image, camera, shapely.union_all(walks), STYLE.walk)
-    road = _carriageway(network)
+    aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
+    area = _carriageway(network)
+    fill(image, camera, shapely.union_all([*walks, area.intersection(aprons)]), STYLE.walk)
+    road = area.difference(aprons)
     fill(image, camera, road.buffer(_KERB_M), STYLE.kerb)
     fill(image, camera, road, STYLE.asphalt)
     for lane in network.lanes:
@@ -40,6 +45,16 @@ def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
         _mark_edge(image, camera, lanes, two_way=(edge.source, edge.target) in opposite)
         for lane in lanes:
             _mark_end(image, camera, network, lane)
+    for crossing in network.crossings.values():
+        for dash in dashes(crossing.line, *_ZEBRA_M):
+            fill(image, camera, strip(Polyline(dash), crossing.width), STYLE.marking)
+
+
+def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
+    """What lies beyond the kerbs at both ends of a crossing."""
+    deep, wider = _APRON_M
+    line, width = crossing.line, crossing.width + 2.0 * wider
+    return [strip(line.slice(-deep, 0.0), width), strip(line.slice(line.length, line.length + deep), width)]
 
 
 def _carriageway(network: RoadNetwork) -> shapely.Geometry:
@@ -82,9 +97,10 @@ def _mark_edge(image: Image, camera: Camera, lanes: list[Lane], two_way: bool) -
 
 def _mark_end(image: Image, camera: Camera, network: RoadNetwork, lane: Lane) -> None:
     """The line that the strictest of the lane's connections asks for."""
-    states = {c.state for c in network.outgoing[lane.index] if c.direction != "t"}
-    if "M" in states:
-        # A main road: only its left turns give way, and nobody paints a line for them.
+    links = [c for c in network.outgoing[lane.index] if c.direction != "t"]
+    states = {c.state for c in links}
+    if "M" in states or (states <= _GIVE_WAY_STATES and not any(c.yields_to for c in links)):
+        # A main road: only its left turns give way, and nobody paints a line for them; nor before a zebra.
         return
     end = lane.line.length - STYLE.stop_line_m / 2
     across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
