@@ -78,15 +78,11 @@ class CrosswalkPlacement:
             id="sign_0", code=self.code, value=None, edge=first, lane=-1, position_m=right.line.length, x=x, y=y,
             heading=heading, role="target", params={"crossing": crossing.id, "exit": last},
         )  # fmt: skip
-        walkers = self._walkers(task, crossing)
-        plan = _plan(task, walkers, crossing, lane, ahead)
-        wait = predicted_arrival(
-            lane.line.length - start_s,
-            lane.line.length - start_s + ahead,
-            start.speed,
-            lane.speed,
-            lane.speed,
-        )
+        before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
+        walkers = self._walkers(task, crossing, before)
+        plan = _plan(task, walkers, before[walkers[0].side], lane, ahead)
+        to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
+        wait = predicted_arrival(to_line, to_line + ahead, start.speed, lane.speed, lane.speed)
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(variant.route_length, room)
         return Arrangement(
@@ -97,15 +93,16 @@ class CrosswalkPlacement:
         )  # fmt: skip
 
     @staticmethod
-    def _walkers(task: SceneTask, crossing: Crossing) -> list[_Walker]:
+    def _walkers(task: SceneTask, crossing: Crossing, before: dict[str, float]) -> list[_Walker]:
         """The preset's people, each so far from its kerb that it steps onto the road a gap after the one before.
 
-        `gap_s`: seconds; or `gap_share`: when the one before has gone that share of the crossing.
+        `gap_s`: seconds; or `gap_share`: when the one before has gone that share of the crossing. before: metres from
+        each kerb to the ego's strip; the first comes from either side as likely as that is long.
         """
         recipe, rng = task.recipe, task.rng
         presets = recipe.choices["presets"]
         preset = presets[task.variant.layout % len(presets)]
-        side = int(rng.integers(2))
+        side = int(rng.uniform(0.0, sum(before.values())) > before[SIDES[0]])
         walkers: list[_Walker] = []
         steps_on = 0.0
         for k in range(int(preset["count"])):
@@ -121,15 +118,16 @@ class CrosswalkPlacement:
         return walkers
 
 
-def _plan(
-    task: SceneTask, walkers: list[_Walker], crossing: Crossing, lane: Lane, ahead: float
-) -> WalkersPlan:
-    """When they set off: as the ego's front is at the crossing the first is on the road, but not before the ego."""
+def _before_strip(crossing: Crossing, lane: Lane, ahead: float, side: str) -> float:
+    """From the kerb on one side to the strip that the ego sweeps on its lane."""
+    middle = lane.line.point_at(lane.line.length + ahead)
+    return kerb_to_kerb(crossing, lane, side).project(*middle)[0] - EGO_WIDTH_M / 2
+
+
+def _plan(task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ahead: float) -> WalkersPlan:
+    """When they set off: as the ego's front is at the crossing the first is on the road, hardly before the ego."""
     recipe, first = task.recipe, walkers[0]
-    line = kerb_to_kerb(crossing, lane, first.side)
-    middle, _ = line.project(*lane.line.point_at(lane.line.length + ahead))
-    before = middle - EGO_WIDTH_M / 2
-    meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_share") * before)
+    meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_past_kerb_m"))
     return WalkersPlan(
         persons=tuple(f"walker_{k}" for k in range(len(walkers))),
         speeds=tuple(w.speed for w in walkers),
