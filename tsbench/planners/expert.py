@@ -18,6 +18,7 @@ from tsbench.planners.base import Control, Observation, Planner, PlannerContext,
 from tsbench.planners.guards.base import Guard, slow_to
 from tsbench.planners.guards.closed_road import ClosedRoadGuard
 from tsbench.planners.guards.courtesy import Courtesy
+from tsbench.planners.guards.crosswalk import CrosswalkGuard
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
@@ -34,6 +35,7 @@ from tsbench.sim.world import EgoState
 
 GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "give_way": GiveWayGuard,
+    "crosswalk": CrosswalkGuard,
     "speed": SpeedGuard,
     "min_speed": MinSpeedGuard,
     "stop": StopGuard,
