@@ -13,6 +13,8 @@ from tsbench.planners.guards.junction import Foe, Way
 
 _BRAKE_MPS2 = 3.5
 _STEP_M = 2.0
+_BRAKES_MPS2 = -0.3
+_WALK_MPS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,7 @@ class Demand:
     one is there. On top of these: gap_s, clear_s. behind_s: after one who has just cleared the zone. foe_accel: with
     which others may gather speed; `trust` on top of what is seen, if they are not `slow` (m/s). patience_s: after
     which one who stands all the while is taken to go on standing. share: how much of its way through the zone the
-    ego has done when the other comes.
+    ego has done when one comes who is still before its line; all of it where the other is in the junction.
     """
 
     gap: float
@@ -92,9 +94,7 @@ class Demand:
 
     def _in_the_way(self, seen: Seen, plan: Plan) -> bool:
         """Where no gap is asked for."""
-        if seen.to_zone <= 0.0:
-            return True
-        return seen.standing <= self.patience_s and self._too_soon(seen, plan)
+        return seen.standing <= self.patience_s and (seen.to_zone <= 0.0 or self._too_soon(seen, plan))
 
     def _within_gap(self, seen: Seen, plan: Plan) -> bool:
         """It may keep its speed or gather more until the ego is at the line; which is worse differs by clause."""
@@ -108,7 +108,8 @@ class Demand:
 
     def _too_soon(self, seen: Seen, plan: Plan) -> bool:
         """Would it be there before the ego has gone its share of the way through?"""
-        through = plan.enters + self.share * (plan.left - plan.enters)
+        share = self.share if seen.foe.s < 0.0 else 1.0
+        through = plan.enters + share * (plan.left - plan.enters)
         return self._soonest(seen) < through + self.post_clear + self.clear_s
 
     def _gathers(self, seen: Seen) -> float:
@@ -123,7 +124,10 @@ class Demand:
 
     def _soonest(self, seen: Seen) -> float:
         """Least seconds until it reaches its zone: it gathers speed, but slows down for its turn."""
-        foe, turn, limit, accel = seen.foe, seen.way.inner[0].speed, self._limit(seen), self._gathers(seen)
+        foe, limit, accel = seen.foe, self._limit(seen), self._gathers(seen)
+        # Who gives way to others, and brakes, comes to its own line at a walk.
+        waits = seen.way.connection.state in "ms" and (seen.accel < _BRAKES_MPS2 or foe.speed < self.slow)
+        turn = _WALK_MPS if waits else seen.way.inner[0].speed
         way, gone, time, v = seen.to_zone, 0.0, 0.0, foe.speed
         while gone < way:
             cap = math.sqrt(turn * turn + 2.0 * _BRAKE_MPS2 * max(-foe.s - gone, 0.0))

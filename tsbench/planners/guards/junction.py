@@ -14,6 +14,9 @@ from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.world import Actors
 
 
+_BODY_M = 2.4
+
+
 @dataclass(frozen=True, slots=True)
 class Way:
     """One connection's way through the junction."""
@@ -39,10 +42,14 @@ class Foe:
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """The ego's own way through: arc length of its line on its route, zone with each way of the others."""
+    """The ego's own way through: arc length of its line on its route, zone with each way of the others.
+
+    first: the ways whose vehicles go before the ego, by a plate or by the network's right of way.
+    """
 
     line_s: float
     zones: tuple[ConflictZone | None, ...]
+    first: frozenset[int]
 
     @property
     def end_s(self) -> float:
@@ -74,8 +81,8 @@ def passage(
 ) -> Passage | None:
     """Where a route passes the junction from `approach`; None where it does not (any more).
 
-    Zones with the first `ruled` of the others' ways, whose priority a plate states, and with those of the rest that
-    the network gives right of way over the ego's.
+    ruled: so many of the others' ways, the first ones, have priority by a plate: there strips are as wide as their
+    lanes, as the rule has them, else as wide as bodies with some room.
     """
     last = -1
     for k, piece in enumerate(path.pieces):
@@ -95,14 +102,19 @@ def passage(
         return None
     line, width = join([v.line for v in inner]), max(v.width for v in inner)
     own = network.outgoing[path.pieces[last].lane]
-    first = next((c.yields_to for c in own if inner[0].index in c.via), frozenset[int]())
-    zones = tuple(
-        conflict_zone(line, width, w.line, w.width)
-        if k < ruled or not first.isdisjoint(w.connection.via)
-        else None
-        for k, w in enumerate(others)
+    prior = next((c.yields_to for c in own if inner[0].index in c.via), frozenset[int]())
+    return Passage(
+        line_s=path.pieces[last].s1,
+        zones=tuple(
+            conflict_zone(line, width, w.line, w.width)
+            if k < ruled
+            else conflict_zone(line, _BODY_M, w.line, _BODY_M)
+            for k, w in enumerate(others)
+        ),
+        first=frozenset(
+            k for k, w in enumerate(others) if k < ruled or not prior.isdisjoint(w.connection.via)
+        ),
     )
-    return Passage(path.pieces[last].s1, zones)
 
 
 class FoeFinder:
@@ -145,10 +157,25 @@ class FoeFinder:
                     places[inner.index] = (j, at)
                     at += inner.line.length
             end = 0.0
-            for edge in reversed(route[: k + 1]):
-                # Upstream of the approach a few metres of junction more or less change nothing.
-                for i in self._network.edges[edge].lanes:
+            for m in range(k, -1, -1):
+                edge = self._network.edges[route[m]]
+                for i in edge.lanes:
                     j = min(mine, key=lambda j: abs(self._ways[j].source.order - lanes[i].order))
                     places[i] = (j, end - lanes[i].line.length)
-                end -= self._network.edges[edge].length
+                end -= edge.length
+                if m:
+                    end -= self._between(route[m - 1], route[m], end, places)
         return places
+
+    def _between(self, source: str, target: str, end: float, places: dict[int, tuple[int, float]]) -> float:
+        """Places on the lanes through the junction between two edges upstream; returns its length."""
+        lanes, longest = self._network.lanes, 0.0
+        for i in self._network.edges[source].lanes:
+            for c in self._network.outgoing[i]:
+                if lanes[c.to_lane].edge == target:
+                    at = end
+                    for via in reversed(c.via):
+                        at -= lanes[via].line.length
+                        places[via] = (places[c.to_lane][0], at)
+                    longest = max(longest, end - at)
+        return longest

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
 from tsbench.maps.network import RoadNetwork
-from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
+from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, touch
 from tsbench.planners.base import Observation
 from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.planners.guards.blocking import Demand, Plan, Seen
@@ -28,19 +28,31 @@ class Manner:
 
     hold_m: room left between the waiting front and the line. brake: with which it comes to a stop. stands: speed
     below which a vehicle stands. near_m: with the front this near to the line, others have seen the ego come.
-    room_m: needed behind the last zone.
+    room_m: needed behind the last zone. Within the junction: rolls, the least speed that is reckoned with;
+    clear_m, left before a zone; apart_s, between the one and the other in it.
     """
 
     hold_m: float = 1.0
     brake: float = 2.2
-    stands: float = 0.3
+    stands: float = 0.5
     near_m: float = 11.0
     room_m: float = 2.0
+    rolls: float = 1.5
+    clear_m: float = 0.5
+    apart_s: float = 0.5
 
 
 # No rule of the scene speaks for these: others see who is in the junction, and slow down a little.
 COURTESY = Demand(
-    gap=0.0, least=2.0, post_clear=0.0, gap_s=0.0, clear_s=0.0, patience_s=3.0, trust=0.1, share=0.6
+    gap=0.0,
+    least=2.0,
+    post_clear=0.0,
+    gap_s=0.0,
+    clear_s=0.0,
+    foe_accel=1.6,
+    patience_s=2.0,
+    trust=0.1,
+    share=0.4,
 )
 # How the ego itself will go: the brisk end of what a base planner does is not counted on.
 _GO = IdmParameters(accel=2.4, lateral=2.8)
@@ -50,13 +62,15 @@ _NEAR_M = 8.0
 _LONGEST_S = 15.0
 _LOOK_M = 90.0
 _COMMIT_MPS2 = 4.0
+_HARDEST_MPS2 = 5.0
 
 
 class Yielding:
     """One junction, from one approach: stops before its line while somebody is in the way.
 
     ways: those that have priority by a rule, which asks `demand` of the ego. others: further ways through the
-    junction; of these the ones count that the network gives right of way over the ego's own (COURTESY).
+    junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
+    pass (COURTESY).
     """
 
     def __init__(
@@ -93,13 +107,35 @@ class Yielding:
         v = observation.ego.speed
         if to_go < 0.0:
             self._committed = True
+        self._note_standing(observation, to_go)
         if not self._committed:
-            self._note_standing(observation, to_go)
             if not self._free(observation, route, here):
                 return -math.inf, slow_to(v, 0.0, to_go - _MANNER.hold_m, _MANNER.brake)
             # Beyond this point braking would end past the line.
             self._committed = v * v / (2.0 * _COMMIT_MPS2) >= to_go - 0.2
-        return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), math.inf
+        most = self._defensively(observation, route, here) if self._committed else math.inf
+        return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), most
+
+    def _defensively(self, observation: Observation, route: RouteView, here: Passage) -> float:
+        """Stops before the zone of one who drives through the junction and will not let the ego go first."""
+        most, v = math.inf, observation.ego.speed
+        front = route.s + HALF_LENGTH_M - here.line_s
+        for foe in self._finder.find(observation.actors):
+            zone = here.zones[foe.way]
+            if zone is None or foe.s <= 0.0 or foe.s - foe.length > zone.b_out:
+                continue
+            if observation.time - self._standing.get(foe.row, observation.time) > COURTESY.patience_s:
+                continue
+            room = zone.a_in - front - _MANNER.clear_m
+            if room < 0.0 or v * v > 2.0 * _HARDEST_MPS2 * room:
+                continue  # too late to stop: the sooner the ego is through the better
+            first, last = self._ends(here, zone)
+            enters, left = self._times(route.s, v, [first, last])
+            speed = max(foe.speed, _MANNER.rolls)
+            there, gone = (zone.b_in - foe.s) / speed, (zone.b_out + foe.length - foe.s) / speed
+            if there < left + _MANNER.apart_s and enters < gone + _MANNER.apart_s:
+                most = min(most, slow_to(v, 0.0, room, _MANNER.brake))
+        return most
 
     def _briskly(self, observation: Observation, route: RouteView, here: Passage) -> float:
         """The acceleration with which a driver goes who was given the gap, unless somebody is in front."""
@@ -130,7 +166,14 @@ class Yielding:
         """May the ego go on now, if it goes on as it would?"""
         foes = self._finder.find(observation.actors)
         self._note_trend(foes)
-        coming = [(f, z) for f in foes if (z := here.zones[f.way]) is not None and f.s - f.length <= z.b_out]
+        # Who has no right of way counts once it is in the junction all the same.
+        coming = [
+            (f, z)
+            for f in foes
+            if (z := here.zones[f.way]) is not None
+            and f.s - f.length <= z.b_out
+            and (f.way in here.first or f.s > 0.0)
+        ]
         if not coming:
             return self._room_behind(observation, route, here)
         # The centre's place when the front is at the line, at each zone, and when the rear has left it.
@@ -159,9 +202,15 @@ class Yielding:
 
     def _room_behind(self, observation: Observation, route: RouteView, here: Passage) -> bool:
         """Can the ego leave the junction, or does somebody stand in or just behind it?"""
-        reach = here.end_s + 2.0 * HALF_LENGTH_M + _MANNER.room_m - route.s - HALF_LENGTH_M
-        ahead = moving_ahead(self._samples, route.s, reach, observation.actors)
-        return not any(end > here.line_s and speed < 1.0 for end, speed in ahead)
+        actors, samples = observation.actors, self._samples
+        first = max(math.ceil(here.line_s), 0)
+        last = min(int(here.end_s + 2.0 * HALF_LENGTH_M + _MANNER.room_m), samples.last)
+        lengths, widths, speeds = actors.length.tolist(), actors.width.tolist(), actors.speed.tolist()
+        for k, (x, y, heading) in enumerate(actors.pose.tolist()):
+            # Who drives across will be gone.
+            if speeds[k] < 1.0 and touch(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0:
+                return False
+        return True
 
     def _times(self, s: float, v: float, marks: list[float]) -> list[float]:
         """Seconds until the ego's centre is at each of `marks` (arc lengths, ascending) if it goes on freely."""

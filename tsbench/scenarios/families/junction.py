@@ -6,6 +6,7 @@ Source: spec/scenes.md, "Arrangement per family" (Junction).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from types import MappingProxyType
 
 from lxml import etree
@@ -70,11 +71,12 @@ class GiveWayPlacement:
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
         signs = self._plates(task, arms, chosen)
         cars = convoy(task, chosen)
-        waiting, room = _waiting(task, arms)
+        avoid, empty = _others(network, arms, chosen)
+        waiting, room = _waiting(task, arms, avoid)
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
             route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
-            avoid_turns=_held_up(network, arms), quiet_edges=frozenset({network.lanes[chosen.foe.from_lane].edge}),
+            avoid_turns=avoid, quiet_edges=frozenset({*empty, network.lanes[chosen.foe.from_lane].edge}),
             platoons=frozenset(arms.prior_in),
             blocked=(*way_ahead(passenger_lanes(network, lane.edge), start), *room),
         )  # fmt: skip
@@ -123,19 +125,39 @@ def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) 
     return str(task.recipe.choices["cross_plate" if task.row.shape == "X" else side][0])
 
 
-def _held_up(network: RoadNetwork, arms: Arms) -> frozenset[Turn]:
-    """Turns off the main road that wait for its other direction: who stands there blocks the junction for a minute."""
-    turns: dict[Turn, set[str]] = {}
+def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> tuple[frozenset[Turn], frozenset[str]]:
+    """Turns that other traffic does not take, and edges of secondary arms that are empty at first.
+
+    Nobody turns off the main road where it waits for its other direction: who stands there blocks the junction for a
+    minute. From secondary arms that SUMO lets go before the ego nobody comes at first (the ego's own arm is one too:
+    it turns left, and their queue would go on for ever), or, where the ego is on the main road, ever.
+    """
+    held, before = set[Turn](), set[Turn]()
     for edge in arms.prior_in:
+        states = _states(network, edge)
+        if any("M" in s for s in states.values()):
+            held |= {turn for turn, s in states.items() if "M" not in s}
+    for edge in arms.minor_in:
         for lane in passenger_lanes(network, edge):
             for c in network.outgoing[lane.index]:
-                turns.setdefault((edge, network.lanes[c.to_lane].edge), set()).add(c.state)
-    free = {edge for (edge, _), states in turns.items() if "M" in states}
-    return frozenset(turn for turn, states in turns.items() if turn[0] in free and "M" not in states)
+                if not chosen.ego.yields_to.isdisjoint(c.via):
+                    before.add((edge, network.lanes[c.to_lane].edge))
+    if arms.bends:
+        return frozenset(held | before), frozenset()
+    return frozenset(held), frozenset(edge for edge, _ in before)
+
+
+def _states(network: RoadNetwork, edge: str) -> dict[Turn, set[str]]:
+    """SUMO's states of the connections by which an edge is left."""
+    states: dict[Turn, set[str]] = {}
+    for lane in passenger_lanes(network, edge):
+        for c in network.outgoing[lane.index]:
+            states.setdefault((edge, network.lanes[c.to_lane].edge), set()).add(c.state)
+    return states
 
 
 def _waiting(
-    task: SceneTask, arms: Arms
+    task: SceneTask, arms: Arms, avoid: AbstractSet[Turn]
 ) -> tuple[tuple[etree._Element, ...], tuple[tuple[str, float, float], ...]]:
     """Now and then a car that waits on a secondary arm and has no priority; and the room that it takes."""
     network, rng = task.network, task.rng
@@ -145,6 +167,7 @@ def _waiting(
     edge = arms.minor_in[int(rng.integers(len(arms.minor_in)))]
     lane = passenger_lanes(network, edge)[0]
     ways = [network.lanes[c.to_lane].edge for c in network.outgoing[lane.index]]
+    ways = [e for e in ways if (edge, e) not in avoid]
     if not ways or lane.line.length < _ROOM_M:
         return (), ()
     route = (edge, ways[int(rng.integers(len(ways)))])
