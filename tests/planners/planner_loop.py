@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
 from tsbench.rules.base import Verdict
@@ -30,7 +31,7 @@ def load(name: str) -> RoadNetwork:
 
 @dataclass
 class Body:
-    """A road user on a chain of lanes; `speed(t, world)` gives its speed, `front` its front's place."""
+    """A road user on a chain of lanes, or on a track of its own; `speed(t, world)`: its speed, `front`: its place."""
 
     id: str
     lanes: tuple[str, ...]
@@ -41,6 +42,7 @@ class Body:
     length: float = 4.5
     width: float = 1.8
     now: float = 0.0
+    track: Polyline | None = None
 
 
 @dataclass
@@ -116,14 +118,13 @@ class World:
         for body in sorted(self.bodies, key=lambda b: b.id):
             body.now = body.speed(self.time, self)
             body.front += body.now * DT_S
-            lane, s = self._place(body)
-            line = lane.line
+            index, line, s = self._place(body)
             heading = line.heading_at(s)
             px, py = line.point_at(s, self.lateral.get(body.id, 0.0))
             half = body.length / 2
             rows.append(self.table.rows[body.id])
             poses.append((px - half * math.cos(heading), py - half * math.sin(heading), heading))
-            lanes.append(lane.index)
+            lanes.append(index)
             places.append(s)
         self.poses.append({self.table.ids[r]: p for r, p in zip(rows, poses, strict=True)})
         return Actors(
@@ -135,12 +136,14 @@ class World:
             np.array(places, dtype=np.float64),
         )
 
-    def _place(self, body: Body):
+    def _place(self, body: Body) -> tuple[int, Polyline, float]:
         s = body.front
+        if body.track is not None:
+            return -1, body.track, s
         for lane_id in body.lanes:
             lane = self.network.lane(lane_id)
             if s <= lane.line.length or lane_id == body.lanes[-1]:
-                return lane, s
+                return lane.index, lane.line, s
             s -= lane.line.length
         raise AssertionError
 

@@ -59,6 +59,7 @@ class CrosswalkGuard:
         self._here: _Passage | None = None
         self._samples: PathSamples
         self._waits_since = math.inf
+        self._patient = True
 
     def guide(self, observation: Observation) -> RouteView:
         """Navigation's own route."""
@@ -90,9 +91,9 @@ class CrosswalkGuard:
         enters = _time(v, to_go, _QUICK_MPS2)
         leaves = _time(v, here.far - route.s + HALF_LENGTH_M, _SLOW_MPS2)
         most = math.inf
-        patient = observation.time - self._waits_since < _PATIENCE_S
+        self._patient = self._patient and observation.time - self._waits_since < _PATIENCE_S
         for begins, ends, certain in self._taken(observation.actors, here.u):
-            if leaves + _EARLY_S < begins or enters > ends + _LATE_S or not (certain or patient):
+            if leaves + _EARLY_S < begins or enters > ends + _LATE_S or not (certain or self._patient):
                 continue
             most = min(most, slow_to(v, 0.0, stop, _BRAKE_MPS2 if certain else _HARD_MPS2))
         return -math.inf, most

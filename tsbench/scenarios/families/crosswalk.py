@@ -22,6 +22,7 @@ from tsbench.scenarios.families.base import (
 )
 from tsbench.scenarios.families.crosswalk_net import (
     SIDES,
+    bend_speed,
     kerb_to_kerb,
     path_name,
     to_crossing,
@@ -80,16 +81,19 @@ class CrosswalkPlacement:
         )  # fmt: skip
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)
-        plan = _plan(task, walkers, before[walkers[0].side], lane, ahead)
+        onward = network.lanes[network.outgoing[lane.index][0].to_lane]
+        bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
+        cruise = round(min(lane.speed, bend), 2)
+        plan = _plan(task, walkers, before[walkers[0].side], lane, ahead, cruise)
         to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
-        wait = predicted_arrival(to_line, to_line + ahead, start.speed, lane.speed, lane.speed)
+        wait = predicted_arrival(to_line, to_line + ahead, start.speed, cruise, cruise)
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(variant.route_length, room)
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, last), route_length=end_s,
             extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
-            blocked=way_ahead([lane], start),
+            blocked=way_ahead(lanes, start),
         )  # fmt: skip
 
     @staticmethod
@@ -97,12 +101,13 @@ class CrosswalkPlacement:
         """The preset's people, each so far from its kerb that it steps onto the road a gap after the one before.
 
         `gap_s`: seconds; or `gap_share`: when the one before has gone that share of the crossing. before: metres from
-        each kerb to the ego's strip; the first comes from either side as likely as that is long.
+        each kerb to the ego's strip; the first comes from either side as likely as that is long, within bounds.
         """
         recipe, rng = task.recipe, task.rng
         presets = recipe.choices["presets"]
         preset = presets[task.variant.layout % len(presets)]
-        side = int(rng.uniform(0.0, sum(before.values())) > before[SIDES[0]])
+        weight = [min(before[s], recipe.number("side_weight_most_m")) for s in SIDES]
+        side = int(rng.uniform(0.0, sum(weight)) > weight[0])
         walkers: list[_Walker] = []
         steps_on = 0.0
         for k in range(int(preset["count"])):
@@ -124,7 +129,9 @@ def _before_strip(crossing: Crossing, lane: Lane, ahead: float, side: str) -> fl
     return kerb_to_kerb(crossing, lane, side).project(*middle)[0] - EGO_WIDTH_M / 2
 
 
-def _plan(task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ahead: float) -> WalkersPlan:
+def _plan(
+    task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ahead: float, cruise: float
+) -> WalkersPlan:
     """When they set off: as the ego's front is at the crossing the first is on the road, hardly before the ego."""
     recipe, first = task.recipe, walkers[0]
     meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_past_kerb_m"))
@@ -134,8 +141,8 @@ def _plan(task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ah
         line_lane=lane.id,
         ego_zone_m=ahead,
         lead_time_s=(first.from_kerb + meets) / first.speed,
-        ego_cruise_mps=lane.speed,
-        ego_turn_mps=lane.speed,
+        ego_cruise_mps=cruise,
+        ego_turn_mps=cruise,
     )
 
 

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.geometry.polyline import Polyline
+import numpy as np
+
+from tsbench.geometry.polyline import Polyline, join
 from tsbench.maps.network import Crossing, Lane
 from tsbench.maps.plain import PlainCrossing, PlainEdge, PlainNet, PlainNode
 from tsbench.maps.plain_xml import DEFAULT_WIDTH_M
@@ -18,6 +20,8 @@ from tsbench.scenarios.recipe import Recipe
 
 SIDES = ("right", "left")
 _PATH_SPEED_MPS = 2.78
+_BEND_WINDOW_M = 6
+_BEND_AFTER_M = 20.0
 
 
 def path_name(edge: str, side: str) -> str:
@@ -81,6 +85,15 @@ def to_crossing(lane: Lane, crossing: Crossing) -> float:
     end = lane.line.point_at(lane.line.length)
     middle = crossing.line.point_at(crossing.line.project(*end)[0])
     return lane.line.project(*middle)[0] - lane.line.length - crossing.width / 2
+
+
+def bend_speed(lane: Lane, onward: Lane, look_m: float, lateral: float) -> float:
+    """What the bends allow in the last `look_m` m of a lane and the first of the next, at `lateral` m/s2, in m/s."""
+    line = join([lane.line, onward.line])
+    at = np.arange(max(lane.line.length - look_m, 0.0), lane.line.length + _BEND_AFTER_M, 1.0)
+    heading = np.unwrap([line.heading_at(float(s)) for s in at])
+    turn = np.abs(heading[_BEND_WINDOW_M:] - heading[:-_BEND_WINDOW_M]).max() / _BEND_WINDOW_M
+    return math.sqrt(lateral / max(float(turn), 1e-4))
 
 
 def kerb_to_kerb(crossing: Crossing, lane: Lane, side: str) -> Polyline:
