@@ -32,6 +32,8 @@ from tsbench.sim.scene import Destination, EgoStart
 _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 # SUMO's own word for a turn, as a manoeuvre class.
 _SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
+# States of a connection where others go first.
+_MINOR = "ms"
 
 
 class ManoeuvrePlacement:
@@ -71,11 +73,10 @@ class ManoeuvrePlacement:
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
         sign = self.plate(task, short)
-        others = {(a, e) for e in closed for a in network.edges if e in graph.successors(a)}
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(target, end_s), route_hint=short,
             compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
-            avoid_turns=banned | others, quiet_edges=closed,
+            avoid_turns=_avoided(graph, compliant, banned, closed), closed_edges=closed,
             platoons=frozenset(network.edges), blocked=way_ahead(passenger_lanes(network, signed), start),
         )  # fmt: skip
 
@@ -159,6 +160,21 @@ class NoEntryPlacement(ManoeuvrePlacement):
         length = task.network.edge_lanes(short[1])[0].line.length
         require(length >= 2.0 * at, f"the closed edge is {length:.0f} m long")
         return _plate(task.network, self.code, short[1], at, {})
+
+
+def _avoided(
+    graph: LaneGraph, compliant: Sequence[str], banned: frozenset[Turn], closed: frozenset[str]
+) -> frozenset[Turn]:
+    """Turns that other cars leave alone: prohibited ones, those into closed edges, and on the obedient way, where
+    there is another, those for which they would have to wait: the ego would queue behind them until the time is over.
+    """
+    into = {(edge, e) for e in closed for edge in graph.network.edges if e in graph.successors(edge)}
+    avoided = banned | into
+    for edge in compliant[:-1]:
+        turns = {(edge, e) for e in graph.successors(edge)} - avoided
+        waiting = {t for t in turns if any(c.state in _MINOR for c in graph.connections(*t))}
+        avoided |= waiting if waiting != turns else set()
+    return avoided
 
 
 def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
