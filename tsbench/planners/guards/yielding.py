@@ -29,7 +29,8 @@ class Manner:
     hold_m: room left between the waiting front and the line. brake: with which it comes to a stop. stands: speed
     below which a vehicle stands. near_m: with the front this near to the line, others have seen the ego come.
     room_m: needed behind the last zone. Within the junction: rolls, the least speed that is reckoned with;
-    clear_m, left before a zone; apart_s, between the one and the other in it.
+    clear_m, left before a zone; into_m, by which it may reach in where it stops too late; apart_s, between the one
+    and the other in it.
     """
 
     hold_m: float = 1.0
@@ -39,6 +40,7 @@ class Manner:
     room_m: float = 2.0
     rolls: float = 1.5
     clear_m: float = 0.5
+    into_m: float = 0.3
     apart_s: float = 0.5
 
 
@@ -126,15 +128,15 @@ class Yielding:
                 continue
             if observation.time - self._standing.get(foe.row, observation.time) > COURTESY.patience_s:
                 continue
-            room = zone.a_in - front - _MANNER.clear_m
-            if room < 0.0 or v * v > 2.0 * _HARDEST_MPS2 * room:
+            room = zone.a_in - front
+            if v * v > 2.0 * _HARDEST_MPS2 * (room + _MANNER.into_m):
                 continue  # too late to stop: the sooner the ego is through the better
             first, last = self._ends(here, zone)
             enters, left = self._times(route.s, v, [first, last])
             speed = max(foe.speed, _MANNER.rolls)
             there, gone = (zone.b_in - foe.s) / speed, (zone.b_out + foe.length - foe.s) / speed
             if there < left + _MANNER.apart_s and enters < gone + _MANNER.apart_s:
-                most = min(most, slow_to(v, 0.0, room, _MANNER.brake))
+                most = min(most, slow_to(v, 0.0, room - _MANNER.clear_m, _MANNER.brake))
         return most
 
     def _briskly(self, observation: Observation, route: RouteView, here: Passage) -> float:
