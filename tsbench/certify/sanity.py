@@ -55,12 +55,13 @@ def _overlaps(actors: Actors) -> list[tuple[int, int]]:
 
 
 def arrival_gap(facts: EpisodeFacts) -> float:
-    """Seconds from the ego's arrival at the conflict zone to the lead's, had nobody hindered it; NaN without a convoy.
+    """Seconds from the ego's arrival at the conflict zone to the lead's, had nobody hindered it; NaN without agents.
 
-    The lead's time from its release to the zone was measured when the scene was built.
+    The lead's time from its release to the zone is known from when the scene was built. The lead is the first of a
+    convoy, or of pedestrians.
     """
     scene = facts.scene
-    plan = scene.convoy
+    plan = scene.convoy or scene.walkers
     if plan is None:
         return math.nan
     release = ConvoyRelease(plan, scene.network)
