@@ -13,7 +13,6 @@ from tsbench.maps.network import Connection, Lane, RoadNetwork
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.world import Actors
 
-
 _BODY_M = 2.4
 
 

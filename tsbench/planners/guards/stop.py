@@ -14,7 +14,7 @@ _SURE = 0.5
 
 
 class StopGuard(GiveWayGuard):
-    """Stops well within the rule's window, once; giving way may keep it standing."""
+    """Stops well within the rule's window, once on each approach; giving way may keep it standing."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         super().__init__(context, privilege)
@@ -27,7 +27,7 @@ class StopGuard(GiveWayGuard):
         """What the line asks for, then the junction."""
         least, most = super().bounds(observation, route)
         to_go, v = self.yielding.to_line(route), observation.ego.speed
-        if to_go is None or to_go < 0.0 or self._stopped:
+        if to_go is None or to_go < 0.0:
             return least, most
-        self._stopped = to_go <= self._within and v <= self._speed
+        self._stopped = to_go <= self._within and (self._stopped or v <= self._speed)
         return least, most if self._stopped else min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2))

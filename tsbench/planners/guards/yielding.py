@@ -177,7 +177,7 @@ class Yielding:
             and (f.way in here.first or f.s > 0.0)
         ]
         if not coming:
-            return self._room_behind(observation, route, here)
+            return self._room_behind(observation, here)
         # The centre's place when the front is at the line, at each zone, and when the rear has left it.
         line = here.line_s - HALF_LENGTH_M
         marks = sorted({line, *(m for _, z in coming for m in self._ends(here, z))})
@@ -190,7 +190,7 @@ class Yielding:
             demand = self._demand if foe.way < self._ruled else COURTESY
             if demand.blocks(seen, plan):
                 return False
-        return self._room_behind(observation, route, here)
+        return self._room_behind(observation, here)
 
     def _ends(self, here: Passage, zone: ConflictZone) -> tuple[float, float]:
         """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
@@ -202,7 +202,7 @@ class Yielding:
             speed, accel = self._trend.get(foe.row, (foe.speed, 0.0))
             self._trend[foe.row] = (foe.speed, accel + 0.3 * ((foe.speed - speed) / DT_S - accel))
 
-    def _room_behind(self, observation: Observation, route: RouteView, here: Passage) -> bool:
+    def _room_behind(self, observation: Observation, here: Passage) -> bool:
         """Can the ego leave the junction, or does somebody stand in or just behind it?"""
         actors, samples = observation.actors, self._samples
         first = max(math.ceil(here.line_s), 0)
