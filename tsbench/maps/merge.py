@@ -19,6 +19,7 @@ from tsbench.maps.utm import Floats
 STEP_M = 2.0
 # Kept between the carriageways of an arm.
 BETWEEN_M = 0.2
+SMOOTH_STEPS = 3
 # At most so much of an edge goes with the corner of a joint.
 _MOST_SHARE = 0.4
 
@@ -78,8 +79,20 @@ def _joined(chain: Sequence[PlainEdge], kept: PlainEdge) -> PlainEdge:
     for edge in chain[1:]:
         line = _bridged(line, _middle(edge, half), half)
     return replace(
-        kept, source=chain[0].source, target=chain[-1].target, shape=_rounded(line), spread="center"
+        kept,
+        source=chain[0].source,
+        target=chain[-1].target,
+        shape=_rounded(_smoothed(line)),
+        spread="center",
     )
+
+
+def _smoothed(line: Floats) -> Floats:
+    """Without kinks: each vertex the mean of those around it, fewer towards the ends, which stay."""
+    dense = densified(line, STEP_M)
+    last = len(dense) - 1
+    reach = [min(k, last - k, SMOOTH_STEPS) for k in range(last + 1)]
+    return np.array([dense[k - r : k + r + 1].mean(axis=0) for k, r in enumerate(reach)])
 
 
 def _rounded(line: Floats) -> tuple[tuple[float, float], ...]:

@@ -25,9 +25,9 @@ from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
 from tsbench.planners.guards.no_entry import NoEntryGuard
 from tsbench.planners.guards.reserved_lane import ReservedLaneGuard
 from tsbench.planners.guards.speed import MinSpeedGuard, SpeedGuard
+from tsbench.planners.guards.stop import StopGuard
 from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import LaneChanges
-from tsbench.planners.guards.stop import StopGuard
 from tsbench.planners.steering import follow
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.sim.ego import Motion, track
@@ -35,10 +35,11 @@ from tsbench.sim.world import EgoState
 
 GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "give_way": GiveWayGuard,
+    "stop": StopGuard,
+    "roundabout": GiveWayGuard,
     "crosswalk": CrosswalkGuard,
     "speed": SpeedGuard,
     "min_speed": MinSpeedGuard,
-    "stop": StopGuard,
     "detour": DetourGuard,
     "closed_road": ClosedRoadGuard,
     "manoeuvre": ManoeuvreGuard,

@@ -28,7 +28,7 @@ class Foe(NamedTuple):
 
 
 # On a lane: path, the path's coordinate of the lane's start, geometric metres per SUMO metre.
-_Place = tuple[int, float, float]
+Place = tuple[int, float, float]
 
 
 class FoeFinder:
@@ -40,7 +40,7 @@ class FoeFinder:
     def __init__(self, network: RoadNetwork, paths: tuple[JunctionPath, ...]) -> None:
         self._network = network
         self._paths = paths
-        self._plans: dict[int, dict[int, _Place]] = {}
+        self._plans: dict[int, dict[int, Place]] = {}
 
     def find(self, actors: Actors) -> list[Foe]:
         """The vehicles with priority among the road users of a tick, in their order."""
@@ -59,7 +59,7 @@ class FoeFinder:
                 found.append(Foe(at, row, path, s, float(table.length[row]), speeds[at]))
         return found
 
-    def _plan(self, table: ActorTable, row: int) -> dict[int, _Place]:
+    def _plan(self, table: ActorTable, row: int) -> dict[int, Place]:
         """For each lane of the vehicle's way near the junction, its place on its path."""
         route, plan = table.routes[row], {}
         for k in range(len(route) - 1):
@@ -68,9 +68,9 @@ class FoeFinder:
                 plan.update(self._through(ways, route[: k + 1]))
         return plan
 
-    def _through(self, ways: list[int], upstream: tuple[str, ...]) -> dict[int, _Place]:
+    def _through(self, ways: list[int], upstream: tuple[str, ...]) -> dict[int, Place]:
         """Places for one passage: through by any of `ways`, having come over the edges `upstream`."""
-        network, plan = self._network, dict[int, _Place]()
+        network, plan = self._network, dict[int, Place]()
         by_from = {self._paths[j].connection.from_lane: j for j in ways}
         by_to = {self._paths[j].connection.to_lane: j for j in ways}
         for lane in network.edges[self._paths[ways[0]].target].lanes:
@@ -97,7 +97,7 @@ class FoeFinder:
         return plan
 
     def _before(
-        self, source: str, target: str, end: float, by_from: dict[int, int], plan: dict[int, _Place]
+        self, source: str, target: str, end: float, by_from: dict[int, int], plan: dict[int, Place]
     ) -> float:
         """Places on the internal lanes between two upstream edges; returns where `source` ends."""
         lanes, start = self._network.lanes, end

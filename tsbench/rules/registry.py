@@ -16,20 +16,22 @@ from tsbench.rules.min_speed import MinSpeed
 from tsbench.rules.no_entry import NoEntry
 from tsbench.rules.one_way_exit import OneWayExit
 from tsbench.rules.reserved_lane import ReservedLane
+from tsbench.rules.roundabout import Roundabout
 from tsbench.rules.speed import Speed
+from tsbench.rules.stop import Stop
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.scene import Scene
-from tsbench.rules.stop import Stop
 
 MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
     {
         "give_way": GiveWay,
+        "stop": Stop,
+        "roundabout": Roundabout,
         "crosswalk": Crosswalk,
         "speed": Speed,
         "min_speed": MinSpeed,
         "detour": Detour,
-        "stop": Stop,
         "closed_road": ClosedRoad,
         "manoeuvre": Manoeuvre,
         "one_way_exit": OneWayExit,

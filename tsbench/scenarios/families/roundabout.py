@@ -1,0 +1,145 @@
+"""Roundabout scenes: the ego enters a ring on which a convoy comes round, and leaves it on another arm.
+
+Source: spec/scenes.md, "Arrangement per family" (Roundabout). Units: m, m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from tsbench.geometry.overlap import conflict_zone
+from tsbench.maps.network import Connection, Lane, RoadNetwork
+from tsbench.maps.plain import PlainNet
+from tsbench.maps.pool import PoolRow
+from tsbench.scenarios.families.base import (
+    Arrangement,
+    SceneTask,
+    before_line,
+    beside_road,
+    passenger_lanes,
+    require,
+    way_ahead,
+)  # fmt: skip
+from tsbench.scenarios.families.junction_convoy import Conflict, connection_path
+from tsbench.scenarios.families.ring_convoy import ring_convoy
+from tsbench.scenarios.recipe import Recipe
+from tsbench.signs.annotations import SignInstance
+from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.scene import Destination, EgoStart
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+_STILL_ROOM_M = 0.5
+
+
+class RoundaboutPlacement:
+    """`roundabout`: 4.3 at the entry of the map; who is on the ring goes first."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self._code = recipe.type.codes[0]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The ring has priority, and nobody drives it faster than its bend allows."""
+        ring = set(row.fields["ring"])
+        radius = row.length_m / (2.0 * math.pi)
+        bend = round(math.sqrt(recipe.number("ring_lateral_mps2") * radius), 2)
+        high, low = int(recipe.number("ring_priority")), int(recipe.number("entry_priority"))
+        edges = tuple(
+            replace(e, priority=high, speed=min(e.speed, bend)) if e.id in ring else replace(e, priority=low)
+            for e in plain.edges
+        )
+        return replace(plain, edges=edges)
+
+    def arrange(self, task: SceneTask) -> Arrangement:
+        """The ego 60 m before the line (or as far as its arm reaches), a convoy on the ring timed to meet it."""
+        row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
+        ring, approach, leave = row.fields["ring"], row.fields["entry_edge"], row.fields["exit_edge"]
+        node = network.edges[approach].target
+        upstream = next((e for e in ring if network.edges[e].target == node), "")
+        route = graph.route(approach, leave)
+        require(
+            bool(upstream) and route is not None and set(route[1:-1]) <= set(ring) and len(route) > 2,
+            "the exit is not reached along the ring",
+        )
+        assert route is not None
+        exit_lane = network.edge_lanes(leave)[0]
+        round_m = sum(network.edges[e].length for e in route[1:-1])
+        end_s = min(
+            max(variant.route_length - round_m, recipe.number("least_exit_m")),
+            exit_lane.line.length - recipe.number("end_before_edge_m"),
+        )
+        require(
+            end_s >= recipe.number("shortest_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long"
+        )
+        destination = Destination(leave, end_s)
+        lane, path = _entry_lane(task, route, destination)
+        before = min(recipe.number("ego_before_line_m"), lane.line.length - EGO_LENGTH_M - _STILL_ROOM_M)
+        require(before >= recipe.number("ego_least_m"), f"the entry lane is {lane.line.length:.0f} m long")
+        start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
+        met = _met(network, _taken(network, path, approach), upstream)
+        require(bool(met), "no path on the ring meets the ego's and goes first")
+        cars = ring_convoy(task, met, start, before)
+        plate_s = lane.line.length - recipe.number("plate_before_line_m")
+        x, y, heading = beside_road(network, approach, plate_s)
+        sign = SignInstance(
+            id="sign_0", code=self._code, value=None, edge=approach, lane=-1, position_m=plate_s, x=x, y=y,
+            heading=heading, role="target",
+            params={"junction": node, "approach": approach, "main_in": upstream, "ring": " ".join(ring)},
+        )  # fmt: skip
+        others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
+        return Arrangement(
+            signs=(sign,), target=sign.id, start=start, destination=destination, route_hint=route,
+            route_length=round_m + end_s, convoy=cars, quiet_edges=frozenset(cars.edges[:-1]),
+            platoons=frozenset(e for e in others if e != approach),
+            blocked=way_ahead(passenger_lanes(network, approach), start),
+        )  # fmt: skip
+
+
+def _entry_lane(task: SceneTask, route: tuple[str, ...], destination: Destination) -> tuple[Lane, RoutePath]:
+    """A lane of the entry from which the way takes the fewest lane changes, and that way."""
+    options: list[tuple[int, Lane, RoutePath]] = []
+    for lane in passenger_lanes(task.network, route[0]):
+        path = task.graph.path(route, lane.index, 0.0, destination)
+        if path is not None:
+            options.append((_changes(task.network, path, lane), lane, path))
+    require(bool(options), "the way to the exit has no lanes that connect")
+    least = min(changes for changes, _, _ in options)
+    best = [(lane, path) for changes, lane, path in options if changes == least]
+    return best[task.variant.layout % len(best)]
+
+
+def _changes(network: RoadNetwork, path: RoutePath, start: Lane) -> int:
+    """Lane changes of a path: how often it goes on along another lane than the one that it came onto."""
+    reached = {c.via[-1]: c.to_lane for c in network.connections if c.via}
+    lane, changes = start.index, 0
+    for piece in path.pieces:
+        if network.lanes[piece.lane].internal:
+            lane = reached.get(piece.lane, lane)
+        else:
+            changes += abs(network.lanes[piece.lane].order - network.lanes[lane].order)
+            lane = piece.lane
+    return changes
+
+
+def _taken(network: RoadNetwork, path: RoutePath, approach: str) -> Connection:
+    """The connection by which a path leaves its approach."""
+    lanes = [p.lane for p in path.pieces]
+    last = max(k for k, i in enumerate(lanes) if network.lanes[i].edge == approach)
+    return next(c for c in network.outgoing[lanes[last]] if c.via and c.via[0] == lanes[last + 1])
+
+
+def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]:
+    """Connections from the ring that stay on it, meet the ego's and have right of way over it in SUMO, too."""
+    found = []
+    line, _ = connection_path(network, ego)
+    target = network.lanes[ego.to_lane].edge
+    for lane in passenger_lanes(network, upstream):
+        for foe in network.outgoing[lane.index]:
+            if network.lanes[foe.to_lane].edge != target or ego.yields_to.isdisjoint(foe.via):
+                continue
+            foe_line, foe_width = connection_path(network, foe)
+            zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+            if zone is not None and (ego.state, foe.state) == ("m", "M"):
+                found.append(Conflict(ego, foe, zone))
+    # Those who will share the ego's lane first: what is beside it only brushes its way.
+    return sorted(found, key=lambda c: (c.foe.to_lane != ego.to_lane, c.foe.from_lane))
