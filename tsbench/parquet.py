@@ -29,7 +29,7 @@ def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] 
         missing = [name for name in names if name not in file.schema_arrow.names]
         if version == wanted and not missing:
             return file.read(names).cast(pa.schema([schema.field(n) for n in names]))
-    except (pa.ArrowInvalid, ValueError, OSError) as error:
+    except (pa.ArrowException, ValueError, OSError) as error:
         raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(error).split())})") from None
     if version != wanted:
         raise InputError(f"{path}: schema version {version}, this tsbench reads {wanted}")

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from tsbench.cli import main
 from tsbench.cli.planners import planners
+from tsbench.errors import SimulationError
 from tsbench.metrics.outcome import Outcome
 from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
@@ -92,6 +93,19 @@ def test_unknown_planner_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixtu
         main(["planners", "check", "idn"])
     assert ended.value.code == 2
     assert capsys.readouterr().err.strip().count("\n") == 0
+
+
+def test_what_breaks_off_is_one_line_and_exit_code_1(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken() -> None:
+        raise SimulationError("SUMO broke off\nat 3.0 s")
+
+    monkeypatch.setattr("tsbench.planners.registry.names", broken)
+    with pytest.raises(SystemExit) as ended:
+        main(["planners", "list"])
+    assert ended.value.code == 1
+    assert capsys.readouterr().err == "error: SUMO broke off at 3.0 s\n"
 
 
 def test_measurements_become_words() -> None:

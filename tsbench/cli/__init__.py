@@ -10,11 +10,12 @@ from typing import NoReturn
 import click
 
 from tsbench import __version__
-from tsbench.errors import InputError
+from tsbench.errors import InputError, TsbenchError
 
 # Command, where it is, and its line in --help.
 COMMANDS = {
     "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
+    "compare": ("tsbench.cli.compare:compare", "Compare two planners, scenario by scenario."),
     "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
     "render": ("tsbench.cli.render:render", "Draw an episode of a run as PNG, GIF or MP4."),
     "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
@@ -23,7 +24,7 @@ COMMANDS = {
     "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
     "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
 }
-EXIT_INPUT, EXIT_INTERRUPTED = 2, 130
+EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
 class LazyGroup(click.Group):
@@ -54,11 +55,13 @@ def cli() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and exit: 0 done, 1 done with errors or holes, 2 bad input, 130 interrupted."""
+    """Run the command line and exit: 0 done, 1 errors, holes or broken off, 2 bad input, 130 interrupted."""
     try:
         code = cli.main(args=arguments, prog_name="tsbench", standalone_mode=False)
     except InputError as problem:
         _fail(str(problem))
+    except TsbenchError as problem:
+        _fail(str(problem), EXIT_FAILED)
     except click.exceptions.NoArgsIsHelpError as problem:
         problem.show()
         sys.exit(EXIT_INPUT)
@@ -76,7 +79,7 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _fail(message: str) -> NoReturn:
-    """One line, exit code 2."""
+def _fail(message: str, code: int = EXIT_INPUT) -> NoReturn:
+    """One line, and the exit code."""
     click.echo(f"error: {' '.join(message.split())}", err=True)
-    sys.exit(EXIT_INPUT)
+    sys.exit(code)

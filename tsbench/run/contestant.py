@@ -1,4 +1,8 @@
-"""What a run writes down about a planner: who it is, and the hashes of its code and weights."""
+"""What a run writes down about a planner: who it is, and the hashes of its code and weights.
+
+The code of one of tsbench's own planners is all of `tsbench.planners`: they share guards, profiles, steering.
+Of a planner from elsewhere it is the file that it is written in.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
+import tsbench.planners
 from tsbench.planners.registry import LoadedPlanner, resolve
 
 
@@ -18,15 +23,26 @@ def describe(spec: str) -> dict[str, Any]:
         InputError: there is no such planner, or it does not import.
     """
     loaded = resolve(spec)
-    source = _source(loaded)
     return {
         "name": loaded.name,
         "spec": loaded.spec,
         "privileged": loaded.privileged,
         "sign_access": loaded.sign_access,
         "weights_sha256": None if loaded.weights is None else loaded.weights.sha256,
-        "code_sha256": None if source is None else hashlib.sha256(source.read_bytes()).hexdigest(),
+        "code_sha256": _code_sha256(_source(loaded)),
     }
+
+
+def _code_sha256(source: Path | None) -> str | None:
+    if source is None:
+        return None
+    own = Path(tsbench.planners.__file__).parent
+    if own not in source.parents:
+        return hashlib.sha256(source.read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for path in sorted(own.rglob("*.py")):
+        digest.update(path.relative_to(own).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _source(loaded: LoadedPlanner) -> Path | None:

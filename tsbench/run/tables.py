@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tsbench.errors import InputError
+from tsbench.parquet import VERSION_KEY, open_table
 from tsbench.run.files import replacing, told_plainly
 from tsbench.run.journal import Journal
 from tsbench.run.schema import SCHEMA_VERSION, TABLES
@@ -22,7 +22,7 @@ _GROUP = 4096
 def write_tables(folder: Path, journal: Journal, contract: str) -> None:
     """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
     keys = sorted(journal.done)
-    metadata = {"tsbench_schema": str(SCHEMA_VERSION), "tsbench_contract": contract}
+    metadata = {VERSION_KEY: str(SCHEMA_VERSION), "tsbench_contract": contract}
     with told_plainly(folder), ExitStack() as stack:
         writers = {}
         for name, schema in TABLES.items():
@@ -58,19 +58,9 @@ def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
 
 
 def read_table(path: Path) -> pa.Table:
-    """One of the three tables. Raises InputError for a missing, truncated, foreign or differing one."""
-    try:
-        table = pq.read_table(path, partitioning=None)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such table (is the folder a tsbench run that has ended?)") from None
-    except (pa.ArrowException, OSError) as problem:
-        raise InputError(f"{path}: not a readable Parquet table ({' '.join(str(problem).split())})") from None
-    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
-    if version != str(SCHEMA_VERSION):
-        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
-    if not table.schema.equals(TABLES[path.name]):
-        raise InputError(f"{path}: its columns are not those of schema version {SCHEMA_VERSION}")
-    return table
+    """One of the three tables. Raises InputError for a missing, truncated or foreign one."""
+    schema = TABLES[path.name].with_metadata({VERSION_KEY: str(SCHEMA_VERSION)})
+    return open_table(path, schema, "is the folder a tsbench run that has ended?")
 
 
 def file_hashes(folder: Path) -> dict[str, str]:
