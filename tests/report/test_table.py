@@ -57,6 +57,26 @@ def test_errors_add_the_completed_figure() -> None:
     assert "errors/" in text
 
 
+def test_no_figure_stands_without_what_it_rests_on() -> None:
+    summary = made(errors=0.1)
+    p = summary.planners[0]
+    text, markdown = printed(summary), to_markdown(summary)
+    for figure in p.types.values():
+        if figure.completed.n < 24:
+            assert f"{figure.completed.value:.1f} of {figure.completed.n}" in text
+    assert any(figure.completed.n < 24 for figure in p.types.values())
+    completed = p.overall.completed
+    line = f"| idm, completed | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
+    assert line in markdown
+    assert "completed |" not in to_markdown(made())
+
+
+def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
+    rows = [row(map_id=f"m{k}", efficiency=90.0 if k < 6 else None) for k in range(8)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 8})
+    assert "idm: of 8 completed episodes these metrics apply to fewer: efficiency 6" in printed(summary)
+
+
 def test_partial_figures_say_so_first() -> None:
     summary = made(extra=5)
     assert printed(summary).lstrip().startswith("PARTIAL, 5 episodes missing")
@@ -86,6 +106,9 @@ def test_hostile_names_are_text() -> None:
 def test_markdown_is_a_table() -> None:
     lines = to_markdown(made(("idm", "idm-e"))).splitlines()
     table = [line for line in lines if line.startswith("|")]
-    assert len(table) == 4
-    assert len({line.count("|") for line in table}) == 1
-    assert lines[-1].endswith("`.") or lines[-2].endswith("`.")
+    heads = [k for k, line in enumerate(table) if line.startswith("|---")]
+    assert (heads[0], len(heads)) == (1, 2)  # the main table, and the one by type
+    for part in (table[: heads[1] - 1], table[heads[1] - 1 :]):
+        assert len({line.count("|") for line in part}) == 1
+    assert len(table[: heads[1] - 1]) == 4
+    assert any(line.endswith("`.") for line in lines)

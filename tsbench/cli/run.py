@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 
 from tsbench.cli import EXIT_INTERRUPTED
+from tsbench.cli.console import table_console
 from tsbench.run.plan import DEVICES, TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Ending, Options
@@ -17,7 +18,6 @@ from tsbench.run.session import run as run_session
 from tsbench.scenarios.table import SPLITS
 
 EXIT_ERRORS = 1
-_LOG_WIDTH = 160
 
 
 @click.command()
@@ -80,9 +80,7 @@ def run(
         out=out, trace=trace, device=device, mask_signs=mask_signs, allow_partial=allow_partial,
     )  # fmt: skip
     ending = run_session(options, ProgressWatcher(Console(stderr=True)))
-    # Without a terminal there is no width to keep to: a log shall have the whole table.
-    fixed = sys.stdout.isatty() or "COLUMNS" in os.environ
-    _tell(ending, Console(width=None if fixed else _LOG_WIDTH))
+    _tell(ending, table_console())
     if ending.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)
     if ending.errors or ending.finished < ending.asked:
@@ -114,15 +112,21 @@ def rescore(folder: Path) -> None:
 def _tell(ending: Ending, console: Console) -> None:
     """The table, and where everything is."""
     if ending.summary is not None:
-        from tsbench.report.table import print_table  # brings statistics, late as the summary itself
+        from tsbench.report.table import (
+            print_table,
+            to_markdown,
+        )  # brings statistics, late as the summary itself
+        from tsbench.run.folder import TABLES_TEXT
 
         print_table(ending.summary, console)
+        (ending.folder / TABLES_TEXT).write_text(to_markdown(ending.summary), encoding="utf-8")
     lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
     if ending.finished < ending.asked:
         lines.append(
             "run the same command again to continue (--allow-partial prints the table of what is there)"
         )
     lines.append(f"records   {ending.folder / 'episodes.parquet'}")
+    lines.append(f"tables    {ending.folder / 'summary.md'}")
     lines.append(f"traces    {ending.folder / 'traces'}")
     lines.append(f"pictures  tsbench render {ending.folder} EPISODE")
     if ending.errors:

@@ -35,7 +35,7 @@ def print_table(summary: Summary, console: Console) -> None:
     console.print(_main(summary))
     console.print(_KEY, style="dim")
     console.print(_STRICT, style="dim")
-    for line in (*_errors(summary), *_no_interval(summary)):
+    for line in (*_errors(summary), *_fewer(summary), *_no_interval(summary)):
         console.print(line, style="yellow", markup=False)
     console.print(f"contract {summary.contract_hash}", style="dim", markup=False, soft_wrap=True)
     for k in range(0, len(summary.planners), _PLANNERS_ABREAST):
@@ -70,7 +70,7 @@ def _main(summary: Summary) -> Table:
 
 def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
     table = Table(
-        title="SCD by type, % (strict, 95 % interval)", title_justify="left", title_style="bold",
+        title="SCD by type, % (95 % interval); below it, where they differ, completed only", title_justify="left", title_style="bold",
         box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0),
     )  # fmt: skip
     table.add_column("group")
@@ -86,7 +86,7 @@ def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
             continue
         known = [f.completed if f.strict is None else f.strict for f in figures if f is not None]
         table.add_row(
-            group if group != last else "", kind, *(_with_ends(_pick(f, True)) for f in figures),
+            group if group != last else "", kind, *(_strict_and_completed(f) for f in figures),
             str(max(e.clusters for e in known)), str(max(e.n for e in known)),
         )  # fmt: skip
         last = group
@@ -94,7 +94,7 @@ def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
 
 
 def to_markdown(summary: Summary) -> str:
-    """The main table for a README: the same figures, with the ends of the intervals of SCD."""
+    """The main table and the one by type for a README: the same figures, with the ends of the intervals of SCD."""
     groups = _groups(summary)
     heads = [
         "planner",
@@ -105,13 +105,19 @@ def to_markdown(summary: Summary) -> str:
     ]
     lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
     for p in summary.planners:
-        scd = [_with_ends(_pick(f, True)) for f in (p.overall, *(p.groups.get(g) for g in groups))]
-        plain = [_number(_pick(p.metrics[m], True)) for m in _PLAIN]
-        cells = [p.planner.replace("|", "\\|"), *scd, *plain, f"{p.recorded} / {p.completed}"]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(
-        [*lines, "", f"{summary.title}. {_KEY} {_STRICT} Contract `{summary.contract_hash}`.", ""]
-    )
+        for strict in [True, False] if p.completed < p.recorded else [True]:
+            name = p.planner.replace("|", "\\|") + ("" if strict else ", completed")
+            scd = [_with_ends(_pick(f, strict)) for f in (p.overall, *(p.groups.get(g) for g in groups))]
+            plain = [_number(_pick(p.metrics[m], strict)) for m in _PLAIN]
+            n = f"{p.recorded} / {p.completed}" if strict else str(p.completed)
+            lines.append(f"| {' | '.join([name, *scd, *plain, n])} |")
+    lines += ["", f"{summary.title}. {_KEY} {_STRICT} Contract `{summary.contract_hash}`.", ""]
+    names = [p.planner.replace("|", "\\|") for p in summary.planners]
+    lines += [f"| group | type | {' | '.join(names)} |", f"|---|---|{'---:|' * len(names)}"]
+    for group, kind in _types(summary):
+        figures = [_with_ends(_pick(p.types.get(kind), True)) for p in summary.planners]
+        lines.append(f"| {group} | `{kind}` | {' | '.join(figures)} |")
+    return "\n".join([*lines, ""])
 
 
 def _groups(summary: Summary) -> list[str]:
@@ -130,6 +136,14 @@ def _pick(figure: Figure | None, strict: bool) -> Estimate | None:
         return None
     # Metrics without a value for a failure have one figure only: that of the completed episodes.
     return figure.strict if strict and figure.strict is not None else figure.completed
+
+
+def _strict_and_completed(figure: Figure | None) -> str:
+    """The strict figure, whose n is the row's; on a second line the completed one with its own n."""
+    text = _with_ends(_pick(figure, True))
+    if figure is None or figure.strict is None or figure.strict.n == figure.completed.n:
+        return text
+    return f"{text}\n{_number(figure.completed)} of {figure.completed.n}"
 
 
 def _number(estimate: Estimate | None) -> str:
@@ -158,6 +172,15 @@ def _errors(summary: Summary) -> Iterator[str]:
         if bad:
             text = ", ".join(f"{n} {kind}" for kind, n in bad.items())
             yield f"{p.planner}: {p.recorded - p.completed} error outcomes ({text}), causes in errors/"
+
+
+def _fewer(summary: Summary) -> Iterator[str]:
+    """Metrics that do not apply to every completed episode, with their own n."""
+    for p in summary.planners:
+        fewer = {m: p.metrics[m].completed.n for m in _PLAIN if p.metrics[m].completed.n < p.completed}
+        if fewer:
+            text = ", ".join(f"{m} {n}" for m, n in fewer.items())
+            yield f"{p.planner}: of {p.completed} completed episodes these metrics apply to fewer: {text}"
 
 
 def _no_interval(summary: Summary) -> Iterator[str]:

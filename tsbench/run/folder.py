@@ -19,9 +19,22 @@ if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
 JOURNAL, SUMMARY, ASIDE = "journal.jsonl", "summary.json", "aside"
+TABLES_TEXT = "summary.md"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
 _OURS = frozenset(
-    (NAME, JOURNAL, SUMMARY, ASIDE, "traces", "errors", "pictures", "report", "report.html", *TABLES)
+    (
+        NAME,
+        JOURNAL,
+        SUMMARY,
+        TABLES_TEXT,
+        ASIDE,
+        "traces",
+        "errors",
+        "pictures",
+        "report",
+        "report.html",
+        *TABLES,
+    )
 )
 
 
