@@ -9,6 +9,7 @@ from PIL import Image
 from tsbench.cli.signs import signs
 from tsbench.errors import InputError
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.countries import load_countries
 
 
 def call(*arguments: str) -> Result:
@@ -56,3 +57,26 @@ def test_a_sheet_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     assert isinstance(call("sheet", "--out", str(tmp_path / "sheet.jpg")).exception, InputError)
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     assert isinstance(call("sheet", "--out", str(tmp_path / "file" / "sheet.png")).exception, InputError)
+
+
+def test_sheet_with_another_country_s_codes(tmp_path: Path) -> None:
+    for name, more in (("own", ()), ("de", ("--jurisdiction", "de"))):
+        assert call("sheet", "--out", str(tmp_path / f"{name}.png"), *more).exit_code == 0
+    assert (tmp_path / "own.png").read_bytes() != (tmp_path / "de.png").read_bytes()
+    unknown = call("sheet", "--out", str(tmp_path / "xx.png"), "--jurisdiction", "xx")
+    assert isinstance(unknown.exception, InputError)
+    assert not (tmp_path / "xx.png").exists()
+
+
+def test_equivalents_of_all_countries_and_of_one(tmp_path: Path) -> None:
+    printed = call("equivalents").output
+    for country in load_countries():
+        assert f"{country.count}/34" in printed
+        assert f"{country.published_percent:g} %" in printed
+    path = tmp_path / "de.csv"
+    one = call("equivalents", "--country", "de", "--csv", str(path)).output
+    assert "220-20" in one
+    assert "memory" in one
+    assert str(path) in one
+    assert len(path.read_text(encoding="utf-8").splitlines()) == 35
+    assert isinstance(call("equivalents", "--country", "xx").exception, InputError)

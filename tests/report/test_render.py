@@ -22,6 +22,7 @@ from tsbench.report.lettering import shorten, text_width, wrap
 from tsbench.report.render import film, render, render_png, render_scene_png, scene_picture
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
+from tsbench.signs.countries import load_country
 from tsbench.sim.scene import Obstacle, Scene
 
 SIZE = PageSize(640, 480)
@@ -187,6 +188,18 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         render_scene_png(scene, tmp_path / "file" / "scene.png", "title")
+
+
+def test_a_country_changes_the_caption_only(trace: Trace, scene: Scene) -> None:
+    country = load_country("de")
+    around = np.array([(60.0, 0.0), (120.0, -8.0)])
+    eyes = [BirdsEye(trace, scene, SIZE, around, follow=False, country=c) for c in (None, country)]
+    pages = [eye.page(10) for eye in eyes]
+    pictures = [scene_picture(scene, "title", SIZE, c) for c in (None, country)]
+    for own, foreign in (pages, pictures):
+        rows = np.flatnonzero((own != foreign).any(axis=(1, 2)))
+        assert rows.size
+        assert rows.max() < STYLE.header_px
 
 
 @pytest.fixture

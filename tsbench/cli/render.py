@@ -6,7 +6,9 @@ from pathlib import Path
 
 import click
 
+from tsbench.cli.options import jurisdiction_option
 from tsbench.report.render import FORMATS, render_episode
+from tsbench.signs.countries import Country
 
 
 @click.command()
@@ -19,6 +21,9 @@ from tsbench.report.render import FORMATS, render_episode
 @click.option(
     "--time", type=float, metavar="S", help="Moment of a PNG; default: the violation, else half-way."
 )
-def render(run: Path, episode: str, kind: str | None, out: Path | None, time: float | None) -> None:
+@jurisdiction_option
+def render(
+    run: Path, episode: str, kind: str | None, out: Path | None, time: float | None, country: Country | None
+) -> None:
     """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN from its trace."""
-    click.echo(str(render_episode(run, episode, kind, out, time)))
+    click.echo(str(render_episode(run, episode, kind, out, time, country)))

@@ -11,11 +11,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from tsbench.cli.options import jurisdiction_option
 from tsbench.errors import InputError
 from tsbench.maps.paths import sources_dir
 from tsbench.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.signs.countries import Country
 
 PROVER = "tsbench.certify.prover:Prover"
 
@@ -115,7 +117,8 @@ def list_(split: str | None, type_id: str | None) -> None:
 @scenarios.command()
 @click.argument("scenario_id")
 @click.option("--png", type=click.Path(path_type=Path), default=None, help="Draw the scene to this file.")
-def show(scenario_id: str, png: Path | None) -> None:
+@jurisdiction_option
+def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
     from tsbench.scenarios.load import load_scene
 
@@ -133,7 +136,7 @@ def show(scenario_id: str, png: Path | None) -> None:
     if png is not None:
         from tsbench.report.render import render_scene_png
 
-        render_scene_png(scene, png, scenario_id)
+        render_scene_png(scene, png, scenario_id, country)
         click.echo(f"picture: {png}")
 
 

@@ -5,8 +5,10 @@ from pathlib import Path
 import click
 from rich.console import Console
 
+from tsbench.cli.options import jurisdiction_option, read_country
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.listing import sign_page, sign_table
+from tsbench.signs.countries import Country, load_countries, write_csv
+from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
 
 
 @click.group()
@@ -42,9 +44,23 @@ def write_pages(types: str, out: Path) -> None:
 
 @signs.command("sheet")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG file to write.")
-def draw_sheet(out: Path) -> None:
+@jurisdiction_option
+def draw_sheet(out: Path, country: Country | None) -> None:
     """Draw all plates by group on one page."""
     from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
 
-    save_sheet(load_catalog(), out)
+    save_sheet(load_catalog(), out, country)
     click.echo(str(out))
+
+
+@signs.command("equivalents")
+@click.option("--country", metavar="CODE", callback=read_country, help="Only this country, sign by sign.")
+@click.option("--csv", "path", type=click.Path(path_type=Path), help="Also write every entry to this file.")
+def show_equivalents(country: Country | None, path: Path | None) -> None:
+    """Print how many signs each country has an equivalent of, or one country's own codes."""
+    countries = load_countries() if country is None else (country,)
+    table = countries_table(countries) if country is None else country_table(load_catalog(), country)
+    Console().print(table)
+    if path is not None:
+        write_csv(load_catalog(), countries, path)
+        click.echo(str(path))

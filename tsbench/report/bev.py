@@ -20,6 +20,7 @@ from tsbench.report.roads import draw_roads
 from tsbench.report.style import STYLE
 from tsbench.rules.base import Violation
 from tsbench.run.trace import Trace
+from tsbench.signs.countries import Country, shown_code
 from tsbench.sim.lanegraph import LaneGraph, RoutePath
 from tsbench.sim.scene import Scene
 
@@ -47,11 +48,14 @@ class BirdsEye:
     """Draws pages of one episode.
 
     around: (n, 2) points that the picture must show; a scene that they do not fit into is followed by a
-    camera that keeps the ego in its middle.
+    camera that keeps the ego in its middle. country: whose code the caption gives the sign.
     """
 
-    def __init__(self, trace: Trace, scene: Scene, size: PageSize, around: Array, follow: bool) -> None:
-        self.trace, self.scene, self.size = trace, scene, size
+    def __init__(
+        self, trace: Trace, scene: Scene, size: PageSize, around: Array, follow: bool,
+        country: Country | None = None,
+    ) -> None:  # fmt: skip
+        self.trace, self.scene, self.size, self._country = trace, scene, size, country
         self._views = trace.routes(LaneGraph(scene.network), scene)
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
@@ -83,7 +87,8 @@ class BirdsEye:
         sign = self.scene.target_sign
         value = "" if sign.value is None else f" ({sign.value:g})"
         title = f"{trace.planner}: {spec.scenario_type}"
-        subtitle = f"{spec.scenario_id} · sign {sign.code}{value} · {spec.group} · {spec.split}"
+        code = shown_code(sign.code, self._country)
+        subtitle = f"{spec.scenario_id} · sign {code}{value} · {spec.group} · {spec.split}"
         shares = [v.start_s / self._last for v in trace.target.violations]
         return Hud(self.size.width, title, subtitle, sign, shares)
 

@@ -23,6 +23,7 @@ from tsbench.report.roads import draw_roads
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, find_trace, read_trace
 from tsbench.scenarios.load import load_scene
+from tsbench.signs.countries import Country, shown_code
 from tsbench.signs.plates import plate_rgba
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
@@ -39,10 +40,18 @@ _GIF_COLOURS = 128
 _CLEAR = 255
 
 
-def render_episode(run: Path, episode: str, kind: str | None, out: Path | None, time: float | None) -> Path:
+def render_episode(
+    run: Path,
+    episode: str,
+    kind: str | None,
+    out: Path | None,
+    time: float | None,
+    country: Country | None = None,
+) -> Path:
     """Draw an episode of a run folder; returns the file.
 
-    kind: one of FORMATS, by default what the suffix of `out` says, else png. Raises InputError.
+    kind: one of FORMATS, by default what the suffix of `out` says, else png; country: whose code the caption
+    gives the sign. Raises InputError.
     """
     if kind is None:
         kind = out.suffix[1:].lower() if out is not None else FORMATS[0]
@@ -51,21 +60,33 @@ def render_episode(run: Path, episode: str, kind: str | None, out: Path | None, 
     source = find_trace(run, episode)
     trace = read_trace(source)
     path = run / "pictures" / source.parent.name / f"{source.stem}.{kind}" if out is None else out
-    render(trace, load_scene(trace.spec), kind, path, time)
+    render(trace, load_scene(trace.spec), kind, path, time, country)
     return path
 
 
-def render(trace: Trace, scene: Scene, kind: str, path: Path, time: float | None = None) -> None:
+def render(
+    trace: Trace,
+    scene: Scene,
+    kind: str,
+    path: Path,
+    time: float | None = None,
+    country: Country | None = None,
+) -> None:
     """Draw an episode. kind: png | gif | mp4; time (s): the moment of a PNG."""
     if kind == "png":
-        render_png(trace, scene, path, time)
+        render_png(trace, scene, path, time, country)
         return
     if time is not None:
         raise InputError("--time chooses the moment of a PNG; films show the whole episode")
-    {"gif": render_gif, "mp4": render_mp4}[kind](trace, scene, path)
+    if kind == "gif":
+        render_gif(trace, scene, path, country=country)
+    else:
+        render_mp4(trace, scene, path, country)
 
 
-def render_png(trace: Trace, scene: Scene, path: Path, time: float | None = None) -> None:
+def render_png(
+    trace: Trace, scene: Scene, path: Path, time: float | None = None, country: Country | None = None
+) -> None:
     """One moment: the given one, else the first violation of the target, else half-way."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego
@@ -73,7 +94,7 @@ def render_png(trace: Trace, scene: Scene, path: Path, time: float | None = None
     sign = scene.target_sign
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
-    picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False).page(tick)
+    picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
     _save(path, PilImage.fromarray(picture))
 
 
@@ -89,7 +110,12 @@ def _tick(trace: Trace, time: float | None) -> int:
 
 
 def film(
-    trace: Trace, scene: Scene, size: PageSize, every: int = 1, span: tuple[int, int] | None = None
+    trace: Trace,
+    scene: Scene,
+    size: PageSize,
+    every: int = 1,
+    span: tuple[int, int] | None = None,
+    country: Country | None = None,
 ) -> Iterator[Image]:
     """The pages of an episode, each `every` ticks and the last one; one array, drawn into anew.
 
@@ -98,13 +124,13 @@ def film(
     sign = scene.target_sign
     first, last = (0, len(trace.snapshots) - 1) if span is None else span
     track = [(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]]
-    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), follow=span is None)
+    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), span is None, country)
     page = np.empty((size.height, size.width, 3), dtype=np.uint8)
     for tick in [*range(first, last, every), last]:
         yield eye.page(tick, page)
 
 
-def render_mp4(trace: Trace, scene: Scene, path: Path) -> None:
+def render_mp4(trace: Trace, scene: Scene, path: Path, country: Country | None = None) -> None:
     """The whole episode in real time, H.264."""
     path.parent.mkdir(parents=True, exist_ok=True)
     writer: Any = imageio_ffmpeg.write_frames(
@@ -115,7 +141,7 @@ def render_mp4(trace: Trace, scene: Scene, path: Path) -> None:
     writer.send(None)
     try:
         frame: Image | None = None
-        for page in film(trace, scene, VIDEO_SIZE):
+        for page in film(trace, scene, VIDEO_SIZE, country=country):
             # OpenCV converts colours three times faster than ffmpeg does.
             frame = cv2.cvtColor(page, cv2.COLOR_RGB2YUV_I420)
             writer.send(frame)
@@ -128,13 +154,18 @@ def render_mp4(trace: Trace, scene: Scene, path: Path) -> None:
 
 
 def render_gif(
-    trace: Trace, scene: Scene, path: Path, size: PageSize = GIF_SIZE, span: tuple[int, int] | None = None
+    trace: Trace,
+    scene: Scene,
+    path: Path,
+    size: PageSize = GIF_SIZE,
+    span: tuple[int, int] | None = None,
+    country: Country | None = None,
 ) -> None:
     """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette."""
     frames: list[PilImage.Image] = []
     palette: PilImage.Image | None = None
     before: Image | None = None
-    for page in film(trace, scene, size, GIF_EVERY, span):
+    for page in film(trace, scene, size, GIF_EVERY, span, country):
         picture = PilImage.fromarray(page)
         if palette is None:
             palette = _palette(picture)
@@ -163,15 +194,17 @@ def _palette(first: PilImage.Image) -> PilImage.Image:
     return palette
 
 
-def render_scene_png(scene: Scene, path: Path, title: str) -> None:
+def render_scene_png(scene: Scene, path: Path, title: str, country: Country | None = None) -> None:
     """A scene without an episode: roads, plates, obstacles, start, convoy, destination, and the ways.
 
     Blue: the way that navigation gives; green: the obedient way, where it is another one.
     """
-    _save(path, PilImage.fromarray(scene_picture(scene, title)))
+    _save(path, PilImage.fromarray(scene_picture(scene, title, country=country)))
 
 
-def scene_picture(scene: Scene, title: str, size: PageSize = PNG_SIZE) -> Image:
+def scene_picture(
+    scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None
+) -> Image:
     """The picture of `render_scene_png`, (height, width, 3) RGB."""
     graph = LaneGraph(scene.network)
     page = np.empty((size.height, size.width, 3), dtype=np.uint8)
@@ -185,7 +218,7 @@ def scene_picture(scene: Scene, title: str, size: PageSize = PNG_SIZE) -> Image:
     draw_start(view, camera, scene)
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
-    _caption(page, scene, title)
+    _caption(page, scene, title, country)
     return page
 
 
@@ -203,7 +236,7 @@ def _scene_points(scene: Scene, graph: LaneGraph) -> Array:
     return np.array(points)
 
 
-def _caption(page: Image, scene: Scene, title: str) -> None:
+def _caption(page: Image, scene: Scene, title: str, country: Country | None) -> None:
     width, sign = page.shape[1], scene.target_sign
     top = page.shape[0] - STYLE.footer_px
     page[: STYLE.header_px] = STYLE.panel
@@ -213,7 +246,7 @@ def _caption(page: Image, scene: Scene, title: str) -> None:
     paste(page, 12, 6, plate[..., :3], plate[..., 3])
     value = "" if sign.value is None else f", {sign.value:g}"
     write(page, size + 24, 10, shorten(title, 18, width - size - 48), 18, STYLE.ink, bold=True)
-    facts = f"sign {sign.code}{value} on edge {sign.edge} at {sign.position_m:.0f} m"
+    facts = f"sign {shown_code(sign.code, country)}{value} on edge {sign.edge} at {sign.position_m:.0f} m"
     facts += f" · horizon {scene.horizon * DT_S:.0f} s"
     write(page, size + 24, 36, shorten(facts, 13, width - size - 48), 13, STYLE.faint)
     legend = [

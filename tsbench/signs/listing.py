@@ -1,10 +1,13 @@
 """The catalogue as tables for the terminal."""
 
+from collections.abc import Sequence
+
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from tsbench.signs.catalog import Catalog
+from tsbench.signs.countries import Country
 from tsbench.signs.model import MapNeeds, Placement, PostedValue, RuleSpec, Sign
 
 
@@ -51,6 +54,34 @@ def sign_page(sign: Sign) -> Group:
         Text(),
         _clauses(sign.rule),
     )
+
+
+def countries_table(countries: Sequence[Country]) -> Table:
+    """Per country: how many signs have an equivalent, the published share, and how many entries are checked."""
+    table = Table(box=None, pad_edge=False)
+    for heading in ("country", "", "numbering"):
+        table.add_column(heading, no_wrap=heading != "numbering")
+    for heading in ("signs", "share", "published", "checked"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for country in countries:
+        numbers = (f"{country.count}/{len(country.equivalents)}", f"{country.percent:.0f} %")
+        published = f"{country.published_percent:g} %"
+        row = (country.code, country.name_en, country.numbering, *numbers, published, str(country.checked))
+        table.add_row(*row)
+    return table
+
+
+def country_table(catalog: Catalog, country: Country) -> Table:
+    """One country's sign for each sign of the catalogue; "memory" marks what rests on no source."""
+    caption = f"{country.count} of {len(country.equivalents)} signs, {country.checked} entries checked"
+    table = Table(title=f"{country.name_en}: {country.numbering}", caption=caption, box=None, pad_edge=False)
+    for heading in ("sign", "name", "equivalent", "", "remark"):
+        table.add_column(heading, no_wrap=heading not in ("name", "remark"))
+    for entry in country.equivalents.values():
+        remark = entry.reason or entry.note or ""
+        name = catalog.sign(entry.sign).name_en
+        table.add_row(entry.sign, name, entry.code or "none", "" if entry.checked else "memory", remark)
+    return table
 
 
 def _caption(catalog: Catalog) -> str:

@@ -36,7 +36,7 @@ _REFERENCES = ("line", "exit_start", "crossing", "obstacle", "own_line")
 
 def parse_rule(path: Path) -> RuleSpec:
     """The rule of one file as it stands there: what it takes over from another is not yet in it."""
-    top = _open(path)
+    top = open_file(path)
     name = top.text("rule")
     if name != path.stem:
         top.fail("rule", f"{name!r} stands in the file of {path.stem!r}")
@@ -63,7 +63,7 @@ def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
     Raises:
         InputError: one line: file, key, what is wrong.
     """
-    top = _open(path)
+    top = open_file(path)
     code = top.text("code")
     if code != path.stem:
         top.fail("code", f"{code!r} stands in the file of {path.stem!r}")
@@ -101,7 +101,8 @@ def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
     return sign
 
 
-def _open(path: Path) -> Fields:
+def open_file(path: Path) -> Fields:
+    """The keys of a catalogue file of this schema; InputError for another."""
     top = read_yaml(path)
     if (schema := top.integer("schema")) != SCHEMA:
         top.fail("schema", f"is {schema}, this version reads {SCHEMA}")

@@ -6,6 +6,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tsbench.errors import InputError
 from tsbench.signs.catalog import Catalog
+from tsbench.signs.countries import Country, shown_code
 from tsbench.signs.model import GROUPS, Sign
 from tsbench.signs.plates import plate_rgba
 
@@ -17,8 +18,11 @@ _TITLE_H = 44
 _INK, _DIM, _PAPER, _RULE = "#1a1a1a", "#5f6368", "#f4f5f2", "#c9ccc6"
 
 
-def draw_sheet(catalog: Catalog) -> Image.Image:
-    """The contact sheet: a band per group, in it the signs by scenario type with plate, code and name."""
+def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
+    """The contact sheet: a band per group, in it the signs by scenario type with plate, code and name.
+
+    country: writes its codes below the plates, which stay as they are.
+    """
     bands = [(group, _signs_of(catalog, group)) for group in GROUPS]
     heights = [_TITLE_H + _CELL_H * -(-len(signs) // _COLUMNS) for _, signs in bands]
     size = (2 * _MARGIN + _COLUMNS * _CELL_W, 2 * _MARGIN + sum(heights))
@@ -29,12 +33,12 @@ def draw_sheet(catalog: Catalog) -> Image.Image:
         _title(sheet, top, f"{group.capitalize()} · {types} scenario types")
         for place, sign in enumerate(signs):
             row, column = divmod(place, _COLUMNS)
-            _cell(sheet, _MARGIN + column * _CELL_W, top + _TITLE_H + row * _CELL_H, sign)
+            _cell(sheet, _MARGIN + column * _CELL_W, top + _TITLE_H + row * _CELL_H, sign, country)
         top += height
     return sheet.convert("RGB")
 
 
-def save_sheet(catalog: Catalog, path: Path) -> None:
+def save_sheet(catalog: Catalog, path: Path, country: Country | None = None) -> None:
     """Draw the contact sheet into a PNG file, whose folder is made where it is missing.
 
     Raises:
@@ -44,7 +48,7 @@ def save_sheet(catalog: Catalog, path: Path) -> None:
         raise InputError(f"{path}: the sheet is a PNG, name it so")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw_sheet(catalog).save(path, format="PNG")
+        draw_sheet(catalog, country).save(path, format="PNG")
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from error
 
@@ -64,7 +68,7 @@ def _title(sheet: Image.Image, top: int, text: str) -> None:
     draw.line((_MARGIN, top + 36, sheet.width - _MARGIN, top + 36), fill=_RULE, width=2)
 
 
-def _cell(sheet: Image.Image, left: int, top: int, sign: Sign) -> None:
+def _cell(sheet: Image.Image, left: int, top: int, sign: Sign, country: Country | None) -> None:
     value = None
     if sign.value is not None and sign.value.printed:
         value = sign.value.allowed[len(sign.value.allowed) // 2]
@@ -72,12 +76,17 @@ def _cell(sheet: Image.Image, left: int, top: int, sign: Sign) -> None:
     sheet.alpha_composite(plate, (left + (_CELL_W - _PLATE_PX) // 2, top + 8))
     draw = ImageDraw.Draw(sheet)
     middle = left + _CELL_W // 2
-    draw.text(
-        (middle, top + _PLATE_PX + 14), sign.code, fill=_INK, font=ImageFont.load_default(17), anchor="ma"
-    )
+    code = shown_code(sign.code, country)
+    draw.text((middle, top + _PLATE_PX + 14), code, fill=_INK, font=_fitting(code, _CELL_W - 8), anchor="ma")
     font = ImageFont.load_default(14)
     for number, text in enumerate(_wrap(sign.name_en, font, _CELL_W - 12)):
         draw.text((middle, top + _PLATE_PX + 37 + 17 * number), text, fill=_DIM, font=font, anchor="ma")
+
+
+def _fitting(code: str, width: float) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    """The largest of the codes' sizes in which a code fits; those of several signs are long."""
+    fonts = [ImageFont.load_default(size) for size in (17, 15, 13)]
+    return next((font for font in fonts if font.getlength(code) <= width), fonts[-1])
 
 
 def _wrap(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, width: float) -> list[str]:
