@@ -17,10 +17,9 @@ import pyarrow as pa
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate
+from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
 from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import METRICS, SCD, MetricColumn, Records, split_records
-from tsbench.signs.model import GROUPS
 
 SUMMARY_SCHEMA = 1
 TYPES_IN_BENCHMARK = 29
@@ -122,15 +121,13 @@ def _title(planners: tuple[PlannerSummary, ...], asked: Mapping[str, int], holes
 
 
 def _planner(name: str, records: Records, asked: int, bootstrap: ClusterBootstrap) -> PlannerSummary:
-    rank = {group: k for k, group in enumerate(GROUPS)}
-    group_of = dict(zip(records.kinds, records.groups, strict=True))
-    order = sorted(group_of, key=lambda kind: (rank.get(group_of[kind], len(GROUPS)), kind))
+    group_of = records.type_groups()
     everyone = np.ones(len(records), dtype=bool)
     groups, types = {}, {}
-    for group in dict.fromkeys(group_of[kind] for kind in order):
+    for group in dict.fromkeys(group_of.values()):
         inside = np.array([g == group for g in records.groups])
         groups[group] = _figure(bootstrap, f"group {group}", records, SCD, inside[records.kind], macro=True)
-    for kind in order:
+    for kind in group_of:
         use = records.kind == records.kinds.index(kind)
         types[kind] = _figure(bootstrap, f"type {kind}", records, SCD, use)
     return PlannerSummary(
@@ -142,7 +139,7 @@ def _planner(name: str, records: Records, asked: int, bootstrap: ClusterBootstra
         overall=_figure(bootstrap, "overall", records, SCD, everyone, macro=True),
         groups=groups,
         types=types,
-        type_groups={kind: group_of[kind] for kind in order},
+        type_groups=group_of,
         metrics={m: _figure(bootstrap, "overall", records, col, everyone) for m, col in METRICS.items()},
     )
 
@@ -172,10 +169,6 @@ def _figure(
 
 def _sums(records: Records, values: Array, use: _Mask, macro: bool) -> tuple[Array, Array]:
     """(maps, types) sum of values and number of episodes; one column where types are not kept apart."""
-    maps, at = np.unique(records.map_code[use], return_inverse=True)
-    parts = len(records.kinds) if macro else 1
-    cell = at * parts + (records.kind[use] if macro else 0)
-    shape, size = (len(maps), parts), len(maps) * parts
-    count = np.bincount(cell, minlength=size).reshape(shape).astype(np.float64)
-    total = np.bincount(cell, weights=values[use], minlength=size).reshape(shape).astype(np.float64)
-    return total, count
+    if macro:
+        return sums_by_cluster(values[use], records.map_code[use], records.kind[use], len(records.kinds))
+    return sums_by_cluster(values[use], records.map_code[use], 0, 1)

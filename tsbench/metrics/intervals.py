@@ -9,6 +9,7 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
 
@@ -16,6 +17,8 @@ LEVEL = 0.95
 RESAMPLES = 10_000
 MIN_CLUSTERS = 5
 _DIGITS = 9
+
+_Codes = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +107,28 @@ class ClusterBootstrap:
                 # All draws would be equal: an interval of no width would claim certainty.
                 return *wilson(round(value * clusters), clusters), "wilson", "all maps alike: over maps"
             return None, None, "none", "all maps alike"
+        return *percentiles(self.draws(label, total, count)), "cluster bootstrap", ""
+
+    def draws(self, label: str, total: Array, count: Array) -> Array:
+        """(resamples,) the macro mean in each draw. total, count: as for `estimate`, no row or column of them empty."""
+        clusters, parts = count.shape
         sums = self.weights(label, clusters) @ np.hstack((total, count))
         with np.errstate(invalid="ignore"):
-            draws = np.nanmean(sums[:, :parts] / sums[:, parts:], axis=1)
-        low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        return float(low), float(high), "cluster bootstrap", ""
+            means: Array = np.nanmean(sums[:, :parts] / sums[:, parts:], axis=1)
+        return means
+
+
+def percentiles(draws: Array) -> tuple[float, float]:
+    """The ends of the percentile interval."""
+    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return float(low), float(high)
+
+
+def sums_by_cluster(values: Array, cluster: _Codes, part: _Codes | int, parts: int) -> tuple[Array, Array]:
+    """(clusters, parts) sum of values and number of episodes. cluster, part: (n,) codes; parts: how many there are."""
+    held, at = np.unique(cluster, return_inverse=True)
+    cell = at * parts + part
+    shape, size = (len(held), parts), len(held) * parts
+    count = np.bincount(cell, minlength=size).reshape(shape).astype(np.float64)
+    total = np.bincount(cell, weights=values, minlength=size).reshape(shape).astype(np.float64)
+    return total, count

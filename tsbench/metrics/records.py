@@ -14,6 +14,7 @@ import pyarrow as pa
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.outcome import Outcome
+from tsbench.signs.model import GROUPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,13 @@ class Records:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def type_groups(self) -> dict[str, str]:
+        """The group of each type; groups in the catalogue's order, types by name within each."""
+        rank = {group: k for k, group in enumerate(GROUPS)}
+        group_of = dict(zip(self.kinds, self.groups, strict=True))
+        order = sorted(group_of, key=lambda kind: (rank.get(group_of[kind], len(GROUPS)), kind))
+        return {kind: group_of[kind] for kind in order}
 
 
 def split_records(episodes: pa.Table) -> dict[str, Records]:

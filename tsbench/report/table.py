@@ -70,7 +70,8 @@ def _main(summary: Summary) -> Table:
 
 def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
     table = Table(
-        title="SCD by type, % (95 % interval); below it, where they differ, completed only", title_justify="left", title_style="bold",
+        title="SCD by type, % (strict, 95 % interval; below, where it differs: completed of their n)",
+        title_justify="left", title_style="bold",
         box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0),
     )  # fmt: skip
     table.add_column("group")

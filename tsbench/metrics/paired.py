@@ -1,0 +1,194 @@
+"""Differences between two planners on the same scenarios. Source: spec/metrics.md, "Aggregation".
+
+Yes/no outcomes: exact McNemar. Everything: 95 % interval from a cluster bootstrap over maps, drawn once for both.
+What is not significant says how large a difference it would have shown (minimum detectable effect).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.geometry.polyline import Array
+from tsbench.metrics.intervals import LEVEL, MIN_CLUSTERS, ClusterBootstrap, percentiles, sums_by_cluster
+from tsbench.metrics.records import MetricColumn
+
+ALPHA = 1 - LEVEL
+POWER = 0.8
+_ALIKE = 1e-12
+_DIGITS = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One figure of A and of B over the same pairs, and B - A. Numbers in the metric's unit, p in 0-1.
+
+    a, b, value: None where no pair counts. low, high: None where there is no interval; `reason` says why. n: pairs;
+    clusters: maps they are on; parts: types that a macro mean is over (1 otherwise). won, lost: pairs that only B, only
+    A has; p: exact McNemar; all three None for what is not yes/no. p_holm: p after Holm over the types. mde: minimum
+    detectable effect; None where the difference is significant, or where no difference could be.
+    """
+
+    a: float | None = None
+    b: float | None = None
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    n: int = 0
+    clusters: int = 0
+    parts: int = 0
+    won: int | None = None
+    lost: int | None = None
+    p: float | None = None
+    p_holm: float | None = None
+    mde: float | None = None
+    method: str = "none"
+    reason: str = "no pair"
+
+    @property
+    def significant(self) -> bool:
+        """By McNemar (after Holm where that was applied); by the interval where the metric is not yes/no."""
+        p = self.p if self.p_holm is None else self.p_holm
+        if p is not None:
+            return p < ALPHA
+        return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """n pairs that count. a, b: values; cluster: map of each; part: type of each, `parts` = number of types."""
+
+    a: Array
+    b: Array
+    cluster: npt.NDArray[np.intp]
+    part: npt.NDArray[np.intp]
+    parts: int
+
+
+def difference(
+    bootstrap: ClusterBootstrap, label: str, pairs: Pairs, metric: MetricColumn, macro: bool = False
+) -> Difference:
+    """B - A with all that belongs to it; macro: mean over types, else over pairs. The draws are those of `label`."""
+    n, scale = len(pairs.a), metric.scale
+    if not n:
+        return Difference()
+    part, parts = (pairs.part, pairs.parts) if macro else (0, 1)
+    delta = pairs.b - pairs.a
+    total, count = sums_by_cluster(delta, pairs.cluster, part, parts)
+    filled = count.sum(axis=0) > 0
+    total, count = total[:, filled], count[:, filled]
+
+    def mean(values: Array) -> float:
+        sums = sums_by_cluster(values, pairs.cluster, part, parts)[0][:, filled]
+        return round(scale * float((sums.sum(axis=0) / count.sum(axis=0)).mean()), _DIGITS)
+
+    won, lost = int(np.count_nonzero(delta > 0)), int(np.count_nonzero(delta < 0))
+    rates = (won / n, lost / n) if metric.binary else None
+    low, high, error, method, reason = _interval(bootstrap, label, total, count, rates)
+    found = Difference(
+        a=mean(pairs.a), b=mean(pairs.b), value=mean(delta),
+        low=None if low is None else round(scale * low, _DIGITS),
+        high=None if high is None else round(scale * high, _DIGITS),
+        n=n, clusters=count.shape[0], parts=count.shape[1], method=method, reason=reason,
+    )  # fmt: skip
+    if metric.binary:
+        found = replace(found, won=won, lost=lost, p=mcnemar_p(won, lost))
+        return found if found.significant else replace(found, mde=_scaled(scale, found, ALPHA))
+    if found.significant or error is None:
+        return found
+    return replace(found, mde=round(scale * _noise_multiple() * error, _DIGITS))
+
+
+def adjust(types: Mapping[str, Difference], scale: float) -> dict[str, Difference]:
+    """McNemar's p of each type after Holm over all of them, and what each type could then still have shown.
+
+    The effect is that which Holm finds whatever the other types show: its strictest step, ALPHA / number of types.
+    """
+    tested = [kind for kind, d in types.items() if d.p is not None]
+    adjusted = dict(zip(tested, holm([types[kind].p or 0.0 for kind in tested]), strict=True))
+    result = {}
+    for kind, d in types.items():
+        d = replace(d, p_holm=adjusted.get(kind), mde=None)
+        wanted = d.p is not None and not d.significant
+        result[kind] = replace(d, mde=_scaled(scale, d, ALPHA / len(tested))) if wanted else d
+    return result
+
+
+def mcnemar_p(won: int, lost: int) -> float:
+    """Two-sided exact (binomial) McNemar test of the pairs that differ, from statsmodels."""
+    from statsmodels.stats.contingency_tables import mcnemar  # brings pandas: late
+
+    return float(mcnemar([[0, won], [lost, 0]], exact=True).pvalue)
+
+
+def holm(p: list[float]) -> list[float]:
+    """Holm's step-down adjustment (Holm 1979), from statsmodels."""
+    from statsmodels.stats.multitest import multipletests
+
+    return [float(x) for x in multipletests(p, alpha=ALPHA, method="holm")[1]] if p else []
+
+
+def detectable(n: int, won: int, lost: int, alpha: float) -> float | None:
+    """Least difference (0-1) that exact McNemar on n pairs finds at `alpha` with POWER; None if it finds none.
+
+    The rarer of the two kinds of flips keeps the rate that was observed (as far as there is room for it beside the
+    effect); the other makes the difference.
+    """
+    from scipy.optimize import brentq
+
+    rare = min(won, lost) / n
+
+    def beyond(effect: float) -> float:
+        return mcnemar_power(n, min(rare, (1.0 - effect) / 2), effect, alpha) - POWER
+
+    return None if beyond(1.0) < 0.0 else float(brentq(beyond, 0.0, 1.0, xtol=1e-6))
+
+
+def mcnemar_power(n: int, rare: float, effect: float, alpha: float) -> float:
+    """How often exact McNemar finds, on the right side, flips of rates `rare` and `rare + effect` in n pairs."""
+    from scipy.stats import binom
+
+    flips = np.arange(n + 1)
+    both = min(2.0 * rare + effect, 1.0)
+    if both <= 0.0:
+        return 0.0
+    # The test rejects where at most `edge` flips go the other way.
+    edge = binom.ppf(alpha / 2, flips, 0.5)
+    edge = np.where(binom.cdf(edge, flips, 0.5) > alpha / 2, edge - 1, edge)
+    found = binom.cdf(edge, flips, rare / both)
+    return float(binom.pmf(flips, n, both) @ np.where(edge < 0, 0.0, found))
+
+
+def _scaled(scale: float, d: Difference, alpha: float) -> float | None:
+    effect = detectable(d.n, d.won or 0, d.lost or 0, alpha)
+    return None if effect is None else round(scale * effect, 6)
+
+
+def _noise_multiple() -> float:
+    """How many standard errors a difference must have to be found with POWER (two-sided, normal)."""
+    from scipy.stats import norm
+
+    return float(norm.ppf(1 - ALPHA / 2) + norm.ppf(POWER))
+
+
+def _interval(
+    bootstrap: ClusterBootstrap, label: str, total: Array, count: Array, flips: tuple[float, float] | None
+) -> tuple[float | None, float | None, float | None, str, str]:
+    """(low, high, standard error, method, reason). flips: rates of won and lost pairs of a yes/no metric."""
+    clusters = len(total)
+    if clusters < MIN_CLUSTERS:
+        return None, None, None, "none", f"only {clusters} maps, fewer than {MIN_CLUSTERS}"
+    draws = bootstrap.draws(label, total, count)
+    if np.ptp(draws) > _ALIKE:
+        return *percentiles(draws), float(draws.std(ddof=1)), "cluster bootstrap", ""
+    if flips is None:
+        return None, None, None, "none", "all maps alike"
+    from statsmodels.stats.proportion import confint_proportions_2indep
+
+    # All draws are equal: an interval of no width would claim certainty.
+    won, lost = (rate * clusters for rate in flips)
+    low, high = confint_proportions_2indep(won, clusters, lost, clusters, method="newcomb", alpha=ALPHA)
+    return float(low), float(high), None, "newcombe", "all maps alike: over maps"

@@ -1,0 +1,65 @@
+"""A run folder as others read it: manifest and records, checked against each other; nothing is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tsbench.errors import InputError
+from tsbench.run.manifest import NAME, Manifest, read_manifest
+from tsbench.run.tables import file_hashes, read_table
+
+EPISODES = "episodes.parquet"
+_ENDED = ("complete", "interrupted")
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run. asked: scenarios asked of each planner, by its name in the records, in the order of the command."""
+
+    path: Path
+    manifest: Manifest
+    episodes: pa.Table
+    asked: dict[str, int]
+
+    @property
+    def contract(self) -> str:
+        """Contract hash (hex)."""
+        return str(self.manifest["contract"])
+
+    def of(self, planner: str) -> pa.Table:
+        """One planner's records."""
+        return self.episodes.filter(pc.equal(self.episodes["planner"], planner))
+
+    def holes(self, planner: str) -> int:
+        """Scenarios asked of a planner that have no record."""
+        return self.asked[planner] - len(self.of(planner))
+
+
+def is_run(path: Path) -> bool:
+    """Does a manifest lie there?"""
+    return (path / NAME).is_file()
+
+
+def read_run(path: Path) -> StoredRun:
+    """Read a run. Raises InputError: no run, another schema version, torn or exchanged tables."""
+    manifest = read_manifest(path)
+    if manifest is None:
+        raise InputError(f"{path}: no run folder (it has no {NAME})")
+    try:
+        asked = dict.fromkeys(
+            (str(p["name"]) for p in manifest["planners"]), int(manifest["effective"]["scenarios"])
+        )
+        status, recorded = manifest["status"], manifest["files"] or {}
+    except (KeyError, TypeError, ValueError) as problem:
+        raise InputError(f"{path / NAME}: not the manifest of a tsbench run ({problem!r})") from None
+    episodes = read_table(path / EPISODES)
+    # While a session is under way the tables of the one before may already have been replaced.
+    if status in _ENDED:
+        for name, digest in file_hashes(path).items():
+            if recorded.get(name) != digest:
+                raise InputError(f"{path / name}: is not the file that the run wrote (SHA-256 differs)")
+    return StoredRun(path, manifest, episodes, asked)
