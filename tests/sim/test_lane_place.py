@@ -134,3 +134,16 @@ def test_a_slit_between_two_lanes_is_on_the_road(road: RoadNetwork, on_road_lane
         assert s == pytest.approx(100.0)
     outside = apart[2].line.point_at(100.0)[1] + apart[2].width / 2
     assert locator.locate(100.0, outside + 0.1, 0.0, -1) == (-1, 0.0, 0.0, False)
+
+
+def test_a_seam_between_a_lane_and_the_next_is_on_the_road(block: RoadNetwork) -> None:
+    """netconvert rounds to centimetres: a lane may end a little before the next one begins, outside the junction."""
+    lane = block.lane("bu_0")
+    shifted = Polyline(lane.line.points + 0.015 * np.array([math.cos(place(block, "bu_0", 0.0)[2]), 0.0]))
+    lanes = tuple(replace(one, line=shifted) if one.id == "bu_0" else one for one in block.lanes)
+    bare = {k: replace(j, polygon=np.zeros((0, 2))) for k, j in block.junctions.items()}
+    locator = LaneLocator(replace(block, lanes=lanes, junctions=bare))
+    x, y, heading = place(block, "bu_0", 0.0075)
+    assert locator.locate(x, y, heading, -1)[3]
+    x, y, heading = place(block, "bu_0", lane.line.length + 0.2)
+    assert not locator.locate(x, y, heading, -1)[3]

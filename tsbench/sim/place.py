@@ -12,6 +12,8 @@ from tsbench.maps.network import Lane, RoadNetwork
 _MARGIN_M = 1e-6
 # Lanes side by side leave slits: netconvert rounds to centimetres, and offset lines part at bends.
 _SLIT_M = 0.25
+# Lanes one behind the other leave seams of a centimetre, which the junction's area may not cover either.
+_SEAM_M = 0.03
 
 
 def inside_polygon(x: float, y: float, polygon: Array) -> bool:
@@ -80,6 +82,8 @@ class LaneLocator:
             lane = self._drivable[k]
             s, d = lane.line.project(x, y)
             beside = abs(d) - lane.width / 2
+            if beside <= 0.0 and -_SEAM_M <= s <= lane.line.length + _SEAM_M:
+                return lane.index, (s, d)
             if beside <= _SLIT_M and -_SLIT_M <= s <= lane.line.length + _SLIT_M:
                 near.setdefault(self._road[lane.edge], []).append((beside, lane.index, s, d))
         between = [min(lanes) for lanes in near.values() if len(lanes) > 1]

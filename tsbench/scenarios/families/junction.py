@@ -60,7 +60,7 @@ class GiveWayPlacement:
         row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
         before = recipe.number("ego_before_line_m")
         arms = self._roles(row, before)
-        options = conflicts(network, graph, arms)
+        options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
         require(bool(options), "no path of the ego meets one that has priority")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]

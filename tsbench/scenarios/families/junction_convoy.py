@@ -48,9 +48,13 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
     return min(math.sqrt(2.0 / max(curvature, 1e-3)), 14.0)
 
 
-def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms) -> list[Conflict]:
-    """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap."""
-    egos = [c for c in _links(network, graph, arms.ego_in) if c.state in "ms"]
+def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
+    """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap.
+
+    slowest_turn: the ego's path can be driven at this speed (m/s) at least.
+    """
+    own = _links(network, graph, arms.ego_in)
+    egos = [c for c in own if c.state in "ms" and turn_speed(network, c) >= slowest_turn]
     foes = [c for e in arms.prior_in for c in _links(network, graph, e) if c.state == "M"]
     # One pair per pair of edges: lanes of the same roads are no different scene.
     unique: dict[tuple[str, str, str], Conflict] = {}
