@@ -80,3 +80,9 @@ def test_equivalents_of_all_countries_and_of_one(tmp_path: Path) -> None:
     assert str(path) in one
     assert len(path.read_text(encoding="utf-8").splitlines()) == 35
     assert isinstance(call("equivalents", "--country", "xx").exception, InputError)
+
+
+def test_the_documentation_quotes_the_table_as_it_is_printed() -> None:
+    quoted = Path(__file__).parents[2].joinpath("docs", "signs.md").read_text(encoding="utf-8")
+    for line in call("equivalents").output.splitlines():
+        assert line.rstrip() in quoted
