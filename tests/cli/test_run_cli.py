@@ -34,7 +34,7 @@ def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subpro
 
 def test_help_names_all_commands() -> None:
     done = tsbench("--help")
-    for name in ("run", "rescore", "render", "planners", "signs", "scenarios", "maps", "bench"):
+    for name in ("run", "compare", "rescore", "render", "planners", "signs", "scenarios", "maps", "bench"):
         assert f"\n  {name} " in done.stdout
 
 

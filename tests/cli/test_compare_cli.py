@@ -1,0 +1,210 @@
+"""`tsbench compare` on run folders made by hand: what it prints, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from made_runs import CONTRACT, episodes, failed, lost, make_run
+from PIL import Image
+
+from tsbench.cli import main
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs the command in a folder of its own: (stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+
+    def command(*arguments: str, expect: int = 0) -> tuple[str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", *arguments])
+        told = capsys.readouterr()
+        assert ended.value.code == expect, told
+        return told.out, told.err
+
+    return command
+
+
+def refused(run, *arguments: str) -> str:
+    out, err = run(*arguments, expect=2)
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def two(folder: Path) -> None:
+    """A run with two planners: idm loses three yield scenes and fails in one, idm-e loses another."""
+    idm = episodes(
+        "idm", yield_m0_v0=lost(), yield_m1_v1=lost(), yield_m2_v0=lost(), speed_limit_m0_v0=failed("boom")
+    )
+    expert = episodes("idm-e", speed_limit_m3_v2=lost("over_limit") | {"outcome": "collision"})
+    make_run(folder, [*idm, *expert])
+
+
+def test_two_planners_of_one_run(run, tmp_path: Path) -> None:
+    two(tmp_path / "runs" / "x")
+    out, _ = run("runs/x:idm", "runs/x:idm-e", "--csv", "out/flips.csv", "--png", "out/forest.png")
+    assert out.startswith("A idm (runs/x), B idm-e (runs/x): 48 paired scenarios\n")
+    assert f"contract {CONTRACT}" in out
+    assert "lost (A had SCD, B has not): 1\n" in out
+    assert "won (B has SCD, A has not): 4\n" in out
+    assert "  speed_limit-m3-v2  A arrived, B collision broke over_limit\n" in out
+    assert "  yield-m1-v1  A arrived broke did_not_yield, B arrived\n" in out
+    assert "  speed_limit-m0-v0  A planner_error (boom), B arrived\n" in out
+    lines = [line.split() for line in out.splitlines()]
+    # 21 of 24 against 24 of 24: three flips prove nothing, and what would have been found stands beside it.
+    row = next(words for words in lines if words[:1] == ["yield"])
+    assert row[1:4] == ["87.5", "100.0", "+12.5"]
+    assert row[-3:] == ["0", "3", "24"]
+    assert "0.500" in row
+    assert float(row[row.index("0.500") + 1]) > 20
+    # Strict, then completed: the scene with the error is in the first only.
+    overall = next(k for k, words in enumerate(lines) if words[:3] == ["all", "mean", "of"])
+    assert lines[overall][-1] == "48"
+    assert (lines[overall + 1][0], lines[overall + 1][-1]) == ("completed", "47")
+
+    with (tmp_path / "out" / "flips.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [r["change"] for r in rows] == ["lost", "won", "won", "won", "won"]
+    assert rows[0]["clause_b"] == "over_limit"
+    assert rows[1]["error_a"] == "boom"
+    with Image.open(tmp_path / "out" / "forest.png") as picture:
+        assert picture.width > 800
+        assert len(picture.convert("RGB").getcolors(1 << 24) or []) > 20
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"flips.csv", "forest.png"}
+
+
+def test_fewer_flips_are_listed_than_counted(run, tmp_path: Path) -> None:
+    two(tmp_path / "x")
+    out, _ = run("x:idm", "x:idm-e", "--flips", "1")
+    assert "won (B has SCD, A has not): 4\n" in out
+    assert "  and 3 more: --flips N lists more, --csv FILE writes all\n" in out
+
+
+def test_a_run_with_one_planner_needs_no_name(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "plain", episodes("idm"))
+    make_run(tmp_path / "masked", episodes("idm", yield_m0_v0=lost()), mask_signs=True)
+    out, _ = run("plain", "masked")
+    assert "A idm (plain), B idm (masked): 48 paired scenarios" in out
+    assert "note: mask_signs: A False, B True" in out
+    assert "FORCED" not in out
+
+
+def test_other_contracts_are_refused_unless_forced(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm"))
+    make_run(tmp_path / "b", episodes("idm"), contract="d" * 64)
+    told = refused(run, "a", "b")
+    assert CONTRACT in told
+    assert "d" * 64 in told
+    assert "--force" in told
+    out, _ = run("a", "b", "--force", "--png", "forced.png")
+    assert out.startswith("FORCED, contracts differ (A c0ffeec0ffee, B dddddddddddd): A idm (a)")
+    assert f"contracts A {CONTRACT}, B {'d' * 64}" in out
+
+
+def test_other_scenarios_are_refused_unless_forced(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm", maps=6))
+    make_run(tmp_path / "b", episodes("idm", maps=5), limit=40)
+    told = refused(run, "a", "b")
+    assert "A has 48, B has 40, 40 in common" in told
+    refused(run, "a", "b", "--allow-partial")
+    out, _ = run("a", "b", "--force")
+    assert out.startswith("FORCED, different scenarios (A has 48, B has 40, 40 in common): ")
+    assert ": 40 paired scenarios" in out
+
+
+def test_nothing_in_common(run, tmp_path: Path) -> None:
+    rows = episodes("idm")
+    make_run(tmp_path / "a", rows[:24], types=["yield"])
+    make_run(tmp_path / "b", rows[24:], types=["speed_limit"])
+    assert "no scenario in common" in refused(run, "a", "b", "--force")
+
+
+def test_holes_are_refused_unless_allowed(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm"))
+    make_run(tmp_path / "b", episodes("idm")[:-3], asked=48)
+    told = refused(run, "a", "b")
+    assert "scenarios without a record (idm (b): 3): continue the run, or pass --allow-partial" in told
+    refused(run, "a", "b", "--force")
+    out, _ = run("a", "b", "--allow-partial")
+    assert out.startswith("PARTIAL, scenarios without a record (idm (b): 3): A idm (a), B idm (b): 45 paired")
+
+
+def test_few_maps_say_why_there_is_no_interval(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm", maps=3))
+    make_run(tmp_path / "b", episodes("idm", maps=3, yield_m0_v0=lost()))
+    out, _ = run("a", "b")
+    assert "no interval (only 3 maps, fewer than 5): " in out
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("nowhere", "nowhere: no run folder (expected RUN or RUN:planner"),
+        ("x", "x: has planners idm, idm-e: name one, as x:idm"),
+        ("x:carl", "x: has no planner 'carl', only idm, idm-e"),
+        ("x:", "x: has no planner '', only idm, idm-e"),
+    ],
+)
+def test_a_side_that_is_none(run, tmp_path: Path, text: str, words: str) -> None:
+    two(tmp_path / "x")
+    assert words in refused(run, text, "x:idm")
+    assert words in refused(run, "x:idm", text)
+
+
+def test_torn_and_foreign_files(run, tmp_path: Path) -> None:
+    good = make_run(tmp_path / "good", episodes("idm"))
+    torn = make_run(tmp_path / "torn", episodes("idm"))
+    content = (torn / "episodes.parquet").read_bytes()
+    (torn / "episodes.parquet").write_bytes(content[: len(content) // 2])
+    assert "torn/episodes.parquet: not a readable Parquet table" in refused(run, "good", "torn")
+    (torn / "episodes.parquet").unlink()
+    assert "torn/episodes.parquet: no such table" in refused(run, "torn", "good")
+
+    make_run(tmp_path / "swapped", episodes("idm", yield_m0_v0=lost()))
+    (tmp_path / "swapped" / "episodes.parquet").write_bytes((good / "episodes.parquet").read_bytes())
+    assert "swapped/episodes.parquet: is not the file that the run wrote" in refused(run, "good", "swapped")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema_version": 0}, "schema version 0, this tsbench reads"),
+        ({"planners": None}, "not the manifest of a tsbench run"),
+        ({"effective": {}}, "not the manifest of a tsbench run"),
+    ],
+)
+def test_manifests_that_cannot_be_read(run, tmp_path: Path, change: dict[str, object], words: str) -> None:
+    make_run(tmp_path / "good", episodes("idm"))
+    path = make_run(tmp_path / "old", episodes("idm")) / "run.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    told = refused(run, "good", "old")
+    assert "old/run.json: " in told
+    assert words in told
+
+
+HOSTILE = "[red]<b>$x^2$ my:Planner[/]"
+
+
+def test_names_are_text(run, tmp_path: Path) -> None:
+    make_run(
+        tmp_path / "a:1", [*episodes(HOSTILE), *episodes("idm", yield_m0_v0=failed("[bold]no[/bold] <i>"))]
+    )
+    out, _ = run(f"a:1:{HOSTILE}", "a:1:idm", "--png", "x.png")
+    assert out.startswith(f"A {HOSTILE} (a:1), B idm (a:1): 48 paired scenarios\n")
+    assert "planner_error ([bold]no[/bold] <i>)" in out
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+
+
+def test_a_file_that_cannot_be_written(run, tmp_path: Path) -> None:
+    two(tmp_path / "x")
+    (tmp_path / "file").write_text("")
+    for option, name in (("--csv", "f.csv"), ("--png", "f.png")):
+        _, err = run("x:idm", "x:idm-e", option, f"file/{name}", expect=2)
+        assert err.startswith("error: file")
+        assert err.count("\n") == 1
