@@ -34,6 +34,8 @@ _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 _SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
 # States of a connection where others go first.
 _MINOR = "ms"
+# Of a metre each: how far headings are compared for bends.
+_BEND_STEPS = 6
 
 
 class ManoeuvrePlacement:
@@ -48,6 +50,11 @@ class ManoeuvrePlacement:
         ways = (row.fields["signed_edge"], *row.fields["compliant"])
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
+        bend = max(sharpest_bend(e) for e in plain.edges if e.id in ways)
+        require(
+            bend <= recipe.number("sharpest_bend_deg"),
+            f"the obedient way bends by {bend:.0f} degrees in a road",
+        )
         return main_road(plain, ways, int(recipe.number("main_priority")))
 
     def arrange(self, task: SceneTask) -> Arrangement:
@@ -202,6 +209,13 @@ def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
     pace = recipe.number("traffic_mps")
     time = sum(m / min(e.speed, pace) for m, e in zip(metres, edges, strict=True))
     return time + recipe.number("turn_s") * sum(turn_between(a, b) != "s" for a, b in pairwise(edges))
+
+
+def sharpest_bend(edge: PlainEdge) -> float:
+    """Greatest change of heading (degrees) within 6 m of a road: who turns on the spot meets who comes towards it."""
+    line = Polyline(edge.shape)
+    heading = np.unwrap([line.heading_at(s) for s in np.arange(0.5, line.length, 1.0)])
+    return float(np.degrees(np.abs(heading[_BEND_STEPS:] - heading[:-_BEND_STEPS]).max(initial=0.0)))
 
 
 def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
