@@ -20,6 +20,9 @@ from tsbench.maps.build import build_net
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
+from tsbench.report.furniture import walker_places
+from tsbench.report.render import scene_picture
+from tsbench.report.style import STYLE
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.result import EpisodeResult
 from tsbench.scenarios import site as site_module
@@ -239,6 +242,27 @@ def test_a_site_is_sound_and_tells_who_yields(
         assert results["idm-e"].outcome.value == "arrived"
     again = build(name, tmp_path / "again", monkeypatch, (0, 1, 2))
     assert again == site
+
+
+def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = build("two_way", tmp_path, monkeypatch, (0,)).rows[0]
+    scene, _ = SceneLoader(tmp_path).load(row)
+    assert scene.walkers is not None
+    places = walker_places(scene)
+    assert len(places) == len(scene.walkers.persons)
+    # Where the first tick of an episode sees them.
+    runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(tmp_path))
+    facts = runner.run(row).facts
+    assert facts is not None
+    first = facts.snapshots[0].actors
+    seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
+    for name, place in zip(scene.walkers.persons, places, strict=True):
+        assert math.dist(seen[name][:2], place) < 0.3
+    page = scene_picture(scene, "title").reshape(-1, 3)
+    assert (page == STYLE.pedestrian).all(axis=1).any()
+    plain = replace(scene, network=replace(scene.network, crossings={}))
+    bare = scene_picture(plain, "title").reshape(-1, 3)
+    assert (page == STYLE.marking).all(axis=1).sum() > 1.2 * (bare == STYLE.marking).all(axis=1).sum()
 
 
 def verdict(result: EpisodeResult) -> bool:

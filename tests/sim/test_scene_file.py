@@ -16,7 +16,7 @@ from simworld import obstacle, plate
 from tsbench.errors import InputError
 from tsbench.maps.network import RoadNetwork
 from tsbench.scenarios.elements import write_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart
+from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, WalkersPlan
 from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
 
 NUMBER = st.floats(0.001, 1e4, allow_nan=False)
@@ -28,6 +28,7 @@ def layout(block: RoadNetwork) -> SceneLayout:
         obstacles=(obstacle(block, "ta_1", 70.3),), start=EgoStart("ta_0", 20.5, 7.75),
         destination=Destination("bu", 33.3), convoy=ConvoyPlan(("convoy_0", "convoy_1"), "ta_0", 4.2, 3.3, 13.9, 5.1),
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),
+        walkers=WalkersPlan(("walker_0", "walker_1"), (1.1, 1.3), "ta_0", 1.0, 3.1, 13.9, 13.9),
     )  # fmt: skip
 
 
@@ -43,12 +44,14 @@ def test_what_is_written_comes_back_exactly(
 ) -> None:
     whole = layout(block)
     assert whole.convoy is not None
+    assert whole.walkers is not None
     whole = replace(
         whole,
         start=EgoStart("ta_0", a, b),
         destination=Destination("bu", c),
         obstacles=tuple(replace(o, x=a, y=-b, heading=angle, length=c) for o in whole.obstacles * 2),
         convoy=replace(whole.convoy, ego_zone_m=a, lead_time_s=b, ego_turn_mps=c) if convoy else None,
+        walkers=None if convoy else replace(whole.walkers, speeds=(a, b), lead_time_s=c),
         compliant_hint=whole.compliant_hint if way else (),
     )
     write_additional(layout_elements(whole, block), file)
@@ -74,6 +77,7 @@ def test_a_scene_is_its_layout_on_its_network(block: RoadNetwork, tmp_path: Path
     whole = layout(block)
     scene = scene_from_layout(whole, block, tmp_path / "n", tmp_path / "a", 600, 11)
     assert (scene.start, scene.destination, scene.convoy) == (whole.start, whole.destination, whole.convoy)
+    assert scene.walkers == whole.walkers
     assert scene.target_sign is scene.signs[0]
     assert (scene.horizon, scene.seed) == (600, 11)
     assert scene.compliant_hint[1] == "ad"
@@ -124,6 +128,8 @@ def test_a_missing_point(block: RoadNetwork, file: Path, name: str) -> None:
         ("destination", "edge", "zz", "destination: no edge 'zz'"),
         ("convoy", "line_lane", "zz_9", "convoy: no lane 'zz_9'"),
         ("convoy", "lead_time_s", None, "lead_time_s"),
+        ("walkers", "line_lane", "zz_9", "walkers: no lane 'zz_9'"),
+        ("walkers", "speeds", "1.1", "2 walkers with 1 speeds"),
         ("sign_0", "edge", "zz", "sign sign_0: no edge 'zz'"),
         ("sign_0", "heading", None, "heading"),
         ("sign_0", "position_m", "-3", "position_m"),
