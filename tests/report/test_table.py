@@ -68,7 +68,17 @@ def test_no_figure_stands_without_what_it_rests_on() -> None:
     completed = p.overall.completed
     line = f"| idm, completed | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
     assert line in markdown
+    kind = next(kind for kind, figure in p.types.items() if figure.completed.n < 24)
+    completed = p.types[kind].completed
+    (line,) = (line for line in markdown.splitlines() if f"`{kind}`" in line)
+    assert line.endswith(f"; completed {completed.value:.1f} of {completed.n} | 8 | 24 |")
     assert "completed |" not in to_markdown(made())
+
+
+def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
+    rows = [row(map_id=f"m{k}") for k in range(8)] + [row("idm-e", map_id=f"m{k}") for k in range(6)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 8, "idm-e": 8}, allow_partial=True)
+    assert "| 6–8 | 6–8 |" in to_markdown(summary)
 
 
 def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:

@@ -80,7 +80,7 @@ def test_default_folder_and_manifest(bench: Bench) -> None:
     (folder,) = (bench.folder / "runs").iterdir()
     assert folder.name.startswith("Good-test-limit-4-")
     assert sorted(p.name for p in folder.iterdir() if p.suffix) == [
-        "episodes.parquet", "run.json", "summary.json", "timing.parquet", "violations.parquet",
+        "episodes.parquet", "run.json", "summary.json", "summary.md", "timing.parquet", "violations.parquet",
     ]  # fmt: skip
     assert f"records   runs/{folder.name}/episodes.parquet" in done.stdout
 
@@ -97,3 +97,15 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     out, _ = process.communicate(timeout=30)
     assert process.returncode == 130
     assert "PARTIAL" in out
+    journal, texts = bench.folder / "run" / "journal.jsonl", ("summary.json", "summary.md")
+    assert all("PARTIAL" in (bench.folder / "run" / name).read_text() for name in texts)
+
+    # Continued and interrupted again: the figures of before are not those of the tables that stand there now.
+    process = bench.start(*run)
+    wait_for_lines(bench.folder / "run", len(journal.read_bytes().splitlines()) + 2, process)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "PARTIAL" not in out
+    assert "summary.md" not in out
+    assert not any((bench.folder / "run" / name).exists() for name in texts)

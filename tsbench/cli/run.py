@@ -112,10 +112,8 @@ def rescore(folder: Path) -> None:
 def _tell(ending: Ending, console: Console) -> None:
     """The table, and where everything is."""
     if ending.summary is not None:
-        from tsbench.report.table import (
-            print_table,
-            to_markdown,
-        )  # brings statistics, late as the summary itself
+        # They bring statistics, late as the summary itself.
+        from tsbench.report.table import print_table, to_markdown
         from tsbench.run.folder import TABLES_TEXT
 
         print_table(ending.summary, console)
@@ -126,7 +124,8 @@ def _tell(ending: Ending, console: Console) -> None:
             "run the same command again to continue (--allow-partial prints the table of what is there)"
         )
     lines.append(f"records   {ending.folder / 'episodes.parquet'}")
-    lines.append(f"tables    {ending.folder / 'summary.md'}")
+    if ending.summary is not None:
+        lines.append(f"tables    {ending.folder / 'summary.md'}")
     lines.append(f"traces    {ending.folder / 'traces'}")
     lines.append(f"pictures  tsbench render {ending.folder} EPISODE")
     if ending.errors:

@@ -62,13 +62,13 @@ def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) 
     warnings = [*_contracts(a.run, b.run, force)]
     partial = _holes(a, b, allow_partial)
     left, right = a.run.of(a.planner), b.run.of(b.planner)
-    common = sorted(set(left["scenario_id"].to_pylist()) & set(right["scenario_id"].to_pylist()))
+    common = sorted(_scenarios(left) & _scenarios(right))
     warnings += _selections(a, b, len(left), len(right), len(common), force, bool(partial))
     if not common:
         raise InputError(f"{text_a} and {text_b} have no scenario in common: nothing to compare")
-    chosen = [table.filter(pc.is_in(table["scenario_id"], pa.array(common))) for table in (left, right)]
+    left, right = (table.filter(pc.is_in(table["scenario_id"], pa.array(common))) for table in (left, right))
     contracts = a.run.contract, b.run.contract
-    comparison = compare(*chosen, seed="\n".join(sorted(set(contracts))))
+    comparison = compare(left, right, seed="\n".join(sorted(set(contracts))))
     return Matched(a, b, comparison, (*partial, *warnings), _notes(a.run, b.run), contracts)
 
 
@@ -88,6 +88,10 @@ def find_side(text: str) -> Side:
             raise InputError(f"{path}: has no planner {planner!r}, only {names}")
         return Side(run, planner)
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json)")
+
+
+def _scenarios(table: pa.Table) -> set[str]:
+    return {str(name) for name in table["scenario_id"].to_pylist()}
 
 
 def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:

@@ -85,11 +85,8 @@ def _by_type(summary: Summary, planners: Sequence[PlannerSummary]) -> Table:
         figures = [p.types.get(kind) for p in planners]
         if not any(figures):
             continue
-        known = [f.completed if f.strict is None else f.strict for f in figures if f is not None]
-        table.add_row(
-            group if group != last else "", kind, *(_strict_and_completed(f) for f in figures),
-            str(max(e.clusters for e in known)), str(max(e.n for e in known)),
-        )  # fmt: skip
+        cells = (_strict_and_completed(f, "\n") for f in figures)
+        table.add_row(group if group != last else "", kind, *cells, *_rests_on(figures))
         last = group
     return table
 
@@ -112,12 +109,17 @@ def to_markdown(summary: Summary) -> str:
             plain = [_number(_pick(p.metrics[m], strict)) for m in _PLAIN]
             n = f"{p.recorded} / {p.completed}" if strict else str(p.completed)
             lines.append(f"| {' | '.join([name, *scd, *plain, n])} |")
-    lines += ["", f"{summary.title}. {_KEY} {_STRICT} Contract `{summary.contract_hash}`.", ""]
+    fewer = "".join(f" {line.replace('|', '&#124;')}." for line in _fewer(summary))
+    lines += ["", f"{summary.title}. {_KEY} {_STRICT}{fewer} Contract `{summary.contract_hash}`.", ""]
     names = [p.planner.replace("|", "\\|") for p in summary.planners]
-    lines += [f"| group | type | {' | '.join(names)} |", f"|---|---|{'---:|' * len(names)}"]
+    lines += [
+        f"| group | type | {' | '.join([*names, 'maps', 'n'])} |",
+        f"|---|---|{'---:|' * (len(names) + 2)}",
+    ]
     for group, kind in _types(summary):
-        figures = [_with_ends(_pick(p.types.get(kind), True)) for p in summary.planners]
-        lines.append(f"| {group} | `{kind}` | {' | '.join(figures)} |")
+        figures = [p.types.get(kind) for p in summary.planners]
+        cells = [*(_strict_and_completed(f, "; completed ") for f in figures), *_rests_on(figures)]
+        lines.append(f"| {group} | `{kind}` | {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 
 
@@ -139,12 +141,20 @@ def _pick(figure: Figure | None, strict: bool) -> Estimate | None:
     return figure.strict if strict and figure.strict is not None else figure.completed
 
 
-def _strict_and_completed(figure: Figure | None) -> str:
-    """The strict figure, whose n is the row's; on a second line the completed one with its own n."""
+def _rests_on(figures: Sequence[Figure | None]) -> tuple[str, str]:
+    """Maps and episodes of a row's strict figures; where planners of a partial run differ, from least to most."""
+    known = [_pick(figure, True) for figure in figures]
+    maps, episodes = ([getattr(e, name) for e in known if e is not None] for name in ("clusters", "n"))
+    texts = (f"{min(k)}" if min(k) == max(k) else f"{min(k)}–{max(k)}" for k in (maps, episodes))
+    return next(texts), next(texts)
+
+
+def _strict_and_completed(figure: Figure | None, between: str) -> str:
+    """The strict figure, whose n is the row's; where it differs the completed one too, with its own n."""
     text = _with_ends(_pick(figure, True))
     if figure is None or figure.strict is None or figure.strict.n == figure.completed.n:
         return text
-    return f"{text}\n{_number(figure.completed)} of {figure.completed.n}"
+    return f"{text}{between}{_number(figure.completed)} of {figure.completed.n}"
 
 
 def _number(estimate: Estimate | None) -> str:

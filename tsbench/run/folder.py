@@ -88,7 +88,8 @@ class RunFolder:
         with told_plainly(self.path):
             if summary is None:
                 # One of an earlier session would not belong to these tables.
-                (self.path / SUMMARY).unlink(missing_ok=True)
+                for name in (SUMMARY, TABLES_TEXT):
+                    (self.path / name).unlink(missing_ok=True)
             else:
                 write_atomic(self.path / SUMMARY, summary.to_json().encode())
             self.manifest.update(

@@ -32,7 +32,7 @@ class StoredRun:
 
     def of(self, planner: str) -> pa.Table:
         """One planner's records."""
-        return self.episodes.filter(pc.equal(self.episodes["planner"], planner))
+        return self.episodes.filter(pc.is_in(self.episodes["planner"], pa.array([planner])))
 
     def holes(self, planner: str) -> int:
         """Scenarios asked of a planner that have no record."""
