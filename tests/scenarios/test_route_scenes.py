@@ -11,7 +11,7 @@ from madepool import dual_path
 from simworld import CALM, edge, plain
 
 from tsbench.maps.build import build_net
-from tsbench.maps.network import RoadNetwork, read_network
+from tsbench.maps.network import Connection, RoadNetwork, read_network
 from tsbench.maps.plain import PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
@@ -83,6 +83,10 @@ def arrange(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **c
     return placement_of(recipe).arrange(task)
 
 
+def yields_to_who_goes_first(network: RoadNetwork, link: Connection) -> bool:
+    return any(c.state == "M" and link.yields_to & set(c.via) for c in network.connections)
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("type_id", TYPES)
 def test_navigation_leads_into_what_the_plate_prohibits(
@@ -137,8 +141,8 @@ def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwor
 def test_the_obedient_way_is_the_main_road(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, a = networks[type_id], arrange(networks, type_id)
     graph = LaneGraph(network)
-    for x, y in pairwise(a.compliant_hint[1:]):
-        assert {c.state for c in graph.connections(x, y)} == {"M"}
+    for x, y in pairwise(a.compliant_hint):
+        assert not any(yields_to_who_goes_first(network, c) for c in graph.connections(x, y))
 
 
 @pytest.mark.parametrize("type_id", TYPES)
@@ -147,7 +151,9 @@ def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: dict[str, RoadNet
     for here in a.compliant_hint[:-1]:
         turns = {(here, x) for x in graph.successors(here)} - a.avoid_turns
         assert turns
-        assert {c.state for t in turns for c in graph.connections(*t)} == {"M"}
+        assert not any(
+            yields_to_who_goes_first(networks[type_id], c) for t in turns for c in graph.connections(*t)
+        )
 
 
 def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) -> None:
@@ -182,6 +188,20 @@ def test_a_one_way_road_has_to_go_on() -> None:
 def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:
     with pytest.raises(UnfitMapError, match="slot r_s, but the way over bp goes left"):
         arrange(networks, "no_turn_left", slot="r_s")
+
+
+def test_a_way_on_which_others_go_first_is_unfit(
+    networks: dict[str, RoadNetwork], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = networks["no_turn_left"]
+    lanes, first = network.lanes, next(c.via[0] for c in network.connections if c.state == "M")
+    other = tuple(
+        replace(c, yields_to=frozenset({first})) if lanes[c.from_lane].edge == "qu0" else c
+        for c in network.connections
+    )
+    monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))
+    with pytest.raises(UnfitMapError, match="others go first on the obedient way at the end of qu0"):
+        arrange(networks, "no_turn_left")
 
 
 def test_a_turn_that_sumo_calls_by_another_name_is_unfit(

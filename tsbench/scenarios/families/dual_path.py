@@ -32,8 +32,8 @@ from tsbench.sim.scene import Destination, EgoStart
 _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 # SUMO's own word for a turn, as a manoeuvre class.
 _SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
-# States of a connection where others go first.
-_MINOR = "ms"
+# State of a connection with right of way.
+_MAJOR = "M"
 # Of a metre each: how far headings are compared for bends.
 _BEND_STEPS = 6
 
@@ -72,6 +72,8 @@ class ManoeuvrePlacement:
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
         _check_turns(task.row, graph, short, compliant)
+        waits = [a for a, b in pairwise(compliant) if _waits(graph, a, b)]
+        require(not waits, f"others go first on the obedient way at the end of {' '.join(waits)}")
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
@@ -179,9 +181,19 @@ def _avoided(
     avoided = banned | into
     for edge in compliant[:-1]:
         turns = {(edge, e) for e in graph.successors(edge)} - avoided
-        waiting = {t for t in turns if any(c.state in _MINOR for c in graph.connections(*t))}
+        waiting = {t for t in turns if _waits(graph, *t)}
         avoided |= waiting if waiting != turns else set()
     return avoided
+
+
+def _waits(graph: LaneGraph, edge: str, following: str) -> bool:
+    """Does who goes from one edge to the next let those go first who need not wait themselves?
+
+    Where a main road bends at crossroads, SUMO has its left turn yield to the left turn of a side road too ("m"):
+    that one yields to all others in its turn, and holds nobody up.
+    """
+    first = {v for c in graph.network.connections if c.state == _MAJOR for v in c.via}
+    return any(c.yields_to & first for c in graph.connections(edge, following))
 
 
 def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
