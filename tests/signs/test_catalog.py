@@ -67,7 +67,7 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
     "4.3": ("roundabout", {**GIVE_WAY, "wrong_way_m": 5}, ["wrong_direction", *GIVE_WAY_CLAUSES]),
     "5.19": (
         "crosswalk",
-        {"engage_distance_m": 30, "kerb_distance_m": 2, "clearance_m": 1},
+        {"engage_distance_m": 30, "kerb_distance_m": 2, "clearance_m": 1, "moving_mps": 0.1},
         ["did_not_yield", "contact"],
     ),
     **{
@@ -89,20 +89,26 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
     **dict.fromkeys(("4.2.1", "4.2.2", "4.2.3"), ("detour", DETOUR, DETOUR_CLAUSES)),
     "3.2": (
         "closed_road",
-        {"past_line_m": 0.3, "held_speed_mps": 0.5, "held_s": 3, "held_within_m": 12},
+        {
+            "engage_distance_m": 30,
+            "past_line_m": 0.3,
+            "held_speed_mps": 0.5,
+            "held_s": 3,
+            "held_within_m": 12,
+        },
         ["entered_closed_road"],
     ),
     **{
-        code: ("reserved_lane", {"duration_s": 0.5}, ["in_reserved_lane", "contact"])
+        code: ("reserved_lane", {"engage_distance_m": 30, "duration_s": 0.5}, ["in_reserved_lane", "contact"])
         for code in ("5.14.1", "5.14.2", "5.11.1", "5.11.2")
     },
-    "3.1": ("no_entry", {"past_line_m": 0.3}, ["entered"]),
+    "3.1": ("no_entry", {"past_line_m": 0.3, "engage_distance_m": 30}, ["entered"]),
     **{
         code: ("manoeuvre", TURN, ["prohibited_manoeuvre"])
         for code in ("3.18.1", "3.18.2", "4.1.1", "4.1.2", "4.1.3", "4.1.4", "4.1.5", "4.1.6")
     },
     **{
-        code: ("one_way_exit", TURN, ["wrong_carriageway", "prohibited_manoeuvre"])
+        code: ("one_way_exit", TURN | {"against_deg": 90}, ["wrong_carriageway", "prohibited_manoeuvre"])
         for code in ("5.7.1", "5.7.2")
     },
 }
