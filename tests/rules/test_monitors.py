@@ -29,6 +29,7 @@ ONE_OF_EACH = {
     "one_way_exit": "left_on_the_wrong_carriageway",
     "no_entry": "drives_in",
     "closed_road": "drives_in",
+    "reserved_lane": "bus_stays_in_its_lane",
 }
 
 
