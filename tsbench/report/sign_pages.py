@@ -23,8 +23,10 @@ from tsbench.signs.model import ScenarioType, Sign
 from tsbench.sim.world import DT_S
 
 EXPERT = "idm-e"
+# Where the tempted driver only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.
+LAWLESS = ("lawless", "tsbench.certify.lawless:Lawless")
 GIF_SIZE = PageSize(400, 360)
-TRIES = 40
+TRIES = 20
 _BEFORE_S, _AFTER_S = 4.0, 2.0
 
 
@@ -80,22 +82,23 @@ class PageMaker:
         tempted = load_recipe(type_id, self._catalog).tempted
         # Variants with traffic show more than the nominal one.
         rows = sorted(self._rows[type_id], key=lambda r: (r.variant not in (2, 5), r.variant, r.map_id))
-        for row in rows[:TRIES]:
-            broken = self._drive(tempted, row)
-            if broken.target.violations:
-                obeyed = self._drive(EXPERT, row)
-                if obeyed.outcome is Outcome.ARRIVED and obeyed.target.compliant:
-                    return broken, obeyed
+        for name, planner in ((tempted, tempted), LAWLESS):
+            for row in rows[:TRIES]:
+                broken = self._drive(name, planner, row)
+                if broken.target.violations:
+                    obeyed = self._drive(EXPERT, EXPERT, row)
+                    if obeyed.outcome is Outcome.ARRIVED and obeyed.target.compliant:
+                        return broken, obeyed
         raise InputError(
             f"{type_id}: none of {TRIES} test scenes shows {tempted} breaking the rule and {EXPERT} obeying it"
         )
 
-    def _drive(self, planner: str, row: ScenarioSpec) -> Trace:
-        if planner not in self._runners:
+    def _drive(self, name: str, planner: str, row: ScenarioSpec) -> Trace:
+        if name not in self._runners:
             others = list(self._runners.values())
             sim = others[0].simulation if others else None
-            self._runners[planner] = EpisodeRunner(planner, planner, simulation=sim)
-        return trace_of(self._runners[planner].run(row))
+            self._runners[name] = EpisodeRunner(planner, name, simulation=sim)
+        return trace_of(self._runners[name].run(row))
 
     def _text(self, kind: ScenarioType, broken: Trace, obeyed: Trace) -> str:
         signs = [self._catalog.sign(code) for code in kind.codes]
