@@ -24,6 +24,7 @@ from tsbench.planners.guards.give_way import GiveWayGuard
 from tsbench.planners.guards.manoeuvre import ManoeuvreGuard
 from tsbench.planners.guards.no_entry import NoEntryGuard
 from tsbench.planners.guards.reserved_lane import ReservedLaneGuard
+from tsbench.planners.guards.roundabout import RoundaboutGuard
 from tsbench.planners.guards.speed import MinSpeedGuard, SpeedGuard
 from tsbench.planners.guards.stop import StopGuard
 from tsbench.planners.idm import Idm
@@ -36,7 +37,7 @@ from tsbench.sim.world import EgoState
 GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
     "give_way": GiveWayGuard,
     "stop": StopGuard,
-    "roundabout": GiveWayGuard,
+    "roundabout": RoundaboutGuard,
     "crosswalk": CrosswalkGuard,
     "speed": SpeedGuard,
     "min_speed": MinSpeedGuard,
@@ -77,8 +78,12 @@ class Expert:
             )
         self._guard = GUARDS[name](context, privilege)
         self._lanes = LaneChanges(context)
-        # A guard that looks after a junction itself says from which approach.
-        self._courtesy = Courtesy(context, but=getattr(self._guard, "approach", ""))
+        # A guard that looks after a junction itself says from which approach, and where right of way is not enough.
+        self._courtesy = Courtesy(
+            context,
+            but=getattr(self._guard, "approach", ""),
+            wary=getattr(self._guard, "wary", frozenset()),
+        )
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:

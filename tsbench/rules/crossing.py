@@ -48,6 +48,7 @@ class Crossing:
         self._in: dict[int, int] = {}
         self._out: dict[int, int] = {}
         self._met: set[int] = set()
+        self._coming: set[tuple[int, int]] = set()
         self._touch: dict[int, Excursion] = {}
         self.done = False
 
@@ -98,9 +99,14 @@ class Crossing:
     def _judge_meeting(self, snapshot: WorldSnapshot, foe: Foe) -> None:
         """Clause encroached, judged once per vehicle, at the tick when its front reaches the zone."""
         zone = self._zones[foe.path]
-        if zone is None or foe.row in self._met or foe.s < zone.b_in:
+        if zone is None or foe.row in self._met:
+            return
+        if foe.s < zone.b_in:
+            self._coming.add((foe.row, foe.path))
             return
         self._met.add(foe.row)
+        if (foe.row, foe.path) not in self._coming:
+            return  # it was past the zone, or comes onto this path behind it, from the lane beside
         step = snapshot.step
         if self._in.get(foe.path, step) >= step:
             return  # the other one is first, or both come at once

@@ -6,7 +6,7 @@ Units: m, s.
 
 from __future__ import annotations
 
-import math
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 from tsbench.maps.network import RoadNetwork
@@ -31,44 +31,44 @@ class _Junction:
 
 
 class Courtesy:
-    """Bounds the acceleration before each such junction; `but`: an approach that a guard looks after."""
+    """Bounds the acceleration before each such junction; `but`: an approach that a guard looks after.
 
-    def __init__(self, context: PlannerContext, but: str = "") -> None:
-        self._network, self._but = context.network, but
+    wary: edges at whose end the ego has right of way, and looks out all the same for who is in the junction.
+    """
+
+    def __init__(self, context: PlannerContext, but: str = "", wary: AbstractSet[str] = frozenset()) -> None:
+        self._network, self._but, self._wary = context.network, but, wary
         self._path: RoutePath | None = None
         self._junctions: list[_Junction] = []
-        self._next: Yielding | None = None
-        self._end = math.inf
+        self._near: list[Yielding] = []
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """What the next junction asks for."""
+        """What the junctions ahead ask for, each until the ego has left it."""
         if route.path is not self._path:
-            self._path, self._next = route.path, None
-            self._junctions = _minor(self._network, route.path, self._but)
-        if self._next is None:
+            self._path, self._near = route.path, []
+            self._junctions = _minor(self._network, route.path, self._but, self._wary)
             while self._junctions and self._junctions[0].line_s < route.s:
                 del self._junctions[0]
-            if not self._junctions or self._junctions[0].line_s - route.s > _LOOK_M:
-                return FREE
-            here = self._junctions.pop(0)
-            self._end = here.line_s
-            others = ways_through(self._network, here.approach)
-            self._next = Yielding(self._network, here.approach, (), COURTESY, others)
-        least, most = self._next.bounds(observation, route)
-        if route.s > self._end:
-            self._next = None
-        return least, most
+        while self._junctions and self._junctions[0].line_s - route.s <= _LOOK_M:
+            approach = self._junctions.pop(0).approach
+            others = ways_through(self._network, approach)
+            self._near.append(Yielding(self._network, approach, (), COURTESY, others))
+        if not self._near:
+            return FREE
+        asked = [junction.bounds(observation, route) for junction in self._near]
+        self._near = [junction for junction in self._near if not junction.passed(route)]
+        return max(least for least, _ in asked), min(most for _, most in asked)
 
 
-def _minor(network: RoadNetwork, path: RoutePath, but: str) -> list[_Junction]:
-    """The junctions of a path where its connection gives way, in order."""
+def _minor(network: RoadNetwork, path: RoutePath, but: str, wary: AbstractSet[str]) -> list[_Junction]:
+    """The junctions of a path where its connection gives way, and those at the end of `wary` edges, in order."""
     found = []
     for piece, after in zip(path.pieces, path.pieces[1:], strict=False):
         lane = network.lanes[piece.lane]
         if lane.internal or not network.lanes[after.lane].internal or lane.edge == but:
             continue
         states = [c.state for c in network.outgoing[lane.index] if c.via and c.via[0] == after.lane]
-        if not states or states[0] not in _MINOR:
+        if not states or (states[0] not in _MINOR and lane.edge not in wary):
             continue
         found.append(_Junction(piece.s1, lane.edge))
     return found

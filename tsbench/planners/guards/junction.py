@@ -155,16 +155,26 @@ class FoeFinder:
                 for inner in self._ways[j].inner:
                     places[inner.index] = (j, at)
                     at += inner.line.length
-            end = 0.0
+            end, wanted = 0.0, self._wanted(mine, route[k + 2 : k + 3])
             for m in range(k, -1, -1):
                 edge = self._network.edges[route[m]]
                 for i in edge.lanes:
-                    j = min(mine, key=lambda j: abs(self._ways[j].source.order - lanes[i].order))
+                    j = min(wanted, key=lambda j: abs(self._ways[j].source.order - lanes[i].order))
                     places[i] = (j, end - lanes[i].line.length)
                 end -= edge.length
                 if m:
                     end -= self._between(route[m - 1], route[m], end, places)
         return places
+
+    def _wanted(self, mine: list[int], onward: tuple[str, ...]) -> list[int]:
+        """Those of a vehicle's possible ways whose lane leads on to where it goes next: it may change over to them."""
+        lanes, outgoing = self._network.lanes, self._network.outgoing
+        leading = [
+            j
+            for j in mine
+            if any(lanes[c.to_lane].edge in onward for c in outgoing[self._ways[j].target.index])
+        ]
+        return leading or mine
 
     def _between(self, source: str, target: str, end: float, places: dict[int, tuple[int, float]]) -> float:
         """Places on the lanes through the junction between two edges upstream; returns its length."""

@@ -101,10 +101,15 @@ class Yielding:
             self._prepare(route.path)
         return None if self._passage is None else self._passage.line_s - route.s - HALF_LENGTH_M
 
+    def passed(self, route: RouteView) -> bool:
+        """Has the ego's rear left the last zone, or does its route not come here (any more)?"""
+        to_go, here = self.to_line(route), self._passage
+        return to_go is None or here is None or route.s - HALF_LENGTH_M > here.end_s
+
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """While somebody blocks: what still stops before the line. In the junction: not slower than need be."""
         to_go, here = self.to_line(route), self._passage
-        if to_go is None or here is None or to_go > _LOOK_M or route.s - HALF_LENGTH_M > here.end_s:
+        if to_go is None or here is None or to_go > _LOOK_M or self.passed(route):
             return FREE
         v = observation.ego.speed
         if to_go < 0.0:

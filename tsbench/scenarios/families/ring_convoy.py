@@ -17,6 +17,7 @@ from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 
 _ROOM_M = 0.5
+_FASTER_MPS = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,13 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
         task.drivers[0], speed=float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps"))),
         accel=recipe.number("convoy_accel_mps2"), decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85,
     )  # fmt: skip
-    reach = way_from_standstill(body, recipe.number("convoy_time_share") * eta)
-    wanted = min(
-        max(reach - chosen.zone.b_in, recipe.number("arc_least_m")), recipe.number("convoy_farthest_m")
-    )
+    time = recipe.number("convoy_time_share") * eta
+    # The first metres of its path behind the line lie before the zone.
+    wanted = min(way_from_standstill(body, time), recipe.number("convoy_farthest_m")) - chosen.zone.b_in
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     stands = _stands(task, chosen, body, wanted, count)
     lead = stands[0]
+    body = _in_time(body, lead.back + chosen.zone.b_in, time, recipe.number("convoy_most_mps"))
     return ConvoySetup(
         drivers=(body,) * len(stands), places=tuple(s.place for s in stands), lane=lead.lane.id,
         edges=_way(task, chosen, stands[-1].lane.edge), zone_m=lead.place + lead.back + chosen.zone.b_in,
@@ -65,12 +66,20 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     )  # fmt: skip
 
 
+def _in_time(body: Driver, way: float, time: float, most: float) -> Driver:
+    """The driver, faster (up to `most`) where it has farther to go than it would come in that time."""
+    while body.speed < most and way_from_standstill(body, time) < way:
+        body = replace(body, speed=min(body.speed + _FASTER_MPS, most))
+    return body
+
+
 def _stands(task: SceneTask, chosen: Conflict, body: Driver, wanted: float, count: int) -> list[_Stand]:
     """The lead's stand, as near to `wanted` as there is one, and those behind it as far as there is room."""
     network, recipe = task.network, task.recipe
     ring = tuple(task.row.fields["ring"])
     arc = list(_upstream(network, ring, chosen))
-    least, step = recipe.number("arc_least_m"), body.length + recipe.number("convoy_gap_m")
+    least = recipe.number("arc_least_m") - chosen.zone.b_in
+    step = body.length + recipe.number("convoy_gap_m")
     options = [s for stretch in arc for s in _on(stretch, body, wanted) if s.back >= least]
     if not options:
         # A small ring: they wait on the nearest arm upstream that has the room.

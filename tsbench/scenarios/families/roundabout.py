@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from tsbench.geometry.overlap import conflict_zone
 from tsbench.maps.network import Connection, Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
@@ -30,6 +32,7 @@ from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 _STILL_ROOM_M = 0.5
+_BEND_M = 5.0
 
 
 class RoundaboutPlacement:
@@ -76,6 +79,10 @@ class RoundaboutPlacement:
         before = min(recipe.number("ego_before_line_m"), lane.line.length - EGO_LENGTH_M - _STILL_ROOM_M)
         require(before >= recipe.number("ego_least_m"), f"the entry lane is {lane.line.length:.0f} m long")
         start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
+        require(
+            _sharpest(path) <= math.radians(recipe.number("sharpest_bend_deg")),
+            "the way has a bend that no car can take",
+        )
         met = _met(network, _taken(network, path, approach), upstream)
         require(bool(met), "no path on the ring meets the ego's and goes first")
         cars = ring_convoy(task, met, start, before)
@@ -106,6 +113,13 @@ def _entry_lane(task: SceneTask, route: tuple[str, ...], destination: Destinatio
     least = min(changes for changes, _, _ in options)
     best = [(lane, path) for changes, lane, path in options if changes == least]
     return best[task.variant.layout % len(best)]
+
+
+def _sharpest(path: RoutePath) -> float:
+    """The greatest change of heading within 5 m of a way, rad."""
+    line = path.line.slice(0.0, path.destination_s)
+    heading = np.unwrap([line.heading_at(s) for s in np.arange(0.0, line.length, _BEND_M / 5)])
+    return float(np.abs(heading[5:] - heading[:-5]).max())
 
 
 def _changes(network: RoadNetwork, path: RoutePath, start: Lane) -> int:
