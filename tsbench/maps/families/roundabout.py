@@ -21,7 +21,7 @@ from tsbench.maps.utm import Floats
 # (entry, the other legs): cut at 80 m, or shorter where the carriageways of two arms run over each other further
 # out; in the order of preference, the harvest keeps the first that is sound.
 ARM_CUTS_M = ((80.0, 80.0), (80.0, 60.0), (80.0, 45.0), (60.0, 60.0), (60.0, 45.0), (45.0, 45.0))
-ENTRY_MIN_M = 30.0
+LEG_MIN_M = 30.0
 ENTRIES_MIN = 3
 RING_MIN_M = 30.0
 RING_MAX_M = 700.0
@@ -62,7 +62,7 @@ def find_roundabouts(source: SourceNetwork, rejected: Counter[str]) -> Iterator[
             rejected[f"roundabout: {fault}"] += 1
             continue
         for k, entry in enumerate(find_legs(source, ring, ARM_CUTS_M[0][0], inwards=True)):
-            if entry.length < ENTRY_MIN_M:
+            if entry.length < LEG_MIN_M:
                 rejected["roundabout: entry is shorter than 30 m"] += 1
                 continue
             yield from _maps_of_entry(source, ring, k)
@@ -102,11 +102,11 @@ def _cut(source: SourceNetwork, ring: list[int], entry: int, entry_cut_m: float,
 
 
 def _other_exits(source: SourceNetwork, ring: list[int], entry: int) -> list[int]:
-    """Exits of other arms than the entry's own, by number."""
+    """Exits of other arms than the entry's own, long enough to end a way on, by number."""
     whole = ARM_CUTS_M[0][1]
     own = find_legs(source, ring, whole, inwards=True)[entry]
     exits = find_legs(source, ring, whole, inwards=False)
-    return [k for k, leg in enumerate(exits) if not same_arm(source, own, leg)]
+    return [k for k, leg in enumerate(exits) if leg.length >= LEG_MIN_M and not same_arm(source, own, leg)]
 
 
 def _hash(source: SourceNetwork, ring: _Ring, entry: int, leave: int) -> str:
