@@ -117,7 +117,10 @@ def _tell(ending: Ending, console: Console) -> None:
         from tsbench.run.folder import TABLES_TEXT
 
         print_table(ending.summary, console)
-        (ending.folder / TABLES_TEXT).write_text(to_markdown(ending.summary), encoding="utf-8")
+        path, text = ending.folder / TABLES_TEXT, to_markdown(ending.summary)
+        # Looking at a complete run changes nothing in its folder.
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
     lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
     if ending.finished < ending.asked:
         lines.append(
