@@ -48,16 +48,17 @@ class Seen:
 
 
 def choose(specs: Sequence[ScenarioSpec], count: int = SCENES) -> list[ScenarioSpec]:
-    """A few scenes of every type, empty roads and traffic in turn, the same ones each time."""
-    kinds = sorted({s.scenario_type for s in specs})
+    """A few scenes of as many types as may be, empty roads and traffic in turn, the same ones each time."""
+    names = sorted({s.scenario_type for s in specs})
+    kinds = names if len(names) <= count else [names[k * len(names) // count] for k in range(count)]
     rows = {k: sorted((s for s in specs if s.scenario_type == k), key=lambda s: s.scenario_id) for k in kinds}
     quiet = {k: [s for s in rows[k] if s.variant == 0] for k in kinds}
     busy = {k: [s for s in rows[k] if s.variant != 0] for k in kinds}
     chosen: list[ScenarioSpec] = []
     for turn in range(len(specs)):
-        for kind in kinds:
+        for k, kind in enumerate(kinds):
             # Variant 0 has no background traffic; the others have.
-            pool = (quiet if turn % 2 == 0 else busy)[kind]
+            pool = (quiet if (turn + k) % 2 == 0 else busy)[kind]
             if turn // 2 < len(pool) and len(chosen) < count:
                 chosen.append(pool[turn // 2])
     return chosen
