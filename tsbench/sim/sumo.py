@@ -145,8 +145,9 @@ class Simulation:
         Returns False, and changes nothing, while SUMO has the ego on none of these edges (inside a junction, say).
         Raises SimulationError for edges that do not connect.
         """
-        here = libsumo.vehicle.getRoadID(EGO_ID)
-        if here not in edges:
+        # Not the edge that it is seen on: SUMO's own place on its route lags behind that where edges are short.
+        here = libsumo.vehicle.getRoute(EGO_ID)[max(libsumo.vehicle.getRouteIndex(EGO_ID), 0)]
+        if here not in edges or libsumo.vehicle.getRoadID(EGO_ID) not in edges:
             return False
         try:
             libsumo.vehicle.setRoute(EGO_ID, edges[edges.index(here) :])

@@ -43,8 +43,9 @@ def _junction(_: PoolRow, detail: dict[str, Any]) -> Expectations:
 def _roundabout(_: PoolRow, detail: dict[str, Any]) -> Expectations:
     ring = detail["ring"]
     links = list(pairwise([*ring, ring[0]]))
-    # A leg is one edge of the crop, the one at the ring (maps.merge).
-    return Expectations({detail["entry_edge"]: USED_LANE_M, detail["exit_edge"]: USED_LANE_M}, links)
+    # A leg is one edge of the crop, the one at the ring (maps.merge); others' queues on it must not reach the ring.
+    legs = [leg["edges"][-1] for leg in detail["entries"]] + [leg["edges"][0] for leg in detail["exits"]]
+    return Expectations(dict.fromkeys(legs, USED_LANE_M), links)
 
 
 def _dual_path(row: PoolRow, detail: dict[str, Any]) -> Expectations:
