@@ -186,5 +186,5 @@ def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str
     report.unlink()
     assert "no build report" in run(capsys, "stats", expect=2)
     (data / "sumo_nets" / "pool.parquet").unlink()
-    assert "no pool index" in run(capsys, "verify", expect=2)
-    assert "no pool index" in run(capsys, "build", "--osm", ".", expect=2)
+    assert "maps harvest" in run(capsys, "verify", expect=2)
+    assert "maps harvest" in run(capsys, "build", "--osm", ".", expect=2)

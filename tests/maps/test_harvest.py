@@ -90,7 +90,7 @@ def test_a_bad_pool_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "cut.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(InputError, match="not a readable Parquet table"):
         read_pool(tmp_path / "cut.parquet")
-    pq.write_table(POOL_SCHEMA.empty_table(), tmp_path / "old.parquet")
+    pq.write_table(POOL_SCHEMA.remove_metadata().empty_table(), tmp_path / "old.parquet")
     with pytest.raises(InputError, match="schema version none"):
         read_pool(tmp_path / "old.parquet")
     short = POOL_SCHEMA.remove(0).with_metadata({"tsbench_schema": "1"}).empty_table()

@@ -12,10 +12,11 @@ from simworld import SceneMaker, plate
 
 from tsbench.errors import InputError
 from tsbench.maps.network import read_network
-from tsbench.scenarios.load import SceneLoader, content_sha256, load_scene
+from tsbench.scenarios.load import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.verify import verify_rows
 from tsbench.sim.scene import Destination, EgoStart
+from tsbench.xmlfile import read_plain, sha256
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_a_hash_is_of_the_content_not_of_its_packing(made: tuple[Path, ScenarioS
     SceneLoader(root).load(spec)
     bare = root / "bare.add.xml"
     bare.write_bytes(gzip.decompress(path.read_bytes()))
-    assert content_sha256(bare) == spec.additional_sha256
+    assert sha256(read_plain(bare, "scene file")) == spec.additional_sha256
 
 
 @pytest.mark.parametrize("which", ["net", "additional"])
@@ -100,7 +101,7 @@ def test_a_missing_and_a_truncated_file(made: tuple[Path, ScenarioSpec], which: 
     [
         ("net", b"<net><edge", "not a well-formed network"),
         ("net", b"<net/>", "a network without lanes"),
-        ("net", b"<additional/>", "<additional> is not a SUMO network"),
+        ("net", b"<additional/>", "<additional> is not a network"),
         ("net", b"<net><edge id='a'><lane id='a_0'/></edge></net>", "malformed network"),
         ("additional", b"<additional><poi", "not a well-formed scene file"),
         ("additional", b"<net/>", "<net> is not a scene file"),
@@ -114,7 +115,7 @@ def test_a_malformed_file_with_the_right_hash(
     root, spec = made
     path = root / getattr(spec, which)
     path.write_bytes(content)
-    changed = replace(spec, **{f"{which}_sha256": content_sha256(path)})
+    changed = replace(spec, **{f"{which}_sha256": sha256(read_plain(path, "scene file"))})
     assert words in refuse(root, changed)
 
 

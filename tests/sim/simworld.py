@@ -31,7 +31,6 @@ from tsbench.scenarios.elements import (
     obstacle_elements,
     write_additional,
 )
-from tsbench.scenarios.load import content_sha256
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.traffic import Car
 from tsbench.signs.annotations import SignInstance
@@ -40,6 +39,7 @@ from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle
 from tsbench.sim.scene_file import SceneLayout, layout_elements
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import Actors, ActorTable, EgoState
+from tsbench.xmlfile import read_plain, sha256
 
 LIMIT = 13.89
 CALM = Driver(speed=9.0, accel=1.5, decel=2.5, headway=1.3, gap=2.0, length=4.5, width=1.8)
@@ -173,7 +173,8 @@ class SceneMaker:
             map_id="hand-made", family="junction", shape="X", slot="", variant=0, split="test", seed=7,
             initial_speed=start.speed, route_length=50.0, density=0.0, drivers=-1, layout=0, horizon=horizon,
             net=self.net.relative_to(self.root).as_posix(), additional=path.name,
-            net_sha256=content_sha256(self.net), additional_sha256=content_sha256(path),
+            net_sha256=sha256(read_plain(self.net, "network")),
+            additional_sha256=sha256(read_plain(path, "scene file")),
         )  # fmt: skip
 
     def path(self, spec: ScenarioSpec) -> Path:

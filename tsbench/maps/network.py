@@ -6,8 +6,6 @@ Source of the format: SUMO documentation, "Networks / SUMO Road Networks".
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from lxml import etree
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array, Polyline
+from tsbench.xmlfile import parse, read_plain
 
 DEFAULT_LANE_WIDTH_M = 3.2
 _TOUCH_M = 0.01
@@ -132,23 +131,6 @@ def _classes(text: str | None) -> frozenset[str]:
     return frozenset(text.split()) if text else frozenset()
 
 
-def _parse(path: Path) -> etree._Element:
-    try:
-        raw = path.read_bytes()
-        data = gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-        root = etree.fromstring(data, parser)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such network file") from None
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: cannot be read as a network ({error})") from None
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"{path}: line {error.lineno}: not a well-formed network ({error.msg})") from None
-    if root.tag != "net":
-        raise InputError(f"{path}: line 1: <{root.tag}> is not a SUMO network (expected <net>)")
-    return root
-
-
 def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
     lanes: list[Lane] = []
     edges: dict[str, Edge] = {}
@@ -248,9 +230,12 @@ def _turn_touching(lanes: list[Lane], connections: list[Connection]) -> None:
                 lanes[via] = replace(lanes[via], line=Polyline([line.points[0], line.points[0] + step]))
 
 
-def read_network(path: Path) -> RoadNetwork:
-    """Read a network. Raises InputError (one line: file, place, problem) for anything that is none."""
-    root = _parse(path)
+def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
+    """Read a network, from its uncompressed `content` where that is at hand.
+
+    Raises InputError (one line: file, place, problem) for anything that is none.
+    """
+    root = parse(read_plain(path, "network") if content is None else content, path, "net", "network")
     try:
         lanes, edges = _read_edges(root)
         index = {lane.id: lane.index for lane in lanes}

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from tsbench.errors import InputError
+from tsbench.parquet import VERSION_KEY, open_table, save_table
 
 SCHEMA_VERSION = 1
 FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
@@ -73,7 +72,10 @@ _COLUMNS: dict[str, pa.DataType] = {
     **dict.fromkeys(("curvature", "length_m", "speed_mps"), pa.float64()),
     **dict.fromkeys(("road_class", "detail"), pa.string()),
 }
-POOL_SCHEMA = pa.schema(list(_COLUMNS.items()))
+POOL_SCHEMA = pa.schema(list(_COLUMNS.items())).with_metadata(
+    {VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+)
+_HINT = "`tsbench maps harvest --osm DIR` makes it"
 
 
 def map_id(family: str, code: str, *ids: str) -> str:
@@ -85,32 +87,13 @@ def map_id(family: str, code: str, *ids: str) -> str:
 def write_pool(rows: Sequence[PoolRow], path: Path) -> None:
     """Write the pool sorted by `map_id`: the same rows give the same bytes."""
     ordered = sorted(rows, key=lambda row: row.map_id)
-    table = pa.Table.from_pylist([asdict(row) for row in ordered], schema=POOL_SCHEMA)
-    table = table.replace_schema_metadata(
-        {"tsbench_schema": str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
-    )
     path.parent.mkdir(parents=True, exist_ok=True)
-    half = path.with_suffix(".part")
-    pq.write_table(table, half, compression="zstd", compression_level=12)
-    half.replace(path)
+    save_table(pa.Table.from_pylist([asdict(row) for row in ordered], schema=POOL_SCHEMA), path)
 
 
 def read_pool(path: Path) -> list[PoolRow]:
     """All rows, sorted by `map_id`. InputError for a file that is missing, broken or of another schema."""
-    if not path.is_file():
-        raise InputError(f"{path}: no pool index; `tsbench maps harvest --osm DIR` makes it")
-    try:
-        table = pq.read_table(path)
-    except (pa.ArrowInvalid, OSError) as broken:
-        raise InputError(
-            f"{path}: not a readable Parquet table ({' '.join(str(broken).split())})"
-        ) from broken
-    version = (table.schema.metadata or {}).get(b"tsbench_schema", b"none").decode()
-    if version != str(SCHEMA_VERSION):
-        raise InputError(f"{path}: schema version {version}, this tsbench reads {SCHEMA_VERSION}")
-    missing = [name for name in POOL_SCHEMA.names if name not in table.schema.names]
-    if missing:
-        raise InputError(f"{path}: column '{missing[0]}' is missing")
+    table = open_table(path, POOL_SCHEMA, _HINT)
     columns = [table[name].to_pylist() for name in POOL_SCHEMA.names]
     rows = []
     for values in zip(*columns, strict=True):
@@ -123,9 +106,4 @@ def read_pool(path: Path) -> list[PoolRow]:
 
 def known_map_ids(path: Path) -> frozenset[str]:
     """Ids of all maps in the index, without reading the rest. Raises InputError."""
-    if not path.is_file():
-        raise InputError(f"{path}: no pool index; `tsbench maps harvest --osm DIR` makes it")
-    try:
-        return frozenset(str(m) for m in pq.read_table(path, columns=["map_id"])["map_id"].to_pylist())
-    except (pa.ArrowInvalid, KeyError, OSError) as broken:
-        raise InputError(f"{path}: not a readable pool index ({' '.join(str(broken).split())})") from broken
+    return frozenset(str(m) for m in open_table(path, POOL_SCHEMA, _HINT, ["map_id"])["map_id"].to_pylist())

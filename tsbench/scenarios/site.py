@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -28,7 +27,7 @@ from tsbench.scenarios.families.base import Arrangement, ConvoySetup, SceneTask,
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.inflow import Inflow
 from tsbench.scenarios.lint import lint_scene
-from tsbench.scenarios.load import Roads, content_sha256
+from tsbench.scenarios.load import Roads
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.rehearse import lead_time
 from tsbench.scenarios.seeds import rng_of, seed_of
@@ -42,6 +41,7 @@ from tsbench.sim.scene import ConvoyPlan
 from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
+from tsbench.xmlfile import read_plain, sha256
 
 NET_NAME = "net.net.xml.gz"
 DENSITY_GOAL = 0.1
@@ -167,7 +167,7 @@ class SiteBuilder:
             variant=variant.number, split=split, seed=seed, initial_speed=a.start.speed,
             route_length=a.route_length, density=variant.density, drivers=variant.drivers, layout=variant.layout,
             horizon=recipe.horizon, net=(folder / NET_NAME).relative_to(self.root).as_posix(), additional=relative,
-            net_sha256=content_sha256(folder / NET_NAME), additional_sha256=files.sha256,
+            net_sha256=sha256(read_plain(folder / NET_NAME, "network")), additional_sha256=files.sha256,
         )  # fmt: skip
         return spec, density
 
@@ -216,7 +216,7 @@ class _SceneFiles:
             moving += self._convoy_elements(a.convoy)
         moving += background(cars)
         content = write_additional([*fixed, *moving], self.path)
-        self.sha256 = hashlib.sha256(content).hexdigest()
+        self.sha256 = sha256(content)
         return density
 
     def _types(self) -> list[etree._Element]:

@@ -7,8 +7,6 @@ Units: m, s, m/s, rad; floats are written with repr and come back exact.
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from tsbench.geometry.footprint import corners
 from tsbench.maps.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
 from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene, WalkersPlan
+from tsbench.xmlfile import parse, read_plain
 
 EGO_ID = "ego"
 
@@ -99,30 +98,19 @@ def _obstacle_poly(o: Obstacle) -> etree._Element:
     return poly
 
 
-def read_additional(path: Path) -> etree._Element:
-    """The root element of an additional file (.xml or .xml.gz). Raises InputError."""
-    try:
-        raw = path.read_bytes()
-        data = gzip.decompress(raw) if raw[:2] == b"\x1f\x8b" else raw
-        root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such scene file") from None
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{path}: cannot be read as a scene file ({error})") from None
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"{path}: line {error.lineno}: not a well-formed scene file ({error.msg})") from None
-    if root.tag != "additional":
-        raise InputError(f"{path}: line 1: <{root.tag}> is not a scene file (expected <additional>)")
-    return root
+def read_additional(path: Path, content: bytes | None = None) -> etree._Element:
+    """The root element of an additional file, from its uncompressed `content` where that is at hand; InputError."""
+    data = read_plain(path, "scene file") if content is None else content
+    return parse(data, path, "additional", "scene file")
 
 
 def _params(element: etree._Element) -> dict[str, str]:
     return {str(p.attrib["key"]): str(p.attrib["value"]) for p in element.iterfind("param")}
 
 
-def read_layout(path: Path) -> SceneLayout:
+def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
     """The layout of a scene file. Raises InputError naming the element that is missing or wrong."""
-    root = read_additional(path)
+    root = read_additional(path, content)
     signs = signs_from_additional(root, str(path))
     try:
         pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
