@@ -6,12 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
-
-from tsbench.geometry.polyline import Polyline
-from tsbench.maps.lines import heading_away, heading_towards, turn_class, wrap
 from tsbench.maps.network import RoadNetwork
-from tsbench.maps.plain import PlainEdge, PlainNet
+from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import (
     Arrangement,
@@ -23,6 +19,14 @@ from tsbench.scenarios.families.base import (
     require,
     way_ahead,
 )
+from tsbench.scenarios.families.obedient_way import (
+    check_way,
+    drive_time,
+    main_road,
+    sharpest_bend,
+    turn_between,
+    waits,
+)
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -32,10 +36,6 @@ from tsbench.sim.scene import Destination, EgoStart
 _SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
 # SUMO's own word for a turn, as a manoeuvre class.
 _SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
-# State of a connection with right of way.
-_MAJOR = "M"
-# Of a metre each: how far headings are compared for bends.
-_BEND_STEPS = 6
 
 
 class ManoeuvrePlacement:
@@ -72,8 +72,7 @@ class ManoeuvrePlacement:
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
         _check_turns(task.row, graph, short, compliant)
-        waits = [a for a, b in pairwise(compliant) if _waits(graph, a, b)]
-        require(not waits, f"others go first on the obedient way at the end of {' '.join(waits)}")
+        check_way(graph, compliant)
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
@@ -181,58 +180,9 @@ def _avoided(
     avoided = banned | into
     for edge in compliant[:-1]:
         turns = {(edge, e) for e in graph.successors(edge)} - avoided
-        waiting = {t for t in turns if _waits(graph, *t)}
+        waiting = {t for t in turns if waits(graph, *t)}
         avoided |= waiting if waiting != turns else set()
     return avoided
-
-
-def _waits(graph: LaneGraph, edge: str, following: str) -> bool:
-    """Does who goes from one edge to the next let those go first who need not wait themselves?
-
-    Where a main road bends at crossroads, SUMO has its left turn yield to the left turn of a side road too ("m"):
-    that one yields to all others in its turn, and holds nobody up.
-    """
-    first = {v for c in graph.network.connections if c.state == _MAJOR for v in c.via}
-    return any(c.yields_to & first for c in graph.connections(edge, following))
-
-
-def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
-    """The crop with priority for some edges and those beside them in the opposite direction.
-
-    What traffic at junctions without a plate of the scene costs is not what the scene is about.
-    """
-    ends = {(e.source, e.target) for e in plain.edges if e.id in ways}
-    main = {e.id for e in plain.edges if e.id in ways or (e.target, e.source) in ends}
-    return replace(
-        plain, edges=tuple(replace(e, priority=priority) if e.id in main else e for e in plain.edges)
-    )
-
-
-def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
-    """A rough time (s) from the farthest start to the destination on the last edge of `ways`.
-
-    Lengths by limits or by the speed of traffic, and some seconds for each turn. Raises UnfitMapError.
-    """
-    by_id = {e.id: e for e in plain.edges}
-    require(all(e in by_id for e in ways), "an edge of the obedient way is not in the crop")
-    edges = [by_id[e] for e in ways]
-    inner = [Polyline(e.shape).length for e in edges[1:-1]]
-    metres = [recipe.number("ego_farthest_m"), *inner, recipe.number("destination_m")]
-    pace = recipe.number("traffic_mps")
-    time = sum(m / min(e.speed, pace) for m, e in zip(metres, edges, strict=True))
-    return time + recipe.number("turn_s") * sum(turn_between(a, b) != "s" for a, b in pairwise(edges))
-
-
-def sharpest_bend(edge: PlainEdge) -> float:
-    """Greatest change of heading (degrees) within 6 m of a road: who turns on the spot meets who comes towards it."""
-    line = Polyline(edge.shape)
-    heading = np.unwrap([line.heading_at(s) for s in np.arange(0.5, line.length, 1.0)])
-    return float(np.degrees(np.abs(heading[_BEND_STEPS:] - heading[:-_BEND_STEPS]).max(initial=0.0)))
-
-
-def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
-    """Class of the turn from one edge to the next, as maps.lines has it: s, l, r, u."""
-    return turn_class(wrap(heading_away(np.array(following.shape)) - heading_towards(np.array(edge.shape))))
 
 
 def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant: Sequence[str]) -> None:
