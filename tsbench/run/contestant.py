@@ -1,7 +1,7 @@
 """What a run writes down about a planner: who it is, and the hashes of its code and weights.
 
-The code of one of tsbench's own planners is all of `tsbench.planners`: they share guards, profiles, steering.
-Of a planner from elsewhere it is the file that it is written in.
+The code of one of tsbench's own planners is its module and all that it imports from `tsbench.planners` and
+`tsbench.learn`. Of a planner from elsewhere it is the file that it is written in.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from typing import Any
 
 import tsbench.planners
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.sources import closure
+
+_OWN = ("tsbench.planners", "tsbench.learn")
 
 
 def describe(spec: str) -> dict[str, Any]:
@@ -40,8 +43,8 @@ def _code_sha256(source: Path | None) -> str | None:
     if own not in source.parents:
         return hashlib.sha256(source.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for path in sorted(own.rglob("*.py")):
-        digest.update(path.relative_to(own).as_posix().encode() + path.read_bytes())
+    for path in closure([source], _OWN):
+        digest.update(path.relative_to(own.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 

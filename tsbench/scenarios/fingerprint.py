@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import inspect
 from functools import cache
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from tsbench.scenarios.families.base import Placement
 from tsbench.sim.sumo import sumo_version
+from tsbench.sources import closure
 
 _PARTS = ("geometry", "maps", "scenarios", "signs", "sim")
 _NOT_MAKERS = (
@@ -36,7 +36,7 @@ def maker_fingerprint(placement: Placement) -> str:
 def _fingerprint(module: str) -> str:
     root = Path(__file__).resolve().parent.parent
     families = root / "scenarios" / "families"
-    own = {families / f"{name}.py" for name in _with_imports(module, families)}
+    own = set(closure([families / f"{module}.py"], [_FAMILIES]))
     digest = hashlib.sha256(sumo_version().encode())
     for part in _PARTS:
         for path in sorted((root / part).rglob("*.py")):
@@ -48,19 +48,3 @@ def _fingerprint(module: str) -> str:
 
 def _makes(path: Path) -> bool:
     return path.name not in _NOT_MAKERS or path.parent.name == "families"
-
-
-def _with_imports(module: str, folder: Path) -> set[str]:
-    """A module of the families and those that it imports, by name."""
-    found: set[str] = set()
-    todo = [module]
-    while todo:
-        name = todo.pop()
-        if name in found:
-            continue
-        found.add(name)
-        tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(f"{_FAMILIES}."):
-                todo.append(str(node.module).removeprefix(f"{_FAMILIES}."))
-    return found
