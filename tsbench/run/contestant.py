@@ -1,7 +1,7 @@
 """What a run writes down about a planner: who it is, and the hashes of its code and weights.
 
-The code of one of tsbench's own planners is its module and all that it imports from `tsbench.planners` and
-`tsbench.learn`. Of a planner from elsewhere it is the file that it is written in.
+The code of one of tsbench's own planners is its module and all that it imports from
+`tsbench.planners`. Of a planner from elsewhere it is the file that it is written in.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import tsbench.planners
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.sources import closure
 
-_OWN = ("tsbench.planners", "tsbench.learn")
+_OWN = ("tsbench.planners",)
 
 
 def describe(spec: str) -> dict[str, Any]:
