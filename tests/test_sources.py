@@ -33,3 +33,10 @@ def test_an_import_inside_a_function_counts(tmp_path: Path) -> None:
     )
     found = {p.name for p in closure([file], ["tsbench.planners"])}
     assert {"mine.py", "gaps.py", "idm.py"} <= found
+
+
+def test_a_folder_of_data_does_not_hide_its_module(tmp_path: Path) -> None:
+    assert (PLANNERS / "weights.py").is_file()
+    file = tmp_path / "mine.py"
+    file.write_text("from tsbench.planners.weights import load_weights\n")
+    assert PLANNERS / "weights.py" in closure([file], ["tsbench.planners"])

@@ -50,7 +50,9 @@ def _is_module(name: str) -> bool:
 
 def _file(name: str) -> Path:
     base = _ROOT.joinpath(*name.split(".")[1:])
-    return base / "__init__.py" if base.is_dir() else base.with_suffix(".py")
+    # As Python does: a folder without __init__.py (data) does not hide the module of its name.
+    package = base / "__init__.py"
+    return package if package.is_file() else base.with_suffix(".py")
 
 
 def _below(name: str, within: Sequence[str]) -> bool:

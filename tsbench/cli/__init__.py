@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import NoReturn
+from collections.abc import Mapping
+from typing import Any, NoReturn
 
 import click
 
@@ -22,33 +23,38 @@ COMMANDS = {
     "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
+    "train": ("tsbench.cli.train:train", "Train a learned planner."),
     "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
 }
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
 class LazyGroup(click.Group):
-    """A group whose commands stand in COMMANDS and are imported on use."""
+    """A group whose commands are imported on use; `lazy`: by name, where it is and its line in --help."""
+
+    def __init__(self, *args: Any, lazy: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._lazy = lazy
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Names in the order of COMMANDS."""
-        return list(COMMANDS)
+        """Names in the order of `lazy`."""
+        return list(self._lazy)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """The command itself."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self._lazy:
             return None
-        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
+        module, _, attribute = self._lazy[cmd_name][0].partition(":")
         command: click.Command = getattr(importlib.import_module(module), attribute)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """The list of commands, without importing any."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+            formatter.write_dl([(name, line) for name, (_, line) in self._lazy.items()])
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, lazy=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tsbench")
 def cli() -> None:
     """Does a self-driving planner obey the traffic sign in front of it, and still arrive?"""

@@ -1,0 +1,18 @@
+"""`tsbench train`: learn a planner's weights on the train split."""
+
+from __future__ import annotations
+
+import click
+
+from tsbench.cli import LazyGroup
+
+# Command, where it is, and its line in --help: training brings torch with it.
+COMMANDS = {
+    "ppo": ("tsbench.cli.train_rl:ppo", "PPO on 275 numbers: ego, navigation, neighbours, lidar."),
+    "carl": ("tsbench.cli.train_rl:carl", "PPO on a bird's-eye raster, with the reward of CaRL."),
+}
+
+
+@click.group(cls=LazyGroup, lazy=COMMANDS)
+def train() -> None:
+    """Train a planner on the train split; a folder that holds part of the training is continued."""
