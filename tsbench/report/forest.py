@@ -1,45 +1,104 @@
-"""The forest plot of a comparison: the difference in SCD of each type, group and overall, with its interval."""
+"""Forest plots: values with their intervals, one row each; and that of a comparison of two planners."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tsbench.metrics.compare import PairedFigure
+from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.compare import Matched
-from tsbench.run.files import replacing, told_plainly
 
-_ROW_IN, _MARGIN_IN, _WIDTH_IN, _DPI = 0.24, 1.9, 9.0, 150
-_COLOURS = {"priority": "#1f77b4", "speed": "#d62728", "obstacles": "#e08a00", "routing": "#2ca02c"}
-_PLAIN = "#303030"
+ROW_IN = 0.24
+_MARGIN_IN, _WIDTH_IN = 1.9, 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A value in a row, in the unit of the axis; None: nothing is drawn.
+
+    low, high: its interval. bracket: grey, this far to both sides of 0 (an effect that would have been found). cross: a
+    second value of the same figure (completed only).
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    colour: str
+    filled: bool = True
+    marker: str = "o"
+    width: float = 1.4
+    bracket: float | None = None
+    cross: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ForestRow:
+    """A row. count: what it rests on, right of the axes. bold: a mean of others."""
+
+    label: str
+    marks: tuple[Mark, ...]
+    count: str
+    bold: bool = False
+
+
+def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True) -> None:
+    """Rows from top to bottom. labels: write the rows' names at the left."""
+    for y, row in enumerate(rows):
+        for mark in row.marks:
+            _draw_mark(axes, y, mark)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_yticks(range(len(rows)), [row.label if row.bold else f"{row.label}  " for row in rows])
+    for label, row in zip(axes.get_yticklabels(), rows, strict=True):
+        label.set(fontweight="bold" if row.bold else "normal", fontsize=8, parse_math=False)
+    axes.tick_params(axis="y", labelleft=labels)
+    counts = axes.secondary_yaxis("right")
+    counts.set_yticks(range(len(rows)), [row.count for row in rows])
+    counts.tick_params(length=0, labelsize=7)
+    axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def draw_forest(matched: Matched, path: Path) -> None:
     """Write the PNG. Full marks are significant; grey brackets show what the others would have found (MDE)."""
+    save_chart(lambda: _forest(matched), path)
+
+
+def difference_mark(figure: PairedFigure, colour: str, mean: bool) -> Mark:
+    """How a paired difference is drawn: full where it is significant, with its bracket where it is not."""
+    d, completed = figure.main, figure.completed
+    return Mark(
+        d.value, d.low, d.high, colour, filled=d.significant, marker="D" if mean else "o", width=2.2 if mean else 1.4,
+        bracket=d.mde, cross=None if completed.n == d.n else completed.value,
+    )  # fmt: skip
+
+
+def lost_won(figure: PairedFigure) -> str:
+    """Pairs that only A, only B has, of how many; completed pairs in brackets where there are fewer."""
+    d = figure.main
+    text = f"{d.lost or 0}/{d.won or 0} of {d.n}"
+    return text if d.n == figure.completed.n else f"{text} ({figure.completed.n})"
+
+
+def _forest(matched: Matched) -> Figure:
     c = matched.comparison
-    rows = [("all types", c.overall, _PLAIN, True)]
+
+    def row(label: str, figure: PairedFigure, colour: str, mean: bool) -> ForestRow:
+        return ForestRow(label, (difference_mark(figure, colour, mean),), lost_won(figure), mean)
+
+    rows = [row("all types", c.overall, INK, True)]
     for group, figure in c.groups.items():
-        colour = _COLOURS.get(group, _PLAIN)
-        rows.append((group, figure, colour, True))
-        rows += [(kind, c.types[kind], colour, False) for kind, g in c.type_groups.items() if g == group]
-    drawing = Figure(figsize=(_WIDTH_IN, _MARGIN_IN + _ROW_IN * len(rows)), layout="constrained")
-    FigureCanvasAgg(drawing)
+        colour = GROUP_COLOURS.get(group, INK)
+        rows.append(row(group, figure, colour, True))
+        rows += [row(kind, c.types[kind], colour, False) for kind, g in c.type_groups.items() if g == group]
+    drawing = Figure(figsize=(_WIDTH_IN, _MARGIN_IN + ROW_IN * len(rows)), layout="constrained")
     axes = drawing.subplots()
-    for y, (_, figure, colour, mean) in enumerate(rows):
-        _mark(axes, y, figure, colour, mean)
-    axes.axvline(0.0, color="#808080", linewidth=0.8)
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_yticks(range(len(rows)), [name if mean else f"{name}  " for name, _, _, mean in rows])
-    for label, (_, _, _, mean) in zip(axes.get_yticklabels(), rows, strict=True):
-        label.set(fontweight="bold" if mean else "normal", fontsize=8, parse_math=False)
-    counts = axes.secondary_yaxis("right")
-    counts.set_yticks(range(len(rows)), [_counted(figure) for _, figure, _, _ in rows])
-    counts.tick_params(length=0, labelsize=7)
-    axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
-    axes.set_axisbelow(True)
+    draw_rows(axes, rows)
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_xlabel(
         "SCD of B minus SCD of A, percentage points (strict), 95 % paired cluster bootstrap over maps\n"
         "full: significant (exact McNemar, types after Holm); grey: minimum detectable effect; right: lost/won of n\n"
@@ -48,32 +107,23 @@ def draw_forest(matched: Matched, path: Path) -> None:
     )
     lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", _contract_line(matched)]
     drawing.suptitle("\n".join(lines), fontsize=8, x=0.01, ha="left", parse_math=False)
-    with told_plainly(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as part:
-            drawing.savefig(part, dpi=_DPI, format="png")
+    return drawing
 
 
-def _mark(axes: Any, y: int, figure: PairedFigure, colour: str, mean: bool) -> None:
-    d = figure.main
-    if d.value is None:
+def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
+    if mark.value is None:
         return
-    if d.mde is not None:
-        axes.plot([-d.mde, d.mde], [y, y], color="#c4c4c4", linewidth=1.0, marker="|", markersize=7, zorder=1)
-    if d.low is not None and d.high is not None:
-        axes.plot([d.low, d.high], [y, y], color=colour, linewidth=2.2 if mean else 1.4, zorder=2)
-    if figure.completed.n != d.n and figure.completed.value is not None:
-        axes.plot(figure.completed.value, y, marker="x", color=colour, markersize=5, zorder=2)
-    face = colour if d.significant else "white"
+    if mark.bracket is not None:
+        ends = [-mark.bracket, mark.bracket]
+        axes.plot(ends, [y, y], color=PALE, linewidth=1.0, marker="|", markersize=7, zorder=1)
+    if mark.low is not None and mark.high is not None:
+        axes.plot([mark.low, mark.high], [y, y], color=mark.colour, linewidth=mark.width, zorder=2)
+    if mark.cross is not None:
+        axes.plot(mark.cross, y, marker="x", color=mark.colour, markersize=5, zorder=2)
+    face = mark.colour if mark.filled else "white"
     axes.plot(
-        d.value, y, marker="D" if mean else "o", color=colour, markerfacecolor=face, markersize=5, zorder=3
+        mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3
     )
-
-
-def _counted(figure: PairedFigure) -> str:
-    d = figure.main
-    text = f"{d.lost or 0}/{d.won or 0} of {d.n}"
-    return text if d.n == figure.completed.n else f"{text} ({figure.completed.n})"
 
 
 def _contract_line(matched: Matched) -> str:
