@@ -38,6 +38,7 @@ maps: setup
 
 scenarios: setup
 	$(BIN)/tsbench scenarios build --osm $(OSM) --workers $(WORKERS)
+	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
 
 bench: setup

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from math import isnan
 from pathlib import Path
 
 import click
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from tsbench.cli.console import table_console
 from tsbench.cli.options import jurisdiction_option
 from tsbench.errors import InputError
 from tsbench.maps.paths import sources_dir
@@ -186,27 +187,24 @@ def verify(split: str | None) -> None:
 
 
 @scenarios.command()
-def stats() -> None:
-    """Rows, maps, unique places and quotas per type and split."""
+@click.option("--markdown", type=click.Path(path_type=Path), default=None, help="Write the tables there too.")
+def stats(markdown: Path | None) -> None:
+    """Rows, maps, unique places, certificates and quotas per type and split."""
+    from tsbench.report.dataset import MAPS, ROWS, map_cells, row_cells, to_markdown
     from tsbench.scenarios.overview import build_report, type_stats
 
-    table = Table(
-        "type", "split", "rows", "maps", "places", "by stratum", "tagged", "solvable", "tempting", "engaged", "sane",
-        "reproduced", "gap s",
-    )  # fmt: skip
-    for t in type_stats(_all_rows()):
-        strata = ", ".join(f"{k} {v}" for k, v in t.strata.items())
-        shares = [f"{v:.1%}" for v in (t.solvable, t.tempting, t.engaged, t.sane, t.reproduced)]
-        counts = [str(v) for v in (t.rows, t.maps, t.places)]
-        gap = "" if isnan(t.gap_s) else f"{t.gap_s:.1f}"
-        table.add_row(t.type_id, t.split, *counts, strata, f"{t.tagged_share:.0%}", *shares, gap)
-    console = Console()
-    console.print(table)
-    passed = Table("type", "split", "quota missed", "maps passed over, by reason")
-    for entry in build_report():
-        reasons = "\n".join(f"{n} {why}" for why, n in entry["reasons"].items())
-        passed.add_row(entry["type_id"], entry["split"], str(entry["missed"] or "none"), reasons)
-    console.print(passed)
+    figures, report = type_stats(_all_rows()), build_report()
+    console = table_console()
+    for heads, cells in ((ROWS, row_cells(figures)), (MAPS, map_cells(figures, report))):
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for head in heads:
+            table.add_column(head, no_wrap=head in ("type", "split"))
+        for row in cells:
+            table.add_row(*row)
+        console.print(table)
+    if markdown is not None:
+        markdown.write_text(to_markdown(figures, report), encoding="utf-8")
+        click.echo(f"page: {markdown}")
 
 
 @scenarios.command()
