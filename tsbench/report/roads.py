@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 import shapely
@@ -22,19 +25,46 @@ _ZEBRA_M = (0.5, 0.5)
 _APRON_M = (3.0, 1.6)
 
 
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A painted surface. colour: a field of `Style`; shape: polygons in m, holes left out."""
+
+    colour: str
+    shape: shapely.Geometry
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """A painted line: (n, 2) points, width in m."""
+
+    colour: str
+    points: Array
+    width: float
+
+
 def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
     """Ground, pavements, carriageways with their kerbs, lane markings, zebras, stop and give-way lines."""
     image[:] = STYLE.ground
+    for part in road_paint(network):
+        colour: Colour = getattr(STYLE, part.colour)
+        if isinstance(part, Area):
+            fill(image, camera, part.shape, colour)
+        else:
+            draw_line(image, camera, part.points, colour, camera.thickness(part.width))
+
+
+def road_paint(network: RoadNetwork) -> Iterator[Area | Stroke]:
+    """What is painted on the ground, lowest first."""
     walks = [strip(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
     area = _carriageway(network)
-    fill(image, camera, shapely.union_all([*walks, area.intersection(aprons)]), STYLE.walk)
+    yield Area("walk", shapely.union_all([*walks, area.intersection(aprons)]))
     road = area.difference(aprons)
-    fill(image, camera, road.buffer(_KERB_M), STYLE.kerb)
-    fill(image, camera, road, STYLE.asphalt)
+    yield Area("kerb", road.buffer(_KERB_M))
+    yield Area("asphalt", road)
     for lane in network.lanes:
         if not lane.internal and not lane.permits("passenger") and not _is_walk(lane):
-            fill(image, camera, strip(lane.line, lane.width), STYLE.reserved)
+            yield Area("reserved", strip(lane.line, lane.width))
     opposite = {
         (e.target, e.source) for e in network.edges.values() if not e.internal and _drivable(network, e)
     }
@@ -42,12 +72,12 @@ def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
         lanes = _drivable(network, edge)
         if edge.internal or not lanes:
             continue
-        _mark_edge(image, camera, lanes, two_way=(edge.source, edge.target) in opposite)
+        yield from _edge_marks(lanes, two_way=(edge.source, edge.target) in opposite)
         for lane in lanes:
-            _mark_end(image, camera, network, lane)
+            yield from _end_marks(network, lane)
     for crossing in network.crossings.values():
         for dash in dashes(crossing.line, *_ZEBRA_M):
-            fill(image, camera, strip(Polyline(dash), crossing.width), STYLE.marking)
+            yield Area("marking", strip(Polyline(dash), crossing.width))
 
 
 def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
@@ -77,25 +107,19 @@ def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
     return [network.lanes[i] for i in edge.lanes if not _is_walk(network.lanes[i])]
 
 
-def _mark_edge(image: Image, camera: Camera, lanes: list[Lane], two_way: bool) -> None:
-    width = camera.thickness(STYLE.marking_m)
-    inset = 0.15
+def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[Stroke]:
+    width, inset = STYLE.marking_m, 0.15
     right, left = lanes[0], lanes[-1]
-    draw_line(image, camera, right.line.beside(-right.width / 2 + inset), STYLE.marking, width)
+    yield Stroke("marking", right.line.beside(-right.width / 2 + inset), width)
     # On a two-way road both directions draw their own half of the centre line.
-    draw_line(
-        image,
-        camera,
-        left.line.beside(left.width / 2 - (inset * 0.8 if two_way else inset)),
-        STYLE.marking,
-        width,
-    )
+    shift = inset * 0.8 if two_way else inset
+    yield Stroke("marking", left.line.beside(left.width / 2 - shift), width)
     for lane in lanes[:-1]:
         for dash in dashes(Polyline(lane.line.beside(lane.width / 2)), *STYLE.dash_m):
-            draw_line(image, camera, dash, STYLE.marking, width)
+            yield Stroke("marking", dash, width)
 
 
-def _mark_end(image: Image, camera: Camera, network: RoadNetwork, lane: Lane) -> None:
+def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Stroke]:
     """The line that the strictest of the lane's connections asks for."""
     links = [c for c in network.outgoing[lane.index] if c.direction != "t"]
     states = {c.state for c in links}
@@ -105,10 +129,10 @@ def _mark_end(image: Image, camera: Camera, network: RoadNetwork, lane: Lane) ->
     end = lane.line.length - STYLE.stop_line_m / 2
     across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
     if states & _SOLID_STATES:
-        draw_line(image, camera, np.array(across), STYLE.marking, camera.thickness(STYLE.stop_line_m))
+        yield Stroke("marking", np.array(across), STYLE.stop_line_m)
     elif states & _GIVE_WAY_STATES:
         for tooth in dashes(Polyline(across), *_TOOTH_M):
-            draw_line(image, camera, tooth, STYLE.marking, camera.thickness(STYLE.stop_line_m))
+            yield Stroke("marking", tooth, STYLE.stop_line_m)
 
 
 def dashes(line: Polyline, dash: float, gap: float) -> list[Array]:
