@@ -52,7 +52,7 @@ def to_markdown(stats: Sequence[TypeStats], report: Sequence[dict[str, Any]]) ->
             f"Made by `tsbench scenarios stats --markdown docs/dataset.md`: {rows:,} rows ({by_split}).",
             "",
             "Shares are of rows, in %, by their certificates ([scenarios.md](scenarios.md)). places: spots more",
-            "than 300 m apart that hold all maps. tagged: share of maps from the extracts with full tags. again: driven to",
+            "than 300 m apart that hold all maps. tagged: maps from extracts with full tags. again: driven to",
             "the same bytes by a second process. gap s: median of |arrival gap| between the ego and whom it has to",
             "watch, where there is somebody.",
             "",
