@@ -1,0 +1,65 @@
+"""The network's inputs as one NumPy record: what is stored for training is what is driven with.
+
+Frame: the ego's centre, x ahead, y left. Units: m, m/s, rad, divided by the scales below.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Records = npt.NDArray[np.void]
+
+# Classes of object tokens; 0 is an empty slot.
+EMPTY, CAR, BUS, BICYCLE, PEDESTRIAN, STATIC = range(6)
+OBJECT_CLASSES = 6
+OBJECTS = 30
+# x, y, cos and sin of the heading, speed, length, width: an angle as one number has a seam where traffic comes from.
+OBJECT_FEATURES = 7
+RANGE_M = 50.0
+AHEAD_FACTOR = 2.0
+
+ROUTE_POINTS = 20
+ROUTE_STEP_M = 1.0
+# The road's own limit here and this much farther along the route.
+LIMIT_AHEAD_M = (0.0, 30.0)
+
+# Bird's-eye patch: drivable area, lane borders, route; row 0 is farthest ahead, column 0 farthest left.
+PATCH_CHANNELS = 3
+PATCH_ROWS, PATCH_COLUMNS = 64, 32
+PATCH_AHEAD_M = 48.0
+PATCH_M_PER_PX = 1.0
+
+# Sign tokens (`plant2-ft`): x, y, cos and sin of the direction it faces, value, lane.
+SIGNS = 6
+SIGN_FEATURES = 6
+
+PATH_POINTS = 20
+PATH_STEP_M = 1.0
+WAYPOINTS = 8
+WAYPOINT_S = 0.25
+FORECAST_S = (1.0, 2.0)
+# Speed classes (m/s). The first gap is narrow: with one of 0 to 4 m/s, crawling and standing look the same.
+SPEEDS = (0.0, 1.0, 2.5, 5.0, 8.0, 11.0, 14.0, 18.0)
+
+POSITION_SCALE_M = 50.0
+SPEED_SCALE_MPS = 10.0
+LENGTH_SCALE_M, WIDTH_SCALE_M = 5.0, 2.0
+
+TOKENS = np.dtype(
+    [
+        ("objects", np.float32, (OBJECTS, OBJECT_FEATURES)),
+        ("kinds", np.uint8, (OBJECTS,)),
+        ("route", np.float32, (ROUTE_POINTS, 2)),
+        ("limits", np.float32, (len(LIMIT_AHEAD_M),)),
+        ("patch", np.uint8, (PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS)),
+    ]
+)
+SIGN_TOKENS = np.dtype(
+    [
+        *((name, TOKENS.fields[name][0]) for name in TOKENS.names or ()),  # type: ignore[index]
+        ("signs", np.float32, (SIGNS, SIGN_FEATURES)),
+        ("sign_classes", np.uint8, (SIGNS,)),
+        ("sign_state", np.uint8),
+    ]
+)
