@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,8 +19,10 @@ from tsbench.metrics.outcome import EpisodeFacts, Outcome
 from tsbench.report import render as module
 from tsbench.report.bev import BirdsEye, PageSize
 from tsbench.report.camera import camera_at, camera_over
-from tsbench.report.lettering import shorten, text_width, wrap
-from tsbench.report.render import film, render, render_png, render_scene_png, scene_picture
+from tsbench.report.films import film
+from tsbench.report.lettering import label, shorten, text_width, wrap
+from tsbench.report.render import render, render_png, render_scene_png, scene_picture
+from tsbench.report.staging import draw_start, staged_cars
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.signs.countries import load_country
@@ -47,9 +50,21 @@ def trace(tmp_path: Path) -> Trace:
     return read_trace(path)
 
 
+# SUMO's vehicles of the scene: only the one that waits is drawn as a car at the start.
+STAGED = """<additional>
+ <vType id="long" length="6" width="2"/>
+ <vehicle id="waiting_0" type="long" departLane="1" departPos="53"><route edges="east"/></vehicle>
+ <vehicle id="bg_000" type="long" departLane="0" departPos="80"><route edges="east"/></vehicle>
+ <vehicle id="ego" type="long" departLane="0" departPos="20"><route edges="east"/></vehicle>
+ <vehicle id="o" type="long" departLane="0" departPos="150"><route edges="east"/></vehicle>
+</additional>"""
+
+
 @pytest.fixture
-def scene() -> Scene:
-    return made.scene((CONES,))
+def scene(tmp_path: Path) -> Scene:
+    path = tmp_path / "scene.xml"
+    path.write_text(STAGED)
+    return replace(made.scene((CONES,)), additional_path=path)
 
 
 def bird(trace: Trace, scene: Scene) -> BirdsEye:
@@ -188,6 +203,28 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         render_scene_png(scene, tmp_path / "file" / "scene.png", "title")
+
+
+def test_who_waits_at_the_start_is_drawn(scene: Scene) -> None:
+    (car,) = staged_cars(scene)
+    lane = scene.network.lane("east_1")
+    assert (car.length, car.width, car.held) == (6.0, 2.0, False)
+    assert (car.x, car.y) == pytest.approx(lane.line.point_at(50.0 * lane.line.length / lane.length))
+    camera = camera_at(car.x, car.y, 10.0, 200, 200)
+    page = np.zeros((200, 200, 3), dtype=np.uint8)
+    draw_start(page, camera, scene)
+    assert tuple(page[100, 85]) == STYLE.car
+
+
+def test_labels_lie_on_any_ground() -> None:
+    text = label("20 m", 12, STYLE.outline, STYLE.marking)
+    for ground in (0, 255):
+        page = np.full((40, 80, 3), ground, dtype=np.uint8)
+        text.lay(page, 4, 4)
+        assert np.array_equal(page[:4], np.full((4, 80, 3), ground))
+        inside = page[4:30, 4:70].reshape(-1, 3).astype(int)
+        for colour in (STYLE.outline, STYLE.marking):
+            assert (np.abs(inside - colour).max(axis=1) <= 2).any()
 
 
 def test_a_country_changes_the_caption_only(trace: Trace, scene: Scene) -> None:

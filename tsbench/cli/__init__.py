@@ -18,7 +18,7 @@ COMMANDS = {
     "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
     "compare": ("tsbench.cli.compare:compare", "Compare two planners, scenario by scenario."),
     "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
-    "render": ("tsbench.cli.render:render", "Draw an episode of a run as PNG, GIF or MP4."),
+    "render": ("tsbench.cli.render:render", "Draw episodes of a run as PNG, GIF or MP4."),
     "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
     "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),

@@ -1,4 +1,4 @@
-"""`tsbench render`: an episode of a run as PNG, GIF or MP4."""
+"""`tsbench render`: episodes of a run as PNG, GIF or MP4."""
 
 from __future__ import annotations
 
@@ -7,23 +7,45 @@ from pathlib import Path
 import click
 
 from tsbench.cli.options import jurisdiction_option
-from tsbench.report.render import FORMATS, render_episode
+from tsbench.cli.selecting import check_choice, make_and_tell, selection_options
+from tsbench.errors import InputError
+from tsbench.report.render import FORMATS, render_episode, render_selection
+from tsbench.report.selection import Selection
 from tsbench.signs.countries import Country
 
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.argument("episode", metavar="EPISODE")
+@click.argument("episode", metavar="[EPISODE]", required=False)
 @click.option(
     "--format", "kind", type=click.Choice(FORMATS), default=None, help="Default: png, or --out's suffix."
 )
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE", help="Default: below RUN/pictures/.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), metavar="PATH",
+    help="File, or folder for a selection; default: below RUN/pictures/.",
+)  # fmt: skip
 @click.option(
     "--time", type=float, metavar="S", help="Moment of a PNG; default: the violation, else half-way."
 )
+@selection_options
 @jurisdiction_option
 def render(
-    run: Path, episode: str, kind: str | None, out: Path | None, time: float | None, country: Country | None
-) -> None:
-    """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN from its trace."""
-    click.echo(str(render_episode(run, episode, kind, out, time, country)))
+    run: Path, episode: str | None, kind: str | None, out: Path | None, time: float | None,
+    selection: Selection, workers: int, country: Country | None,
+) -> None:  # fmt: skip
+    """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN from its trace, or a whole selection.
+
+    A selection is drawn in parallel; what is already drawn is kept, so the same command continues after a break.
+    """
+    check_choice(run, episode, selection)
+    if episode is not None:
+        click.echo(str(render_episode(run, episode, kind, out, time, country)))
+        return
+    if time is not None:
+        raise InputError("--time chooses the moment of one EPISODE; a selection is drawn at its violations")
+    chosen_kind = kind or FORMATS[0]
+    make_and_tell(
+        lambda progress: render_selection(run, selection, chosen_kind, out, workers, progress, country),
+        f"{chosen_kind} files",
+    )
+    click.echo(f"below {run / 'pictures' if out is None else out}")

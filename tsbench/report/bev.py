@@ -66,6 +66,7 @@ class BirdsEye:
         self.ground: Image = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
         draw_roads(self.ground, camera, scene.network)
         draw_furniture(self.ground, camera, scene, plate_px=round(min(max(4.5 * camera.scale, 30), 60)))
+        self._windows = self._make_windows()
         self._last = max(trace.snapshots[-1].time, 1e-9)
         self._hud = self._make_hud()
         self._paths: dict[int, tuple[RoutePath, Array, Fixed]] = {}
@@ -109,7 +110,7 @@ class BirdsEye:
 
     def _draw_view(self, view: Image, tick: int) -> None:
         snapshot = self.trace.snapshots[tick]
-        left, top = self._window(tick)
+        left, top = self._windows[tick]
         camera = self._ground_camera.window(left, top, view.shape[1], view.shape[0])
         view[:] = self.ground[top : top + view.shape[0], left : left + view.shape[1]]
         self._draw_route(view, tick, left, top)
@@ -118,17 +119,14 @@ class BirdsEye:
         draw_scale_bar(view, camera.scale)
         draw_attribution(view)
 
-    def _window(self, tick: int) -> tuple[int, int]:
-        """Upper left corner of the view in the ground, whole px so that the ground is copied as it is."""
+    def _make_windows(self) -> list[tuple[int, int]]:
+        """Of each tick, the view's upper left corner in the ground, whole px so that the ground is copied as it is."""
         if not self._follow:
-            return 0, 0
-        x, y = self._ground_camera.px(self._track[tick])[0]
-        left = round(x - self.size.width / 2)
-        top = round(y - self.size.view_height / 2)
-        return (
-            min(max(left, 0), self._ground_camera.width - self.size.width),
-            min(max(top, 0), self._ground_camera.height - self.size.view_height),
-        )
+            return [(0, 0)] * len(self._track)
+        view = np.array((self.size.width, self.size.view_height))
+        room = np.array((self._ground_camera.width, self._ground_camera.height)) - view
+        corners = np.rint(self._ground_camera.px(self._track) - view / 2).astype(int)
+        return [(left, top) for left, top in np.clip(corners, 0, room).tolist()]
 
     def _draw_route(self, view: Image, tick: int, left: int, top: int) -> None:
         """The navigation path from the ego to the destination."""

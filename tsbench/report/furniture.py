@@ -1,4 +1,4 @@
-"""What stands in a scene: plates, obstacles, destination, start, ways. Units: m, rad; plates in px."""
+"""What stands in a scene: plates, obstacles, destination, ways. Units: m, rad; plates in px."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import RoadNetwork
-from tsbench.report.bodies import draw_obstacle, draw_pedestrian, draw_vehicle
+from tsbench.metrics.outcome import ARRIVAL_M
+from tsbench.report.bodies import draw_obstacle
 from tsbench.report.camera import SHIFT, Camera, Image
 from tsbench.report.lettering import paste
 from tsbench.report.roads import dashes, draw_line
@@ -18,9 +19,6 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plates import plate_rgba
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
-from tsbench.sim.scene_file import read_additional
-
-ARRIVAL_M = 5.0
 
 
 def draw_furniture(image: Image, camera: Camera, scene: Scene, plate_px: int) -> None:
@@ -131,47 +129,3 @@ def draw_way(
     points = line.beside(d)
     draw_line(image, camera, points, colour, camera.thickness(0.35))
     return points
-
-
-def draw_start(image: Image, camera: Camera, scene: Scene) -> None:
-    """The ego as it starts, the convoy's vehicles and the pedestrians where they wait."""
-    for x, y, heading, length in convoy_places(scene):
-        draw_vehicle(image, camera, x, y, heading, length, 1.85, STYLE.convoy)
-    for place in walker_places(scene):
-        draw_pedestrian(image, camera, np.array(place))
-    line = scene.network.lane(scene.start.lane).line
-    x, y = line.point_at(scene.start.s)
-    draw_vehicle(image, camera, x, y, line.heading_at(scene.start.s), 4.515, 1.852, STYLE.ego)
-
-
-def convoy_places(scene: Scene) -> list[tuple[float, float, float, float]]:
-    """(x, y, heading, length) of the centres of the convoy's vehicles before their release."""
-    if scene.convoy is None:
-        return []
-    root = read_additional(scene.additional_path)
-    lengths = {t.get("id"): float(t.get("length", 5.0)) for t in root.iterfind("vType")}
-    places = []
-    for vehicle in root.iterfind("vehicle"):
-        route = vehicle.find("route")
-        if vehicle.get("id") not in scene.convoy.vehicles or route is None:
-            continue
-        lanes = scene.network.edge_lanes(str(route.get("edges", "")).split()[0])
-        lane = lanes[min(int(vehicle.get("departLane", 0)), len(lanes) - 1)]
-        length = lengths.get(vehicle.get("type"), 5.0)
-        s = float(vehicle.get("departPos", 0)) - length / 2
-        places.append((*lane.line.point_at(s), lane.line.heading_at(s), length))
-    return places
-
-
-def walker_places(scene: Scene) -> list[tuple[float, float]]:
-    """Where the held pedestrians stand."""
-    if scene.walkers is None:
-        return []
-    places = []
-    for person in read_additional(scene.additional_path).iterfind("person"):
-        walk = person.find("walk")
-        if person.get("id") in scene.walkers.persons and walk is not None:
-            lane = scene.network.edge_lanes(str(walk.get("edges", "")).split()[0])[0]
-            s, d = float(person.get("departPos", 0)), float(walk.get("departPosLat", 0))
-            places.append(lane.line.point_at(s, d))
-    return places

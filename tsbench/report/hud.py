@@ -127,11 +127,10 @@ def draw_scale_bar(view: Image, scale: float) -> None:
     length, x, y = round(metres * scale), _PAD_PX, view.shape[0] - 14
     view[y - 1 : y + 5, x - 2 : x + length + 2] = STYLE.marking
     view[y : y + 4, x : x + length] = STYLE.outline
-    text = label(f"{metres} m", 12, STYLE.outline, STYLE.marking)
-    paste(view, x - 1, y - 20, text.picture, text.alpha)
+    label(f"{metres} m", 12, STYLE.outline, STYLE.marking).lay(view, x - 1, y - 20)
 
 
 def draw_attribution(view: Image) -> None:
     """Whose map it is, at the lower right."""
     text = label(ATTRIBUTION, 11, STYLE.outline, STYLE.marking)
-    paste(view, view.shape[1] - text.alpha.shape[1] - 8, view.shape[0] - 21, text.picture, text.alpha)
+    text.lay(view, view.shape[1] - text.share.shape[1] - 8, view.shape[0] - 21)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 
+import cv2
 import matplotlib as mpl
 import numpy as np
 from PIL import Image as PilImage
@@ -30,6 +31,7 @@ def _mask(text: str, size: int, bold: bool) -> Image:
     return np.array(picture)
 
 
+@lru_cache(maxsize=4096)
 def text_width(text: str, size: int, bold: bool = False) -> int:
     """Width in px."""
     return int(np.ceil(_font(size, bold).getlength(text)))
@@ -67,10 +69,17 @@ def stamp(image: Image, x: int, y: int, picture: Image) -> int:
 
 @dataclass(frozen=True)
 class Label:
-    """Text with a halo, legible on any ground. picture: (h, w, 3); alpha: (h, w)."""
+    """Text with a halo, legible on any ground. (h, w, 3) each: share, what it adds; rest, what it lets through."""
 
-    picture: Image
-    alpha: Image
+    share: Image
+    rest: Image
+
+    def lay(self, image: Image, x: int, y: int) -> None:
+        """Lay it over the image, wholly within it; at every frame, so by OpenCV's few passes."""
+        height, width = self.share.shape[:2]
+        below = image[y : y + height, x : x + width]
+        cv2.multiply(below, self.rest, dst=below, scale=1 / 255)
+        cv2.add(below, self.share, dst=below)
 
 
 @cache
@@ -78,10 +87,11 @@ def label(text: str, size: int, colour: Colour, halo: Colour) -> Label:
     """Make a label, once."""
     inner = np.pad(_mask(text, size, False), 1)
     outer = np.max([np.roll(inner, step, axis) for step in (-1, 1) for axis in (0, 1)], axis=0)
-    picture = np.empty((*inner.shape, 3), dtype=np.uint8)
-    picture[:] = halo
-    blend(picture, 0, 0, inner, colour)
-    return Label(picture, np.maximum(outer, inner))
+    share = np.empty((*inner.shape, 3), dtype=np.uint8)
+    share[:] = halo
+    blend(share, 0, 0, inner, colour)
+    alpha = np.repeat(np.maximum(outer, inner)[..., None], 3, axis=2)
+    return Label(cv2.multiply(share, alpha, scale=1 / 255), 255 - alpha)
 
 
 def blend(image: Image, x: int, y: int, mask: Image, colour: Colour) -> None:

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import astuple
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-import cv2
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image as PilImage
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.report.bev import BirdsEye, PageSize
+from tsbench.report.bulk import Job, Progress, Tally, make_files
 from tsbench.report.camera import Image, camera_over
-from tsbench.report.furniture import convoy_places, draw_furniture, draw_start, draw_way, walker_places
+from tsbench.report.films import render_gif, render_mp4
+from tsbench.report.furniture import draw_furniture, draw_way
 from tsbench.report.hud import draw_attribution, draw_scale_bar
 from tsbench.report.lettering import paste, shorten, write
+from tsbench.report.outfile import whole_file
 from tsbench.report.roads import draw_roads
-from tsbench.report.style import STYLE, VIOLATION_SHADE
+from tsbench.report.selection import Chosen, Selection, select_traces
+from tsbench.report.staging import draw_start, staged_cars, walker_places
+from tsbench.report.style import STYLE
 from tsbench.run.trace import Trace, find_trace, read_trace
 from tsbench.scenarios.load import load_scene
 from tsbench.signs.countries import Country, shown_code
@@ -31,13 +32,7 @@ from tsbench.sim.world import DT_S
 
 FORMATS = ("png", "gif", "mp4")
 PNG_SIZE = PageSize(1400, 1050)
-VIDEO_SIZE = PageSize(800, 600)
-GIF_SIZE = PageSize(640, 520)
-GIF_EVERY = 2
-HOLD_S = 1.5
 _PLATE_NEAR_M = 90.0
-_GIF_COLOURS = 128
-_CLEAR = 255
 
 
 def render_episode(
@@ -59,9 +54,35 @@ def render_episode(
             raise InputError(f"{out}: which format? Give --format {'|'.join(FORMATS)}, or such a suffix")
     source = find_trace(run, episode)
     trace = read_trace(source)
-    path = run / "pictures" / source.parent.name / f"{source.stem}.{kind}" if out is None else out
+    path = _picture_path(run / "pictures", source, kind, country) if out is None else out
     render(trace, load_scene(trace.spec), kind, path, time, country)
     return path
+
+
+def render_selection(
+    run: Path,
+    selection: Selection,
+    kind: str,
+    out: Path | None,
+    workers: int,
+    progress: Progress,
+    country: Country | None = None,
+) -> tuple[Tally, Chosen]:
+    """Draw all selected episodes of a run below the folder `out` (default: RUN/pictures) that are not drawn yet."""
+    chosen = select_traces(run, selection)
+    folder = run / "pictures" if out is None else out
+    jobs = [Job(trace, _picture_path(folder, trace, kind, country)) for trace in chosen.traces]
+    return make_files(jobs, partial(_draw, kind=kind, country=country), workers, progress), chosen
+
+
+def _draw(trace: Trace, path: Path, kind: str, country: Country | None) -> None:
+    render(trace, load_scene(trace.spec), kind, path, country=country)
+
+
+def _picture_path(folder: Path, trace: Path, kind: str, country: Country | None) -> Path:
+    """PLANNER/SCENARIO[.COUNTRY].KIND: captions differ between countries, and so do the files."""
+    code = "" if country is None else f".{country.code}"
+    return folder / trace.parent.name / f"{trace.stem}{code}.{kind}"
 
 
 def render(
@@ -109,91 +130,6 @@ def _tick(trace: Trace, time: float | None) -> int:
     return min(round(time / DT_S), last)
 
 
-def film(
-    trace: Trace,
-    scene: Scene,
-    size: PageSize,
-    every: int = 1,
-    span: tuple[int, int] | None = None,
-    country: Country | None = None,
-) -> Iterator[Image]:
-    """The pages of an episode, each `every` ticks and the last one; one array, drawn into anew.
-
-    span: first and last tick, by default all; such a short film has a camera that stands still.
-    """
-    sign = scene.target_sign
-    first, last = (0, len(trace.snapshots) - 1) if span is None else span
-    track = [(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]]
-    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), span is None, country)
-    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
-    for tick in [*range(first, last, every), last]:
-        yield eye.page(tick, page)
-
-
-def render_mp4(trace: Trace, scene: Scene, path: Path, country: Country | None = None) -> None:
-    """The whole episode in real time, H.264."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    writer: Any = imageio_ffmpeg.write_frames(
-        str(path), (VIDEO_SIZE.width, VIDEO_SIZE.height), pix_fmt_in="yuv420p", fps=round(1 / DT_S),
-        codec="libx264", quality=None, macro_block_size=2, ffmpeg_log_level="error",
-        output_params=["-preset", "ultrafast", "-crf", "24", "-threads", "1", "-movflags", "+faststart"],
-    )  # fmt: skip
-    writer.send(None)
-    try:
-        frame: Image | None = None
-        for page in film(trace, scene, VIDEO_SIZE, country=country):
-            # OpenCV converts colours three times faster than ffmpeg does.
-            frame = cv2.cvtColor(page, cv2.COLOR_RGB2YUV_I420)
-            writer.send(frame)
-        for _ in range(round(HOLD_S / DT_S)):
-            writer.send(frame)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error})") from None
-    finally:
-        writer.close()
-
-
-def render_gif(
-    trace: Trace,
-    scene: Scene,
-    path: Path,
-    size: PageSize = GIF_SIZE,
-    span: tuple[int, int] | None = None,
-    country: Country | None = None,
-) -> None:
-    """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette."""
-    frames: list[PilImage.Image] = []
-    palette: PilImage.Image | None = None
-    before: Image | None = None
-    for page in film(trace, scene, size, GIF_EVERY, span, country):
-        picture = PilImage.fromarray(page)
-        if palette is None:
-            palette = _palette(picture)
-        indices = np.asarray(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
-        # What has not changed since the page before is left clear: long runs of one index pack well.
-        fresh = indices if before is None else np.where(indices == before, _CLEAR, indices).astype(np.uint8)
-        before = indices
-        frame = PilImage.fromarray(fresh, mode="P")
-        frame.putpalette(palette.getpalette() or [])
-        frames.append(frame)
-    step = round(1000 * DT_S * GIF_EVERY)
-    durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
-    _write(path, lambda: frames[0].save(
-        path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
-        transparency=_CLEAR, disposal=1,
-    ))  # fmt: skip
-
-
-def _palette(first: PilImage.Image) -> PilImage.Image:
-    """The first page's colours, and all that may come later, such as those of a violation."""
-    found = first.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT).getpalette() or []
-    named = [c for colour in astuple(STYLE) if isinstance(colour, tuple) and len(colour) == 3 for c in colour]
-    dark = [round(VIOLATION_SHADE * c) for c in STYLE.violation]
-    palette = PilImage.new("P", (1, 1))
-    palette.putpalette([*found[: 3 * _GIF_COLOURS], *named, *dark])
-    return palette
-
-
 def render_scene_png(scene: Scene, path: Path, title: str, country: Country | None = None) -> None:
     """A scene without an episode: roads, plates, obstacles, start, convoy, destination, and the ways.
 
@@ -228,7 +164,7 @@ def _scene_points(scene: Scene, graph: LaneGraph) -> Array:
     lane = network.lane(start.lane)
     points = [lane.line.point_at(start.s), (scene.target_sign.x, scene.target_sign.y)]
     points.append(network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s))
-    points += [(x, y) for x, y, _, _ in convoy_places(scene)] + walker_places(scene)
+    points += [(car.x, car.y) for car in staged_cars(scene)] + walker_places(scene)
     for edges in (scene.route_hint, scene.compliant_hint):
         path = graph.path(edges, lane.index, start.s, scene.destination) if edges else None
         if path is not None:
@@ -258,6 +194,8 @@ def _caption(page: Image, scene: Scene, title: str, country: Country | None) -> 
         legend.append(("obedient way", STYLE.compliant))
     if scene.convoy is not None:
         legend.append(("convoy, held until the ego comes", STYLE.convoy))
+    if any(not car.held for car in staged_cars(scene)):
+        legend.append(("car that waits or leads", STYLE.car))
     if scene.walkers is not None:
         legend.append(("pedestrians, held until the ego comes", STYLE.pedestrian))
     legend.append(("line of the plate", STYLE.plate_line))
@@ -268,12 +206,5 @@ def _caption(page: Image, scene: Scene, title: str, country: Country | None) -> 
 
 
 def _save(path: Path, picture: PilImage.Image) -> None:
-    _write(path, lambda: picture.save(path, format="PNG", compress_level=4))
-
-
-def _write(path: Path, save: Callable[[], object]) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with whole_file(path) as part:
+        picture.save(part, format="PNG", compress_level=4)

@@ -11,7 +11,8 @@ from pathlib import Path
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.report.bev import PageSize
-from tsbench.report.render import render_gif, render_png
+from tsbench.report.films import render_gif
+from tsbench.report.render import render_png
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.trace import Trace, trace_of
 from tsbench.scenarios.load import load_scene

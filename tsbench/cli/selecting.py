@@ -1,0 +1,81 @@
+"""What `tsbench render` and `tsbench export` share: choosing episodes of a run, and telling what came of them."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from tsbench.errors import InputError
+from tsbench.report.bulk import Progress as OnProgress
+from tsbench.report.bulk import Tally
+from tsbench.report.selection import Chosen, Selection, episode_name
+
+_FAILURES_SHOWN = 20
+_OPTIONS = (
+    click.option("--violations", is_flag=True, help="All episodes in which the target sign was violated."),
+    click.option(
+        "--types", metavar="TYPE,GROUP,…", default="", help="All of these scenario types or groups."
+    ),
+    click.option("--planner", "planners", multiple=True, metavar="NAME", help="All of this planner."),
+    click.option("--outcome", "outcomes", multiple=True, metavar="OUTCOME", help="All that ended like this."),
+    click.option(
+        "--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core."
+    ),
+)
+
+
+def selection_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Options that select many episodes; the command gets them as `selection` and `workers`."""
+
+    @functools.wraps(command)
+    def called(
+        violations: bool, types: str, planners: tuple[str, ...], outcomes: tuple[str, ...], workers: int | None,
+        **others: Any,
+    ) -> None:  # fmt: skip
+        words = tuple(word.strip() for word in types.split(",") if word.strip())
+        selection = Selection(violations, words, planners, outcomes)
+        command(selection=selection, workers=workers or len(os.sched_getaffinity(0)), **others)
+
+    for option in reversed(_OPTIONS):
+        called = option(called)
+    return called
+
+
+def check_choice(run: Path, episode: str | None, selection: Selection) -> None:
+    """Either one episode or a selection. Raises InputError."""
+    if (episode is None) != bool(selection):
+        raise InputError(
+            f"{run}: name one EPISODE, or select some with --violations, --types, --planner or --outcome"
+        )
+
+
+def make_and_tell(make: Callable[[OnProgress], tuple[Tally, Chosen]], what: str) -> None:
+    """Make files with a bar, print what came of it; exit code 1 where some could not be made."""
+    console = Console(stderr=True)
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
+        console=console, disable=not console.is_terminal,
+    ) as bar:  # fmt: skip
+        task = bar.add_task(what, total=None)
+        tally, chosen = make(lambda done, total: bar.update(task, completed=done, total=total))
+    if chosen.untraced:
+        click.echo(f"{chosen.untraced} selected episodes have no trace (tsbench run --trace all keeps them)")
+    for trace, problem in tally.failed[:_FAILURES_SHOWN]:
+        click.echo(f"{episode_name(trace)}: {problem}")
+    line = f"{tally.made} {what} made, {tally.kept} kept, {len(tally.failed)} failed"
+    if tally.made:
+        line += (
+            f"; {tally.driven_s:.0f} s of driving in {tally.wall_s:.1f} s and {tally.cpu_s:.1f} s of CPU time:"
+            f" {tally.driven_s / tally.cpu_s:.0f} times faster than real time on a core"
+        )
+    click.echo(line)
+    if tally.failed:
+        sys.exit(1)
