@@ -6,7 +6,7 @@ WORKERS ?= 2
 OSM ?= sumo_nets/sources
 READY := $(VENV)/.ready
 
-.PHONY: run test setup lint format maps scenarios bench clean
+.PHONY: run test torture setup lint format maps scenarios bench clean
 
 run: setup
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -15,12 +15,16 @@ run: setup
 test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 
+# Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
+torture: setup
+	$(BIN)/pytest -m torture -rP tests/run/test_torture.py
+
 setup: $(READY)
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,ray,dev]"
 	touch $@
 
 lint: setup

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from run_helpers import ROOT, Bench, specs
 
+from tsbench.maps.pool import POOL_SCHEMA
 from tsbench.scenarios.table import write_table
 
 
@@ -25,6 +26,7 @@ def write_data(root: Path) -> Path:
     write_table(rows, root / "scenarios" / "test.parquet")
     (root / "sumo_nets").mkdir()
     maps = pa.table({"map_id": sorted({row.map_id for row in rows})})
+    maps = maps.replace_schema_metadata(POOL_SCHEMA.metadata)
     pq.write_table(maps, root / "sumo_nets" / "pool.parquet")
     return root
 

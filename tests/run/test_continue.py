@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from run_helpers import Bench, assert_gone, workers_of
+from run_helpers import PATIENCE_S, Bench, assert_gone, workers_of
 
 from tsbench.run.tables import read_table
 from tsbench.scenarios.table import read_table as read_scenarios
@@ -34,19 +32,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory, make_data) -> Bench:
     return bench
 
 
-def wait_for_lines(folder: Path, lines: int, process: subprocess.Popen[str]) -> None:
-    journal = folder / "journal.jsonl"
-    end = time.monotonic() + 40
-    while time.monotonic() < end and process.poll() is None:
-        if journal.exists() and journal.read_bytes().count(b"\n") >= lines:
-            return
-        time.sleep(0.01)
-    raise AssertionError(f"the run did not come to {lines} episodes: {process.communicate(timeout=5)}")
-
-
 def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
     process = whole.start(*RUN, "--out", "two", "--workers", "2", PYTHONHASHSEED="77")
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert bytes_of(whole.folder / "two") == bytes_of(whole.folder / "whole")
 
@@ -54,26 +42,25 @@ def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
 def test_killed_three_times_and_continued(whole: Bench) -> None:
     folder = whole.folder / "killed"
     for lines in (1, 20, 45):
-        process = whole.start(*RUN, "--out", "killed", "--workers", "2")
-        wait_for_lines(folder, lines, process)
+        process = whole.start_paused(lines, *RUN, "--out", "killed", "--workers", "2")
         workers = workers_of(process)
-        assert workers
+        assert len(workers) == 2
         process.kill()
-        process.wait()
+        process.communicate()
         assert_gone(workers)
         assert json.loads((folder / "run.json").read_text())["status"] == "running"
     done = whole.run(*RUN, "--out", "killed", "--workers", "2", expect=1)
-    assert "are already there" in done.stderr
+    assert "continuing: 45 of 80 episodes are already there" in done.stderr
     assert bytes_of(folder) == bytes_of(whole.folder / "whole")
     assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 4
 
 
-def test_a_worker_killed_is_replaced(whole: Bench) -> None:
-    process = whole.start(*RUN, "--out", "worker", "--workers", "2")
-    for lines in (5, 30):
-        wait_for_lines(whole.folder / "worker", lines, process)
-        os.kill(workers_of(process)[0], signal.SIGKILL)
-    process.communicate(timeout=60)
+def test_workers_killed_are_replaced(whole: Bench) -> None:
+    process = whole.start_paused(20, *RUN, "--out", "worker", "--workers", "2")
+    for worker in workers_of(process):
+        os.kill(worker, signal.SIGKILL)
+    whole.go()
+    process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert bytes_of(whole.folder / "worker") == bytes_of(whole.folder / "whole")
 
@@ -81,11 +68,11 @@ def test_a_worker_killed_is_replaced(whole: Bench) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals) -> None:
     name = f"stopped-{number}"
-    process = whole.start(*RUN, "--out", name, "--workers", "2")
-    wait_for_lines(whole.folder / name, 10, process)
+    process = whole.start_paused(10, *RUN, "--out", name, "--workers", "2")
     workers = workers_of(process)
     process.send_signal(number)
-    out, err = process.communicate(timeout=30)
+    whole.go()
+    out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert "run the same command again to continue" in out
@@ -96,32 +83,99 @@ def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals
     assert len(episodes) == manifest["counts"]["finished"]
     assert 10 <= manifest["counts"]["finished"] < 80
     assert not (whole.folder / name / "summary.json").exists()
+    assert not list((whole.folder / name / "traces").rglob(".*"))
 
 
-def test_a_torn_journal_and_foreign_files_are_named(whole: Bench) -> None:
+def test_what_is_torn_or_foreign_is_set_aside_with_its_reason(whole: Bench) -> None:
     folder = whole.folder / "torn"
-    process = whole.start(*RUN, "--out", "torn", "--workers", "1")
-    wait_for_lines(folder, 6, process)
+    process = whole.start_paused(6, *RUN, "--out", "torn", "--workers", "1", "--trace", "all")
     process.kill()
-    process.wait()
+    process.communicate()
     with (folder / "journal.jsonl").open("rb+") as file:
         file.truncate((folder / "journal.jsonl").stat().st_size - 100)
+    traces = sorted((folder / "traces" / "Slow").glob("*.parquet"))
+    cut = traces[0].read_bytes()[:-9]
+    traces[0].write_bytes(cut)
+    traces[1].unlink()
     (folder / "notes.txt").write_text("mine")
-    (folder / "traces" / "Slow").mkdir(parents=True, exist_ok=True)
+    (folder / "errors").mkdir(exist_ok=True)
+    (folder / "errors" / "odd\nname").write_text("odd")
     (folder / "traces" / "Slow" / "stranger.parquet").write_text("mine too")
     (folder / "traces" / "Slow" / ".half.parquet.123.tmp").write_text("half")
-    done = whole.run(*RUN, "--out", "torn", "--workers", "1", expect=1)
-    for words in (
-        "torn or foreign lines moved to",
-        "notes.txt: does not belong",
-        "stranger.parquet: does not",
+
+    done = whole.run(*RUN, "--out", "torn", "--workers", "1", "--trace", "all", expect=1)
+    aside = folder / "set_aside"
+    reasons = (aside / "REASONS.txt").read_text().splitlines()
+    for name, reason in (
+        (
+            "journal.jsonl",
+            "lines that are not trusted (2 of an episode whose trace is gone or was changed, 1 torn or changed)",
+        ),
+        ("traces/Slow/" + traces[0].name, "is not the trace that the run wrote"),
+        ("traces/Slow/stranger.parquet", "does not belong to this run"),
+        ("traces/Slow/.half.parquet.123.tmp", "half-written"),
+        ("notes.txt", "does not belong to this run"),
+        ("errors/odd\\nname", "does not belong to this run"),
     ):
-        assert words in done.stderr
-    assert (folder / "notes.txt").read_text() == "mine"
-    assert (folder / "traces" / "Slow" / "stranger.parquet").read_text() == "mine too"
-    assert (folder / "aside" / "half.parquet.123.tmp-1").read_text() == "half"
-    assert (folder / "aside" / "journal-1.txt").exists()
+        assert any(f": was {name}: {reason}" in line for line in reasons), (name, reasons)
+        assert f"torn/{name}: {reason}" in done.stderr
+    kept = {path.name.partition("-")[2]: path.read_bytes() for path in aside.iterdir()}
+    assert kept["notes.txt"] == b"mine"
+    assert kept["stranger.parquet"] == b"mine too"
+    assert kept["half.parquet.123.tmp"] == b"half"
+    assert kept[traces[0].name] == cut
+    assert "continuing: 3 of 80 episodes are already there" in done.stderr
     assert bytes_of(folder) == bytes_of(whole.folder / "whole")
+    assert len(list((folder / "traces").rglob("*.parquet"))) == 80
+
+
+def test_a_journal_of_another_run_is_not_taken_for_this_one(whole: Bench) -> None:
+    process = whole.start_paused(6, *RUN, "--out", "theirs", "--workers", "1", "--mask-signs")
+    process.kill()
+    process.communicate()
+    (whole.folder / "ours").mkdir()
+    journal = (whole.folder / "theirs" / "journal.jsonl").read_bytes()
+    (whole.folder / "ours" / "journal.jsonl").write_bytes(journal)
+    done = whole.run(*RUN, "--out", "ours", expect=1)
+    assert "lines that are not trusted (7 of another run)" in done.stderr
+    assert "continuing" not in done.stderr
+    (aside,) = (whole.folder / "ours" / "set_aside").glob("*-journal.jsonl")
+    assert aside.read_bytes() == journal
+    assert bytes_of(whole.folder / "ours") == bytes_of(whole.folder / "whole")
+
+
+def test_strangers_beside_a_complete_run_are_named_and_stay(whole: Bench) -> None:
+    note, trace = (
+        whole.folder / "whole" / "note.txt",
+        whole.folder / "whole" / "traces" / "Slow" / "x.parquet",
+    )
+    for path in (note, trace):
+        path.write_text("mine")
+    try:
+        done = whole.run(*RUN, "--out", "whole", expect=1)
+        for path in (note, trace):
+            assert f"{path.name}: does not belong to this run; left alone, not used" in done.stderr
+            assert path.read_text() == "mine"
+    finally:
+        for path in (note, trace):
+            path.unlink()
+
+
+def test_a_worker_that_grows_is_replaced_between_episodes(bench: Bench) -> None:
+    run = ["run", "--planner", "fake_planners:Leaks", "--split", "test", "--workers", "1"]
+    bench.run(*run, "--out", "free")
+    bench.run(*run, "--out", "bound", TSBENCH_TEST_LIMITS='{"memory": 400, "least_episodes": 5}')
+    free, bound = (
+        json.loads((bench.folder / name / "run.json").read_text())["sessions"][0]["workers"]
+        for name in ("free", "bound")
+    )
+    assert [worker["episodes"] for worker in free] == [40]
+    assert free[0]["peak"] > 1600
+    assert len(bound) > 4
+    assert sum(worker["episodes"] for worker in bound) == 40
+    assert all(worker["episodes"] >= 5 for worker in bound[:-1])
+    assert max(worker["peak"] for worker in bound) < 400 + 3 * 40
+    assert bytes_of(bench.folder / "free") == bytes_of(bench.folder / "bound")
 
 
 def test_a_complete_run_is_shown_and_not_run_again(whole: Bench) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import resource
+import signal
 import subprocess
 from pathlib import Path
 
 import pytest
-from run_helpers import Bench
+from run_helpers import PATIENCE_S, Bench
 
 RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4"]
 
@@ -61,7 +62,7 @@ def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
     run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "none", "--workers", "1"]
     process = subprocess.run(
         bench.command(*run, "--out", "full"), cwd=bench.folder, env=bench.env, text=True, capture_output=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=60, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=PATIENCE_S, check=False,
     )  # fmt: skip
     assert process.returncode == 2
     assert process.stderr.count("\n") == 1
@@ -86,25 +87,21 @@ def test_default_folder_and_manifest(bench: Bench) -> None:
 
 
 def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
-    import signal
-
-    from test_continue import wait_for_lines
-
     run = ["run", "--planner", "fake_planners:Slow", "--split", "test", "--workers", "1", "--out", "run"]
-    process = bench.start(*run, "--allow-partial")
-    wait_for_lines(bench.folder / "run", 5, process)
+    process = bench.start_paused(5, *run, "--allow-partial")
     process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=30)
+    bench.go()
+    out, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "PARTIAL" in out
     journal, texts = bench.folder / "run" / "journal.jsonl", ("summary.json", "summary.md")
     assert all("PARTIAL" in (bench.folder / "run" / name).read_text() for name in texts)
 
     # Continued and interrupted again: the figures of before are not those of the tables that stand there now.
-    process = bench.start(*run)
-    wait_for_lines(bench.folder / "run", len(journal.read_bytes().splitlines()) + 2, process)
+    process = bench.start_paused(len(journal.read_bytes().splitlines()) + 1, *run)
     process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=30)
+    bench.go()
+    out, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "PARTIAL" not in out
     assert "summary.md" not in out

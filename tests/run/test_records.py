@@ -16,6 +16,7 @@ from tsbench.run.journal import Journal
 from tsbench.run.record import METRIC_COLUMNS, last_seconds, lost_timing
 from tsbench.run.schema import EPISODES, TABLES
 from tsbench.run.score import make_record
+from tsbench.run.set_aside import SetAside
 from tsbench.run.tables import read_table, write_tables
 
 
@@ -69,6 +70,10 @@ def test_last_seconds_end_with_the_last_tick() -> None:
     assert last_seconds(handmade.result(None)) == ""
 
 
+def opened(folder: Path, keys: list[tuple[str, str]]) -> Journal:
+    return Journal(folder / "journal.jsonl", keys, "this run", SetAside(folder), lambda content: True)
+
+
 def test_tables_do_not_depend_on_the_order_of_episodes(tmp_path: Path) -> None:
     rows = specs()
     keys = [("idm", row.scenario_id) for row in rows]
@@ -76,7 +81,7 @@ def test_tables_do_not_depend_on_the_order_of_episodes(tmp_path: Path) -> None:
     for number, order in enumerate((rows, rows[::-1])):
         folder = tmp_path / str(number)
         folder.mkdir()
-        journal = Journal(folder / "journal.jsonl", keys, folder / "aside")
+        journal = opened(folder, keys)
         for row in order:
             journal.append(make_record(result(row), False))
         write_tables(folder, journal, "c0ffee")
@@ -92,7 +97,7 @@ def test_tables_do_not_depend_on_the_order_of_episodes(tmp_path: Path) -> None:
 def test_a_null_where_none_may_be_is_a_defect(tmp_path: Path) -> None:
     record = make_record(result(), False)
     record.row["shape"] = None
-    journal = Journal(tmp_path / "journal.jsonl", [("idm", specs()[0].scenario_id)], tmp_path / "aside")
+    journal = opened(tmp_path, [("idm", specs()[0].scenario_id)])
     journal.append(record)
     with pytest.raises(ValueError, match="shape"):
         write_tables(tmp_path, journal, "c0ffee")

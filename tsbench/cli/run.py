@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.console import table_console
+from tsbench.run.executor import EXECUTORS
 from tsbench.run.plan import DEVICES, TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Ending, Options
@@ -46,6 +46,13 @@ EXIT_ERRORS = 1
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core.")
 @click.option(
+    "--executor",
+    type=click.Choice(EXECUTORS),
+    default="local",
+    show_default=True,
+    help="Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path),
     metavar="DIR",
@@ -67,7 +74,7 @@ EXIT_ERRORS = 1
 )
 def run(
     planners: tuple[str, ...], split: str, types: str, limit: int | None, variants: str, workers: int | None,
-    out: Path | None, trace: str, device: str, mask_signs: bool, allow_partial: bool,
+    executor: str, out: Path | None, trace: str, device: str, mask_signs: bool, allow_partial: bool,
 ) -> None:  # fmt: skip
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
@@ -76,8 +83,8 @@ def run(
     words = tuple(word.strip() for word in types.split(",") if word.strip())
     options = Options(
         request=Request(planners, split, words, limit, variants),
-        workers=workers or len(os.sched_getaffinity(0)),
-        out=out, trace=trace, device=device, mask_signs=mask_signs, allow_partial=allow_partial,
+        workers=workers, executor=executor, out=out, trace=trace, device=device, mask_signs=mask_signs,
+        allow_partial=allow_partial,
     )  # fmt: skip
     ending = run_session(options, ProgressWatcher(Console(stderr=True)))
     _tell(ending, table_console())
@@ -114,13 +121,15 @@ def _tell(ending: Ending, console: Console) -> None:
     if ending.summary is not None:
         # They bring statistics, late as the summary itself.
         from tsbench.report.table import print_table, to_markdown
+        from tsbench.run.files import told_plainly, write_atomic
         from tsbench.run.folder import TABLES_TEXT
 
         print_table(ending.summary, console)
         path, text = ending.folder / TABLES_TEXT, to_markdown(ending.summary)
         # Looking at a complete run changes nothing in its folder.
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            path.write_text(text, encoding="utf-8")
+            with told_plainly(path):
+                write_atomic(path, text.encode())
     lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
     if ending.finished < ending.asked:
         lines.append(

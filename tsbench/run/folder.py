@@ -2,40 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsbench.errors import InputError
 from tsbench.run.files import is_tmp, told_plainly, write_atomic, write_json
-from tsbench.run.journal import Journal, Key
-from tsbench.run.manifest import NAME, Manifest, difference, read_manifest, timestamp
+from tsbench.run.journal import Content, Journal, Key, belongs
+from tsbench.run.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
+from tsbench.run.memory import MemoryUse
 from tsbench.run.record import Record
 from tsbench.run.schema import TABLES
+from tsbench.run.set_aside import FOLDER as ASIDE
+from tsbench.run.set_aside import SetAside
 from tsbench.run.tables import file_hashes
 from tsbench.run.trace import trace_path
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
-JOURNAL, SUMMARY, ASIDE = "journal.jsonl", "summary.json", "aside"
-TABLES_TEXT = "summary.md"
+JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
+TRACES, ERRORS = "traces", "errors"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
-_OURS = frozenset(
-    (
-        NAME,
-        JOURNAL,
-        SUMMARY,
-        TABLES_TEXT,
-        ASIDE,
-        "traces",
-        "errors",
-        "pictures",
-        "report",
-        "report.html",
-        *TABLES,
-    )
-)
+_FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", *TABLES))
+_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "report"))
 
 
 # What a continued run takes over from its earlier sessions.
@@ -45,7 +37,8 @@ _KEPT = ("started", "sessions", "status", "finished", "counts", "files")
 class RunFolder:
     """A folder that this process writes to. journal: None where the run had already been completed.
 
-    notices: lines about what was found that should not be there.
+    notices: lines about what was found that should not be there. It is set aside; only beside a complete run,
+    whose folder nothing changes any more, it stays where it is.
     """
 
     def __init__(self, path: Path, manifest: Manifest, keys: Sequence[Key]) -> None:
@@ -57,6 +50,8 @@ class RunFolder:
         self.path, self.notices = path, list[str]()
         self.journal: Journal | None = None
         self._keys = keys
+        self._traced: set[Path] = set()
+        self._aside = SetAside(path)
         with told_plainly(path):
             path.mkdir(parents=True, exist_ok=True)
             old = _same_run(path, manifest)
@@ -64,15 +59,18 @@ class RunFolder:
             if self.manifest["status"] == "complete":
                 self._check_complete()
             else:
-                self.journal = Journal(path / JOURNAL, keys, path / ASIDE)
+                self._take_over()
                 self._open_session()
-            self._look_around()
 
     def keep(self, record: Record) -> None:
         """Write down one episode: first its error's story, then the line that makes it finished."""
         assert self.journal is not None
+        row = record.row
+        if record.trace_sha256 is None:
+            path = trace_path(self.path, row["planner"], row["scenario_id"])
+            if path.exists():
+                self._aside.move(path, "its episode was run once more, and left no trace")
         if record.detail:
-            row = record.row
             head = "".join(
                 f"{name}: {row[name]}\n" for name in ("planner", "scenario_id", "outcome", "error")
             )
@@ -82,7 +80,7 @@ class RunFolder:
                 write_atomic(path, f"{head}\n{record.detail.rstrip()}\n".encode(errors="replace"))
         self.journal.append(record)
 
-    def end(self, status: str, summary: Summary | None, errors: int) -> None:
+    def end(self, status: str, summary: Summary | None, errors: int, memory: Sequence[MemoryUse]) -> None:
         """Write summary and manifest; the journal goes when everything in it stands in the tables."""
         assert self.journal is not None
         with told_plainly(self.path):
@@ -92,13 +90,18 @@ class RunFolder:
                     (self.path / name).unlink(missing_ok=True)
             else:
                 write_atomic(self.path / SUMMARY, summary.to_json().encode())
+            for path in _strangers(self.path):
+                if is_tmp(path.name):
+                    self._aside.move(path, "half-written by a worker that ended")
             self.manifest.update(
                 status=status,
                 finished=timestamp(),
                 counts={"asked": len(self._keys), "finished": len(self.journal.done), "errors": errors},
                 files=file_hashes(self.path),
             )
-            self.manifest["sessions"][-1].update(finished=timestamp(), status=status)
+            self.manifest["sessions"][-1].update(
+                finished=timestamp(), status=status, workers=[asdict(use) for use in memory]
+            )
             write_json(self.path / NAME, self.manifest)
             if status == "complete":
                 (self.path / JOURNAL).unlink()
@@ -114,35 +117,57 @@ class RunFolder:
         write_json(self.path / NAME, self.manifest)
 
     def _check_complete(self) -> None:
+        """The tables are those that the run wrote; strangers are named."""
         now = file_hashes(self.path)
         for name, recorded in self.manifest["files"].items():
             if now.get(name) != recorded:
-                raise InputError(f"{self.path / name}: is not the file that the run wrote (SHA-256 differs)")
-        (self.path / JOURNAL).unlink(missing_ok=True)
+                raise InputError(
+                    f"{self.path / name}: is not the file that the run wrote (SHA-256 differs); "
+                    "restore it, or run again into another folder"
+                )
+        journal = self.path / JOURNAL
+        if journal.is_file() and belongs(journal, identity(self.manifest)):
+            # All that it says stands in the tables: the run was killed just before this line.
+            journal.unlink()
+        expected = self._paths(self._keys)
+        strangers = [path for path in _strangers(self.path) if path not in expected]
+        strangers += [journal] if journal.exists() else []
+        self.notices = [f"{path}: does not belong to this run; left alone, not used" for path in strangers]
 
-    def _look_around(self) -> None:
-        """Name what is not ours; move our own half-written files out of the way."""
-        if self.journal is not None and self.journal.set_aside is not None:
-            self.notices.append(
-                f"{self.path / JOURNAL}: torn or foreign lines moved to {self.journal.set_aside}"
-            )
-        expected = {trace_path(self.path, *key) for key in self._keys}
-        expected |= {error_path(self.path, *key) for key in self._keys}
-        for path in _files(self.path):
+    def _take_over(self) -> None:
+        """Trust the finished episodes that have all that they should have; set aside all that is not theirs."""
+        aside = self._aside
+        self.journal = Journal(
+            self.path / JOURNAL, self._keys, identity(self.manifest), aside, self._has_its_trace
+        )
+        finished = self._paths(self.journal.done, traces=False) | self._traced
+        possible = self._paths(self._keys)
+        for path in _strangers(self.path):
             if is_tmp(path.name):
-                if self.journal is not None:
-                    self._put_aside(path)
-            elif path not in expected:
-                self.notices.append(f"{path}: does not belong to this run; left alone, not used")
+                aside.move(path, "half-written")
+            elif path in possible and path not in finished:
+                aside.move(path, "its episode has no finished record and will be run again")
+            elif path not in finished:
+                aside.move(path, "does not belong to this run")
+        self.notices = aside.notices()
 
-    def _put_aside(self, path: Path) -> None:
-        aside = self.path / ASIDE
-        aside.mkdir(exist_ok=True)
-        number = 1
-        while (target := aside / f"{path.name.strip('.')}-{number}").exists():
-            number += 1
-        path.rename(target)
-        self.notices.append(f"{path}: half-written, moved to {target}")
+    def _has_its_trace(self, content: Content) -> bool:
+        wanted = content["trace"]
+        if wanted is None:
+            return True
+        path = trace_path(self.path, content["row"]["planner"], content["row"]["scenario_id"])
+        if not path.is_file():
+            return False
+        if hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
+            self._aside.move(path, "is not the trace that the run wrote (SHA-256 differs)")
+            return False
+        self._traced.add(path)
+        return True
+
+    def _paths(self, keys: Iterable[Key], traces: bool = True) -> set[Path]:
+        """Where something about these episodes may lie."""
+        found = {error_path(self.path, *key) for key in keys}
+        return found | {trace_path(self.path, *key) for key in keys} if traces else found
 
 
 def check_folder(path: Path, contract: str, effective: Mapping[str, Any]) -> None:
@@ -156,7 +181,8 @@ def _same_run(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     """The manifest of an earlier session of this run, None if there was none."""
     old = read_manifest(path)
     if old is None:
-        if any(not is_tmp(p.name) and p.name != JOURNAL for p in path.iterdir()):
+        # What a run leaves that was killed before it could write its manifest.
+        if any(not is_tmp(p.name) and p.name not in (JOURNAL, ASIDE) for p in path.iterdir()):
             raise InputError(f"{path}: is neither empty nor a run folder; choose another with --out")
         return None
     differs = difference(old, new)
@@ -168,11 +194,17 @@ def _same_run(path: Path, new: Mapping[str, Any]) -> Manifest | None:
 def error_path(run: Path, planner: str, scenario_id: str) -> Path:
     """Where the story of a failed episode stands: beside the traces, under the same names."""
     trace = trace_path(run, planner, scenario_id)
-    return run / "errors" / trace.parent.name / f"{trace.name.removesuffix('.parquet')}.txt"
+    return run / ERRORS / trace.parent.name / f"{trace.name.removesuffix('.parquet')}.txt"
 
 
-def _files(folder: Path) -> list[Path]:
-    """What lies in a run folder besides our own top-level names, sorted."""
-    top = sorted(folder.iterdir())
-    below = [p for name in ("traces", "errors") for p in sorted((folder / name).rglob("*")) if not p.is_dir()]
-    return [p for p in top if p.name not in _OURS] + below
+def _strangers(folder: Path) -> list[Path]:
+    """What is not ours by its name, and all traces and errors, of which the caller knows more; sorted."""
+    found = [
+        path
+        for path in sorted(folder.iterdir())
+        if not (path.is_file() and path.name in _FILES) and not (path.is_dir() and path.name in _FOLDERS)
+    ]
+    for name in (TRACES, ERRORS):
+        if (folder / name).is_dir():
+            found += [path for path in sorted((folder / name).rglob("*")) if not path.is_dir()]
+    return found

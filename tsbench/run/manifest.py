@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -28,6 +29,10 @@ _PACKAGES = {
 }
 # What must be equal for a run to be continued in its folder.
 _SAME = ("contract", "planners", "effective")
+_PARTS: dict[str, type | tuple[type, ...]] = {
+    "contract": str, "planners": list, "effective": dict, "status": str, "sessions": list,
+    "files": (dict, type(None)),
+}  # fmt: skip
 
 
 def new_manifest(
@@ -53,6 +58,12 @@ def new_manifest(
         "counts": None,
         "files": None,
     }
+
+
+def identity(manifest: Mapping[str, Any]) -> str:
+    """SHA-256 (hex) of what must be equal for a run to be continued."""
+    same = json.dumps([manifest[part] for part in _SAME], sort_keys=True)
+    return hashlib.sha256(same.encode()).hexdigest()
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
@@ -89,9 +100,21 @@ def read_manifest(folder: Path) -> Manifest | None:
         raise InputError(f"{path}: not the manifest of a tsbench run")
     if manifest["schema_version"] != SCHEMA_VERSION:
         raise InputError(
-            f"{path}: schema version {manifest['schema_version']}, this tsbench reads {SCHEMA_VERSION}"
+            f"{path}: schema version {manifest['schema_version']}, this tsbench reads {SCHEMA_VERSION}; "
+            f"read it with {_maker(manifest)}, or run it again into another folder"
         )
+    for name, kind in _PARTS.items():
+        if not isinstance(manifest.get(name), kind):
+            raise InputError(f"{path}: not the manifest of a tsbench run ({name!r} is missing or malformed)")
     return manifest
+
+
+def _maker(manifest: Mapping[str, Any]) -> str:
+    """Which tsbench wrote it, as far as it says so."""
+    found = manifest.get("versions")
+    return (
+        f"tsbench {found['tsbench']}" if isinstance(found, dict) and "tsbench" in found else "its own tsbench"
+    )
 
 
 def versions() -> dict[str, str | None]:

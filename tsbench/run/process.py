@@ -15,6 +15,7 @@ from multiprocessing import Pipe
 from typing import Any
 
 from tsbench.run.handout import Task
+from tsbench.run.memory import MemoryUse
 from tsbench.run.pulse import Pulse, pulse_file
 
 Message = dict[str, Any]
@@ -35,7 +36,8 @@ class Setup:
     """What all workers of a run are told.
 
     runner: module:Class of the episode runner. planners: what `contestant.describe` says of each, in order.
-    out: the run folder, for traces. trace: none, violations, all.
+    out: the run folder, for traces. trace: none, violations, all. split, contract: what a worker on another machine
+    must have too.
     """
 
     runner: str
@@ -44,6 +46,8 @@ class Setup:
     device: str
     trace: str
     out: str
+    split: str
+    contract: str
 
 
 class WorkerProcess:
@@ -51,12 +55,13 @@ class WorkerProcess:
 
     held: tasks sent and not answered, oldest first. changed: monotonic time at which its pulse was last seen
     to move; stamp: what it was then. ready: it has come up. closed: nothing more will come
-    from it. answer: to the last probe.
+    from it. answer: to the last probe. outgrown: it is too large to get another task.
     """
 
     def __init__(self, now: float) -> None:
         self.held: deque[Task] = deque()
-        self.ready = self.closed = False
+        self.ready = self.closed = self.outgrown = False
+        self.memory = MemoryUse()
         self.answer: Message | None = None
         self.changed = self.begun = now
         self.stamp = 0

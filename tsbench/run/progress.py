@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -45,7 +45,7 @@ class ProgressWatcher:
         """A remark, outside the bars."""
         self._console.print(f"note: {line}", markup=False, highlight=False, soft_wrap=True)
 
-    def begin(self, planners: Sequence[str], scenarios: int, done: Sequence[Row]) -> None:
+    def begin(self, planners: Sequence[str], scenarios: int, done: Iterable[Row]) -> None:
         """Draw the bars."""
         self._scenarios = scenarios
         self._total = len(planners) * scenarios
@@ -53,8 +53,9 @@ class ProgressWatcher:
         self._success = dict.fromkeys(planners, 0)
         for row in done:
             self._take(row)
-        if done:
-            self.notice(f"continuing: {len(done)} of {self._total} episodes are already there")
+        there = sum(self._count.values())
+        if there:
+            self.notice(f"continuing: {there} of {self._total} episodes are already there")
         self._began = self._said = time.monotonic()
         for name in planners:
             self._bars[name] = self._progress.add_task(

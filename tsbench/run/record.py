@@ -32,13 +32,15 @@ class Record:
     """All that is kept of one episode besides its trace.
 
     row: columns of `episodes.parquet`; events: rows of `violations.parquet`; timing: of `timing.parquet`.
-    detail: text for `errors/`, "" where there was no error.
+    detail: text for `errors/`, "" where there was no error. trace_sha256: of the trace (hex), None where none was
+    kept.
     """
 
     row: Row
     events: list[Row]
     timing: Row
     detail: str
+    trace_sha256: str | None = None
 
 
 def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,6 +17,7 @@ import pyarrow as pa
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contract import contract_hash
+from tsbench.run.executor import Executor, Limits, make_executor
 from tsbench.run.folder import RunFolder, check_folder
 from tsbench.run.handout import HandOut, Task
 from tsbench.run.manifest import new_manifest
@@ -24,7 +25,6 @@ from tsbench.run.plan import Plan, Request, make_plan
 from tsbench.run.process import Setup
 from tsbench.run.record import Record, Row
 from tsbench.run.tables import read_table, write_tables
-from tsbench.run.workers import Limits, Pool
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
@@ -35,14 +35,16 @@ RUNNER = "tsbench.run.episode:EpisodeRunner"
 
 @dataclass(frozen=True)
 class Options:
-    """Everything that `tsbench run` takes. workers: processes. out: None = a name below `runs/`.
+    """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
+    `runs/`. executor: one of `executor.EXECUTORS`.
 
-    allow_partial: aggregate over holes too. limits and runner are for tests: how long a worker may be silent,
-    and what runs an episode in it.
+    allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
+    runner is for tests: what runs an episode in a worker.
     """
 
     request: Request
-    workers: int
+    workers: int | None = None
+    executor: str = "local"
     out: Path | None = None
     trace: str = "violations"
     device: str = "cpu"
@@ -58,7 +60,7 @@ class Watcher(Protocol):
     def notice(self, line: str) -> None:
         """Something about the folder that its owner should know."""
 
-    def begin(self, planners: Sequence[str], scenarios: int, done: Sequence[Row]) -> None:
+    def begin(self, planners: Sequence[str], scenarios: int, done: Iterable[Row]) -> None:
         """The run starts: `scenarios` for each planner; `done`: rows of episodes finished earlier."""
 
     def episode(self, row: Row) -> None:
@@ -96,7 +98,7 @@ def run(options: Options, watcher: Watcher) -> Ending:
     if options.out is not None:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
-    with Pool(min(options.workers, episodes), options.limits) as pool:
+    with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
         planners = pool.probe(plan.request.planners)
         _check_names(planners)
         names = [str(planner["name"]) for planner in planners]
@@ -112,7 +114,7 @@ def run(options: Options, watcher: Watcher) -> Ending:
                 status = _drive(options, plan, pool, planners, folder, watcher)
             ending = _ending(folder, status, asked, options.allow_partial)
             if folder.journal is not None:
-                folder.end(status, ending.summary, ending.errors)
+                folder.end(status, ending.summary, ending.errors, pool.memory())
             return ending
 
 
@@ -131,7 +133,7 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
 def _drive(
     options: Options,
     plan: Plan,
-    pool: Pool,
+    pool: Executor,
     planners: Sequence[Mapping[str, Any]],
     folder: RunFolder,
     watcher: Watcher,
@@ -140,7 +142,7 @@ def _drive(
     journal = folder.journal
     assert journal is not None
     names = [str(planner["name"]) for planner in planners]
-    watcher.begin(names, len(plan.scenarios), [journal.read(key)["row"] for key in journal.done])
+    watcher.begin(names, len(plan.scenarios), (journal.read(key)["row"] for key in journal.done))
     todo = [
         (planner, spec)
         for planner, name in enumerate(names)
@@ -154,6 +156,8 @@ def _drive(
         options.device,
         options.trace,
         str(folder.path.resolve()),
+        plan.request.split,
+        folder.manifest["contract"],
     )
 
     def keep(record: Record) -> None:
@@ -228,6 +232,7 @@ def _asked(options: Options) -> dict[str, Any]:
     return {
         **asdict(options.request),
         "workers": options.workers,
+        "executor": options.executor,
         "out": None if options.out is None else str(options.out),
         "trace": options.trace,
         "device": options.device,

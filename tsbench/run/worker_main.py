@@ -6,6 +6,7 @@ python -m tsbench.run.worker_main CONNECTION_FD PULSE_FD PARENT_PID
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import importlib
 import json
 import os
@@ -78,11 +79,13 @@ class Worker:
         spec = ScenarioSpec(**message["spec"])
         self._pulse.begin(message["task"])
         record, result = self._run(spec, message["planner"])
-        answer: Message = {"task": message["task"], "detail": record.detail}
+        answer: Message = {"task": message["task"], "detail": record.detail, "trace": None}
         answer.update(row=record.row, events=record.events, timing=record.timing)
         if result is not None and self._wants_trace(record, result):
+            path = trace_path(Path(self._setup["out"]), result.planner, spec.scenario_id)
             try:
-                write_trace(trace_path(Path(self._setup["out"]), result.planner, spec.scenario_id), result)
+                write_trace(path, result)
+                answer["trace"] = hashlib.sha256(path.read_bytes()).hexdigest()
             except OSError as problem:
                 # No matter of this episode: the folder takes nothing more, the whole run has to stop.
                 answer["fatal"] = [problem.errno, problem.strerror, problem.filename]

@@ -6,14 +6,15 @@ import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
+from tsbench.run.executor import Limits
 from tsbench.run.files import told_plainly
 from tsbench.run.handout import HandOut, Task
+from tsbench.run.memory import MemoryUse, resident_mb
 from tsbench.run.process import Message, Setup, WorkerProcess, cause_of_end
 from tsbench.run.pulse import PHASE_NAMES, PLANNING
 from tsbench.run.record import Record, error_row, lost_timing
@@ -25,25 +26,12 @@ _STILLBORN = 3
 _FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM)
 
 
-@dataclass(frozen=True)
-class Limits:
-    """How long a worker may show no sign of life, s of wall-clock time.
-
-    call: in one call of the planner; first_call: making it, `reset` and the first `act` of an episode;
-    phase: loading, simulating, scoring; start: from the process's start until it answers.
-    """
-
-    call: float = 10.0
-    first_call: float = 60.0
-    phase: float = 60.0
-    start: float = 120.0
-
-
 class Pool:
-    """Worker processes; use it in a `with` block, whose end leaves no process behind."""
+    """The executor of this machine: worker processes."""
 
     def __init__(self, count: int, limits: Limits | None = None) -> None:
         self._limits = limits or Limits()
+        self._memory: list[MemoryUse] = []
         self._workers: list[WorkerProcess | None] = [None] * count
         self._selector = selectors.DefaultSelector()
         self._setup: Setup | None = None
@@ -72,11 +60,7 @@ class Pool:
         self._selector.close()
 
     def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
-        """What each planner is, asked in a worker: importing one may end a process, which shall not be ours.
-
-        Raises:
-            InputError: a planner does not exist, does not import, or takes too long to.
-        """
+        """What each planner is, asked in a worker: importing one may end a process, which shall not be ours."""
         found = []
         for spec in specs:
             worker = self._workers[0] or self._start(0)
@@ -87,16 +71,13 @@ class Pool:
     def run(
         self, setup: Setup, tasks: HandOut, keep: Callable[[Record], None], stop: Callable[[], bool]
     ) -> None:
-        """Run all tasks; `keep` gets each record as it comes. Ends early once `stop` says so.
-
-        Raises:
-            InputError: the run folder takes nothing more, or workers do not start.
-        """
+        """Run all tasks: see `Executor`."""
         self._setup = setup
         for worker in self._workers:
             if worker is not None:
                 worker.configure(setup)
         while not stop():
+            self._renew()
             self._fill(tasks)
             if not tasks.left and not any(worker and worker.held for worker in self._workers):
                 return
@@ -104,6 +85,20 @@ class Pool:
                 slot, event = key.data
                 self._handle(slot, event, tasks, keep)
             self._watch(tasks, keep)
+        for slot, worker in enumerate(self._workers):
+            if worker is not None and worker.held:
+                # It would go on, and write its trace behind our back.
+                self._drop(slot, worker)
+
+    def memory(self) -> list[MemoryUse]:
+        """What the workers took, those that have ended included."""
+        return [use for use in self._memory if use.episodes]
+
+    def _renew(self) -> None:
+        """Let go of workers that have grown too large; `_fill` starts others in their places."""
+        for slot, worker in enumerate(self._workers):
+            if worker is not None and worker.outgrown and not worker.held:
+                self._drop(slot, worker)
 
     def _fill(self, tasks: HandOut) -> None:
         """Give work to whoever has little. One episode waits ahead, so that no worker waits for us."""
@@ -111,7 +106,7 @@ class Pool:
             if not tasks.left:
                 return
             worker = self._workers[slot] or self._start(slot)
-            while worker.ready and len(worker.held) < (2 if tasks.left > len(self._workers) else 1):
+            while self._takes_more(worker, tasks.left):
                 task = tasks.next(slot)
                 if task is None:
                     return
@@ -119,9 +114,14 @@ class Pool:
                     worker.changed = time.monotonic()
                 worker.send_task(task)
 
+    def _takes_more(self, worker: WorkerProcess, left: int) -> bool:
+        wanted = 2 if left > len(self._workers) else 1
+        return worker.ready and not worker.outgrown and len(worker.held) < wanted
+
     def _start(self, slot: int) -> WorkerProcess:
         with told_plainly(Path("starting a worker process")):
             worker = WorkerProcess(time.monotonic())
+        self._memory.append(worker.memory)
         if self._setup is not None:
             worker.configure(self._setup)
         self._workers[slot] = worker
@@ -163,8 +163,14 @@ class Pool:
             else:
                 worker.held.popleft()
                 self._stillborn = 0
+                self._weigh(worker)
                 keep(_with_output(message, worker))
                 worker.drop_tail()
+
+    def _weigh(self, worker: WorkerProcess) -> None:
+        use, limits = worker.memory, self._limits
+        use.take(resident_mb(worker.process.pid))
+        worker.outgrown = use.last > limits.memory and use.episodes >= limits.least_episodes
 
     def _watch(self, tasks: HandOut, keep: Callable[[Record], None]) -> None:
         """Kill whoever has shown no sign of life for too long."""
@@ -286,4 +292,4 @@ def _with_output(message: Message, worker: WorkerProcess) -> Record:
     if detail:
         worker.read_log()
         detail = f"{detail.rstrip()}\n\nOutput of the worker\n{worker.tail_text() or '  (none)'}\n"
-    return Record(message["row"], message["events"], message["timing"], detail)
+    return Record(message["row"], message["events"], message["timing"], detail, message["trace"])

@@ -1,0 +1,74 @@
+"""Who runs episodes: what a session asks of the worker processes of this machine, or of those of a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, Self
+
+from tsbench.run.handout import HandOut
+from tsbench.run.memory import MemoryUse
+from tsbench.run.process import Setup
+from tsbench.run.record import Record
+
+EXECUTORS = ("local", "ray")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How long a worker may show no sign of life, s of wall-clock time, and how large it may become, MB.
+
+    call: in one call of the planner; first_call: making it, `reset` and the first `act` of an episode;
+    phase: loading, simulating, scoring; start: from the process's start until it answers. memory: resident
+    size over which a worker is replaced between two episodes, though not before its `least_episodes`-th, so that
+    a planner that needs as much is not loaded again for each.
+    """
+
+    call: float = 10.0
+    first_call: float = 60.0
+    phase: float = 60.0
+    start: float = 120.0
+    memory: float = 2048.0
+    least_episodes: int = 20
+
+
+class Executor(Protocol):
+    """Runs episodes somewhere; used in a `with` block, whose end leaves no process behind."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, *_: object) -> None: ...
+
+    def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
+        """What each planner is. Raises InputError: it does not exist, does not import, or takes too long to."""
+
+    def run(
+        self, setup: Setup, tasks: HandOut, keep: Callable[[Record], None], stop: Callable[[], bool]
+    ) -> None:
+        """Run all tasks; `keep` gets each record as it comes, once its trace lies in the run folder.
+
+        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or nobody works.
+        """
+
+    def memory(self) -> list[MemoryUse]:
+        """What the workers of this machine took, those that have ended included."""
+
+
+def own_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> Executor:
+    """An executor, one of EXECUTORS. workers: how many, None = one for each core; never more than `most`.
+
+    Raises InputError where Ray is asked for and not installed, or its cluster cannot be reached.
+    """
+    if kind == "ray":
+        from tsbench.run.ray_executor import RayExecutor
+
+        return RayExecutor(workers, most, limits)
+    from tsbench.run.workers import Pool
+
+    return Pool(min(workers or own_cores(), most), limits)
