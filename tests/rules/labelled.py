@@ -38,6 +38,7 @@ from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, Wor
 
 # Length and width of who says none, m.
 SIZES = {ActorKind.PEDESTRIAN: (0.3, 0.5)}
+HERE = Transform()
 CASES = Path(__file__).resolve().parent.parent / "cases"
 Spec = dict[str, Any]
 
@@ -181,23 +182,37 @@ def _actors(
     )  # fmt: skip
 
 
-def judge(case: Spec, view: Transform | None = None) -> Verdict:
-    """The verdict on a case's target as seen through a transform."""
-    view = view or Transform()
-    scene = scene_of(case, view)
-    monitor, _ = make_monitors(load_catalog(), scene)
-    for tick in snapshots(case, view, scene.network):
-        monitor.update(tick)
-    return monitor.finish()
+@dataclass(frozen=True)
+class Play:
+    """A case as it is played: the scene, and the ticks in order. Nothing in it comes from a rule."""
+
+    case: Spec
+    scene: Scene
+    ticks: tuple[WorldSnapshot, ...]
 
 
-def completion(case: Spec, view: Transform | None = None) -> float | None:
-    """When the target's rule takes the episode for complete, s; None: never."""
-    view = view or Transform()
+@cache
+def play(path: Path, view: Transform = HERE) -> Play:
+    """A case as seen through a transform; kept, since making it takes far longer than judging it."""
+    case = read_case(path)
     scene = scene_of(case, view)
-    monitor, _ = make_monitors(load_catalog(), scene)
-    for tick in snapshots(case, view, scene.network):
+    return Play(case, scene, tuple(snapshots(case, view, scene.network)))
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict on a target, and when its rule took the episode for complete (s; None: never)."""
+
+    verdict: Verdict
+    completed_at: float | None
+
+
+def judge(played: Play) -> Judgement:
+    """What the target's monitor makes of a case. Never kept: a changed rule must show."""
+    monitor, _ = make_monitors(load_catalog(), played.scene)
+    completed_at = None
+    for tick in played.ticks:
         monitor.update(tick)
-        if monitor.completed:
-            return tick.time
-    return None
+        if completed_at is None and monitor.completed:
+            completed_at = tick.time
+    return Judgement(monitor.finish(), completed_at)

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from labelled import CASES, Spec, network, read_case, scene_of
-from transform import Transform
+from labelled import CASES, network, play
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor, Verdict
@@ -33,17 +33,14 @@ ONE_OF_EACH = {
 }
 
 
-def _case(rule: str) -> Spec:
-    return read_case(CASES / rule / f"{ONE_OF_EACH[rule]}.yaml")
-
-
 def _scene(rule: str) -> Scene:
-    return scene_of(_case(rule), Transform())
+    return play(CASES / rule / f"{ONE_OF_EACH[rule]}.yaml").scene
 
 
-def _random_ticks(scene: Scene, seed: int, count: int = 150) -> list[WorldSnapshot]:
+@cache
+def _random_ticks(rule: str, seed: int, count: int = 150) -> list[WorldSnapshot]:
     """An ego and road users that jump about the map, on the road and off it."""
-    rng = np.random.default_rng(seed)
+    scene, rng = _scene(rule), np.random.default_rng(seed)
     net, locator, table = scene.network, LaneLocator(scene.network), ActorTable(2)
     routes = [(e.id, f) for e in net.edges.values() for f in _successors(scene, e.id)]
     for k in range(12):
@@ -88,7 +85,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
     scene = _scene(rule)
     for seed in range(4):
         first, second = (
-            _run(make_monitors(load_catalog(), scene)[0], _random_ticks(scene, seed)) for _ in range(2)
+            _run(make_monitors(load_catalog(), scene)[0], _random_ticks(rule, seed)) for _ in range(2)
         )
         assert first == second
 
@@ -98,7 +95,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
 def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
     scene = _scene(rule)
     monitor, _ = make_monitors(load_catalog(), scene)
-    tick = _random_ticks(scene, 1, 1)[0]
+    tick = _random_ticks(rule, 1, 1)[0]
     for value in (float("nan"), float("inf")):
         nowhere = replace(tick, ego=replace(tick.ego))
         object.__setattr__(nowhere.ego, field, value)
