@@ -28,7 +28,7 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]] | Non
         if kind is None or array.ndim != 1:
             raise ValueError(f"{name}: {array.dtype}{list(array.shape)} cannot be packed")
         described.append([name, kind, len(array)])
-        planes = array.astype(array.dtype.newbyteorder("<")).view(np.uint8).reshape(len(array), -1)
+        planes = array.astype(array.dtype.newbyteorder("<")).view(np.uint8).reshape(-1, array.dtype.itemsize)
         parts.append(np.ascontiguousarray(planes.T).tobytes())
     text = json.dumps(
         {**header, "arrays": described}, ensure_ascii=False, allow_nan=False, separators=(",", ":")

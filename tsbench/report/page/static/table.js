@@ -110,8 +110,8 @@ tsb.table = (host, table, options = {}) => {
       + (some.length < rows.length ? `, the first ${some.length} shown` : "");
     more.hidden = some.length >= rows.length;
   }
-  update();
   const api = { filter, text: (name, row) => text(byName[name], row), table, get rows() { return rows; } };
   options.ready?.(api);
+  update();
   return api;
 };

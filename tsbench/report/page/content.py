@@ -1,0 +1,159 @@
+"""What a report shows of a pool of runs, as the template takes it. Every figure comes from the pool's summary."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from tsbench.report.analyses.intervals import intervals
+from tsbench.report.analyses.main_table import main_table
+from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
+from tsbench.report.analyses.per_type import per_type
+from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.shown import lines_of
+from tsbench.report.page.comparison import comparison
+from tsbench.report.page.packing import pack_table
+from tsbench.report.page.stock import Stock
+from tsbench.report.page.svg import inline_svg
+
+Section = dict[str, Any]
+
+
+def sections(pool: Pool) -> Iterator[Section]:
+    """The report's analyses, in order: `id`, `head` and what `show` says."""
+    yield {"id": "summary", "head": "Summary", **show(main_table(pool))}
+    yield {"id": "intervals", "head": "How sure", **show(intervals(pool), fold=True)}
+    yield {"id": "types", "head": "By type", **show(per_type(pool), heat=True, figure=False)}
+    compared = comparison(pool)
+    if compared is not None:
+        yield {"id": "planners", "head": "Planners compared", **show(compared)}
+
+
+def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: bool = False) -> Section:
+    """An analysis for the template. heat: colour shares; figure: with its chart; fold: hide the table at first."""
+    table = analysis.table
+    drawn = inline_svg(analysis.draw, analysis.name) if analysis.draw is not None and figure else Markup()
+    columns = [_column(c) for c in table.columns]
+    rows = [
+        {
+            "faint": row.faint,
+            "starts": row.starts,
+            "cells": [_cell(c, v, heat) for c, v in zip(table.columns, row.cells, strict=True)],
+            "type": _text(table, row.cells, "type"),
+        }
+        for row in table.rows
+    ]
+    return {
+        "title": analysis.title, "columns": columns, "rows": rows, "notes": analysis.notes, "figure": drawn,
+        "fold": fold, "heat": heat, "fixed": table.fixed,
+    }  # fmt: skip
+
+
+def _column(column: Column) -> dict[str, Any]:
+    head, *unit = column.head.split("\n")
+    return {"head": head, "unit": " ".join(unit), "text": column.kind is Kind.TEXT, "key": column.key}
+
+
+def _cell(column: Column, cell: Cell, heat: bool) -> dict[str, Any]:
+    first, *below = lines_of(column, cell)
+    shown: dict[str, Any] = {
+        "text": first,
+        "below": below,
+        "number": column.kind is not Kind.TEXT,
+        "title": "",
+    }
+    if isinstance(cell, Value):
+        counted = f"n = {cell.n:,}" if cell.n is not None else ""
+        shown["title"] = ", ".join(part for part in (counted, cell.reason) if part)
+        if heat and cell.value is not None:
+            shown["heat"] = round(min(max(cell.value, 0.0), 100.0), 1)
+    return shown
+
+
+def _text(table: Table, cells: Sequence[Cell], key: str) -> str:
+    """The text that a row has in a column, "" where there is no such column."""
+    return next(
+        (str(cell) for column, cell in zip(table.columns, cells, strict=True) if column.key == key), ""
+    )
+
+
+def about(pool: Pool) -> list[dict[str, Any]]:
+    """Each run: what the manifest says of where its figures come from."""
+    told = []
+    for run in pool.runs:
+        m = run.manifest
+        versions = ", ".join(f"{name} {v}" for name, v in (m.get("versions") or {}).items() if v)
+        machine = m.get("machine") or {}
+        git = m.get("git") or {}
+        facts = {
+            "folder": str(run.path),
+            "planners": ", ".join(
+                f"{p['name']}{' (privileged)' if p.get('privileged') else ''}" for p in m["planners"]
+            ),
+            "selection": pool.selection,
+            "episodes": f"{len(run.episodes):,} of {sum(run.asked.values()):,} asked",
+            "status": m["status"],
+            "time": f"{m.get('started')} to {m.get('finished') or 'now'}",
+            "contract": run.contract,
+            "versions": versions,
+            "commit": f"{git.get('commit') or 'unknown'}{', with changes' if git.get('modified') else ''}",
+            "machine": f"{machine.get('processor')}, {machine.get('cores')} cores, {machine.get('memory_gib')} GiB",
+        }
+        told.append(facts)
+    return told
+
+
+_YES = {"yes": "good", "no": "bad"}
+_COLUMNS: tuple[dict[str, Any], ...] = (
+    {"name": "planner", "label": "planner", "kind": "text", "filter": "choice"},
+    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
+    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "outcome", "label": "outcome", "kind": "text", "filter": "choice"},
+    {"name": "sign_compliant", "label": "obeyed", "kind": "flag", "filter": "choice", "marks": _YES,
+     "title": "no violation of the sign's rule; – for an error outcome"},
+    {"name": "scd", "label": "SCD", "kind": "flag", "filter": "choice", "marks": _YES,
+     "title": "obeyed the sign and arrived"},
+    {"name": "violation_clause", "label": "clause", "kind": "text", "filter": "choice"},
+    {"name": "measured", "label": "measured", "kind": "text", "title": "first violation: value / threshold"},
+    {"name": "violation_time_s", "label": "at", "kind": "number", "unit": "s", "minor": True},
+    {"name": "driving_score", "label": "DS", "kind": "number", "unit": "%", "minor": True},
+    {"name": "map_id", "label": "map", "kind": "text", "filter": "text", "minor": True},
+    {"name": "variant", "label": "variant", "kind": "number", "digits": 0, "minor": True},
+    {"name": "scenario_id", "label": "scenario", "kind": "text", "filter": "text"},
+    {"name": "told", "label": "what happened", "kind": "text", "minor": True},
+    {"name": "playable", "label": "player", "kind": "flag", "filter": "choice", "minor": True},
+)  # fmt: skip
+
+
+def episodes_table(stock: Stock, playable: Collection[int]) -> bytes:
+    """Every episode as a row of `tsb.table`; playable: rows that a player has."""
+    values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in stock.rows] for c in _COLUMNS}
+    stories = [stock.stories.get(stock.key(k)) for k in range(len(stock.rows))]
+    values["measured"] = [
+        "" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories
+    ]
+    values["told"] = [
+        s["sentence"] if s is not None else row["error"] or ""
+        for s, row in zip(stories, stock.rows, strict=True)
+    ]
+    values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
+    values["playable"] = [k in playable for k in range(len(stock.rows))]
+    for column in _COLUMNS:
+        if column["kind"] == "number":
+            digits = column.get("digits", 1)
+            values[column["name"]] = [
+                None if v is None else round(v, digits + 1) for v in values[column["name"]]
+            ]
+    return pack_table(_COLUMNS, values)
+
+
+def heading(pool: Pool, paths: Sequence[Path]) -> dict[str, Any]:
+    """Title of the page and of the window; records that are missing come first."""
+    what = ", ".join(pool.planners) if len(pool.planners) <= 4 else f"{len(pool.planners)} planners"
+    return {
+        "title": pool.title(what), "partial": pool.summary.partial, "contract": pool.contract,
+        "paths": [str(path) for path in paths],
+    }  # fmt: skip

@@ -1,0 +1,152 @@
+"""One traced episode for the player: what moves as quantised second differences, what does not as JSON.
+
+A few kilobytes after compression. Places are within half a unit (2.5 cm where the episode is not kilometres long),
+headings within 0.1 degrees, speeds within 2.5 cm/s: fine for looking, never for judging, so the violations' own figures
+stand in the header as the monitors gave them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.errors import InputError
+from tsbench.geometry.polyline import Array
+from tsbench.report.bodies import CONVOY_PREFIX
+from tsbench.report.page.drawing import box_around, plate_key, roads_drawing, scene_drawing
+from tsbench.report.page.packing import deltas, pack
+from tsbench.run.trace import Trace, read_trace, verdict_to_dict
+from tsbench.scenarios.load import SceneLoader
+from tsbench.signs.plates import plate_svg
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
+
+_UNIT_M, _UNIT_RAD, _UNIT_MPS = 0.05, 2 * np.pi / 2048, 0.05
+_ROOM_M = 12.0
+_LARGEST = 30_000
+
+
+@dataclass(frozen=True)
+class Packed:
+    """A player's data. net: hash of its network, `roads`; plates: keys of the plates that stand there."""
+
+    episode: bytes
+    net: str
+    roads: bytes
+    plates: tuple[str, ...]
+
+
+class EpisodePacker:
+    """Packs traces; networks that several of them share are read once."""
+
+    def __init__(self, loader: SceneLoader | None = None) -> None:
+        self._loader = SceneLoader() if loader is None else loader
+        self._roads: dict[str, bytes] = {}
+
+    def pack(self, path: Path, key: tuple[str, str]) -> Packed:
+        """The trace at `path`, which is to be that of `key` (planner, scenario).
+
+        Raises InputError: no whole trace, that of another episode, or one whose scene is no longer there.
+        """
+        trace = read_trace(path)
+        if (trace.planner, trace.spec.scenario_id) != key:
+            raise InputError(f"{path}: is the trace of {trace.planner} {trace.spec.scenario_id}")
+        scene, roads = self._loader.load(trace.spec)
+        track = np.array([(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in trace.snapshots])
+        if not np.isfinite(track).all():
+            raise InputError(f"{path}: the ego's state is not finite: nothing to draw")
+        points = [*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role != "context")]
+        drawing = scene_drawing(scene, roads.graph)
+        header = {
+            **_about(trace),
+            "roads": trace.spec.net_sha256,
+            "scene": drawing,
+            "box": [round(v, 1) for v in box_around(np.array(points), _ROOM_M)],
+        }
+        parts, arrays = _motion(trace, track)
+        net = trace.spec.net_sha256
+        if net not in self._roads:
+            self._roads[net] = pack({"drawing": roads_drawing(scene.network)})
+        return Packed(pack({**header, **parts}, arrays), net, self._roads[net], _plates(drawing))
+
+
+def pack_plate(key: str) -> bytes:
+    """A plate's picture. Raises InputError or ValueError for a key that names none."""
+    code, bar, value = key.partition("|")
+    return pack({"svg": plate_svg(code, float(value) if bar else None)})
+
+
+def _plates(drawing: dict[str, Any]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(plate["plate"] for plate in drawing["plates"]))
+
+
+def _about(trace: Trace) -> dict[str, Any]:
+    spec = trace.spec
+    events = [
+        {"target": target, **event}
+        for verdict, target in ((trace.target, True), *((v, False) for v in trace.others))
+        for event in verdict_to_dict(verdict)["violations"]
+    ]
+    return {
+        "planner": trace.planner, "scenario": spec.scenario_id, "type": spec.scenario_type, "group": spec.group,
+        "map": spec.map_id, "split": spec.split, "plate": plate_key(spec.sign_code, spec.sign_value),
+        "code": spec.sign_code, "outcome": str(trace.outcome), "error": trace.error,
+        "engaged": trace.target.engaged, "compliant": trace.target.compliant,
+        "partner": None if trace.contact is None else trace.contact.partner,
+        "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
+    }  # fmt: skip
+
+
+def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.int16]]]:
+    """Ego and road users. Pieces: [actor, first tick, ticks] without a gap, in the order of the arrays."""
+    snapshots = trace.snapshots
+    tick = np.repeat(np.arange(len(snapshots)), [len(s.actors) for s in snapshots])
+    actor = np.concatenate([s.actors.index for s in snapshots]).astype(np.int64)
+    pose = np.concatenate([s.actors.pose for s in snapshots])
+    order = np.lexsort((tick, actor))
+    tick, actor, pose = tick[order], actor[order], pose[order]
+    fresh = np.ones(len(tick), dtype=bool)
+    fresh[1:] = (np.diff(actor) != 0) | (np.diff(tick) != 1)
+    starts = np.flatnonzero(fresh)
+    lengths = np.diff(np.append(starts, len(tick)))
+    middle = (track[:, :2].min(axis=0) + track[:, :2].max(axis=0)) / 2
+    reach = max(float(np.abs(p - middle).max()) for p in (track[:, :2], pose[:, :2]) if len(p))
+    unit = max(_UNIT_M, reach / _LARGEST)
+    arrays = {}
+    for name, xyh, at in (("ego", track, np.zeros(1, dtype=np.int64)), ("actor", pose, starts)):
+        for k, axis in enumerate("xy"):
+            arrays[f"{name}_{axis}"] = deltas(np.rint((xyh[:, k] - middle[k]) / unit), at)
+        arrays[f"{name}_h"] = deltas(_turns(xyh[:, 2], at), at)
+    arrays["ego_v"] = deltas(np.rint(track[:, 3] / _UNIT_MPS), np.zeros(1, dtype=np.int64))
+    table = snapshots[-1].actors.table
+    kinds = [ActorKind(int(kind)).name.lower() for kind in table.kind[: len(table.ids)]]
+    sizes = np.round(np.column_stack((table.length, table.width))[: len(table.ids)], 2).tolist()
+    actors = [
+        [name, "convoy" if name.startswith(CONVOY_PREFIX) else kind, *size]
+        for name, kind, size in zip(table.ids, kinds, sizes, strict=True)
+    ]
+    pieces = np.column_stack((actor[starts], tick[starts], lengths)).tolist()
+    parts = {
+        "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
+        "actors": actors, "pieces": pieces, "middle": middle.tolist(),
+        "units": {"m": unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS},
+    }  # fmt: skip
+    return parts, arrays
+
+
+def _turns(heading: Array, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Headings in units, without jumps of a whole turn within a piece."""
+    whole = np.rint(heading / _UNIT_RAD).astype(np.int64)
+    turn = round(2 * np.pi / _UNIT_RAD)
+    steps = np.diff(whole, prepend=0)
+    steps = (steps + turn // 2) % turn - turn // 2
+    steps[starts] = (whole[starts] + turn // 2) % turn - turn // 2
+    total = np.cumsum(steps)
+    before = np.zeros(len(whole), dtype=np.int64)
+    if len(starts):
+        lengths = np.diff(np.append(starts, len(whole)))
+        before = np.repeat(total[starts] - steps[starts], lengths)
+    return total - before

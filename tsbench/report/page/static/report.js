@@ -1,0 +1,28 @@
+/* The report: its table of episodes opens the player, cells of the heat map filter the table. */
+tsb.tableOptions = { "episode-table": (() => {
+  const playable = (api, row) => api.table.values.playable[row];
+  let table = null;
+  const name = (row) => `${table.text("planner", row)}/${table.text("scenario_id", row)}`;
+  const follow = () => {
+    const asked = new URLSearchParams(location.hash.slice(1));
+    if (!asked.has("play")) return;
+    for (let row = 0; row < table.table.rows; row++) {
+      if (name(row) !== asked.get("play") || !playable(table, row)) continue;
+      tsb.player.open(row, table.rows, asked.has("t") ? Number(asked.get("t")) : null);
+      return;
+    }
+  };
+  return {
+    open: (row, rows) => tsb.player.open(row, [...rows]),
+    can: (row) => playable(table, row),
+    label: name,
+    ready: (api) => {
+      table = api;
+      tsb.player.can = (row) => playable(api, row);
+      for (const link of document.querySelectorAll("[data-filter]"))
+        link.addEventListener("click", () => api.filter(JSON.parse(link.dataset.filter)));
+      addEventListener("hashchange", follow);
+      follow();
+    },
+  };
+})() };
