@@ -1,0 +1,154 @@
+"""`tsbench/Drive-v0`: the checkers' contract, and the same driving as `tsbench run`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_sb3
+
+from tsbench.envs import DRIVE
+from tsbench.envs.drive import DriveEnv
+from tsbench.envs.pilot import course
+from tsbench.errors import InputError
+from tsbench.planners.base import Control, Observation
+from tsbench.planners.learned_actions import aim
+from tsbench.run.episode import EpisodeRunner
+from tsbench.scenarios.table import read_table, table_path
+
+STILL = np.zeros(2, dtype=np.float32)
+
+
+def onward(observation: Observation) -> Control:
+    return aim(0.1, 0.0, observation)
+
+
+@pytest.fixture
+def env() -> Iterator[DriveEnv]:
+    made = DriveEnv(split="test")
+    yield made
+    made.close()
+
+
+def to_the_end(env: gymnasium.Env[Any, Any], action: Any) -> tuple[list[float], dict[str, Any]]:
+    rewards = []
+    for _ in range(2000):
+        _, reward, terminated, truncated, info = env.step(action)
+        rewards.append(float(reward))
+        if terminated or truncated:
+            return rewards, info
+    raise AssertionError("the episode does not end")
+
+
+@pytest.mark.parametrize("kind", ["vector", "bev", "objects"])
+@pytest.mark.filterwarnings("ignore")
+def test_both_checkers_pass(kind: str) -> None:
+    made = gymnasium.make(DRIVE, split="test", observation=kind)
+    check_env(made.unwrapped)
+    check_env_sb3(made.unwrapped)
+    made.close()
+
+
+def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
+    row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
+    runner = EpisodeRunner(f"{__file__}:onward", "onward", simulation=course()._simulation)
+    result = runner.run(row)
+    _, told = env.reset(options={"scenario_id": row.scenario_id})
+    assert told["scenario_id"] == row.scenario_id
+    rewards, info = to_the_end(env, np.array([0.1, 0.0]))
+    assert info["outcome"] == str(result.outcome)
+    assert len(rewards) == len(result.commands)
+    assert result.facts is not None
+    assert info["scd"] == (result.facts.target.compliant and result.outcome == "arrived")
+
+
+def test_a_held_action_is_the_same_driving(env: DriveEnv) -> None:
+    held = DriveEnv(split="test", hold=5)
+    name = sorted(env._by_id)[0]
+    env.reset(options={"scenario_id": name})
+    each, one = to_the_end(env, STILL)
+    held.reset(options={"scenario_id": name})
+    fifth, other = to_the_end(held, STILL)
+    assert one == other
+    assert len(fifth) == -(-len(each) // 5)
+    assert sum(fifth) == pytest.approx(sum(each))
+    held.close()
+
+
+def test_a_seed_decides_the_scenarios(env: DriveEnv) -> None:
+    def drawn(seed: int) -> list[str]:
+        return [env.reset(seed=seed if k == 0 else None)[1]["scenario_id"] for k in range(3)]
+
+    assert drawn(7) == drawn(7)
+    assert drawn(7) != drawn(8)
+
+
+def test_the_route_is_worth_one(env: DriveEnv) -> None:
+    name = next(r.scenario_id for r in env._rows if r.scenario_type == "speed_limit" and r.variant == 0)
+    env.reset(options={"scenario_id": name})
+    rewards, info = to_the_end(env, STILL)
+    assert info["outcome"] == "arrived"
+    assert 0.4 < sum(rewards) <= 1.0 + 1e-9
+    assert all(0.0 <= r < 0.5 for r in rewards)
+
+
+def test_leaving_the_road_costs(env: DriveEnv) -> None:
+    steered = DriveEnv(split="test", action="steer")
+    steered.reset(options={"scenario_id": env._rows[0].scenario_id})
+    rewards, info = to_the_end(steered, np.array([0.3, -0.2]))
+    assert info["outcome"] in ("off_road", "collision")
+    assert rewards[-1] < -0.9
+    steered.close()
+
+
+def test_another_environment_takes_the_simulation(env: DriveEnv) -> None:
+    other = DriveEnv(split="test")
+    env.reset(seed=0)
+    other.reset(seed=0)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="one simulation per process"):
+        env.step(STILL)
+    other.step(STILL)
+    env.close()
+    other.step(STILL)
+    other.close()
+
+
+def test_masked_signs_have_no_code() -> None:
+    seen = {}
+    for mask in (False, True):
+        made = DriveEnv(split="test", types="speed_limit", observation="objects", mask_signs=mask)
+        first = min(made._by_id)
+        table = made.reset(options={"scenario_id": first})[0]["signs"]
+        made.close()
+        seen[mask] = table
+    assert seen[False][0, 0] == seen[True][0, 0] == 1.0
+    assert seen[False][0, 5] > 0.0
+    assert not seen[True][:, 5:].any()
+
+
+@pytest.mark.parametrize(
+    ("asked", "word"),
+    [
+        ({"split": "val"}, "split 'val'"),
+        ({"observation": "lidar"}, "observation 'lidar'"),
+        ({"action": "pedals"}, "action 'pedals'"),
+        ({"types": "nonsense"}, "nonsense"),
+        ({"hold": 0}, "hold 0"),
+    ],
+)
+def test_wrong_options_are_one_line(asked: dict[str, Any], word: str) -> None:
+    with pytest.raises(InputError, match=word) as caught:
+        DriveEnv(**asked)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_scenarios_and_broken_actions_are_refused(env: DriveEnv) -> None:
+    with pytest.raises(InputError, match="nowhere"):
+        env.reset(options={"scenario_id": "nowhere"})
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="not finite"):
+        env.step(np.array([np.nan, 0.0]))

@@ -1,0 +1,169 @@
+"""`tsbench/Drive-v0`: scenarios as a Gymnasium environment, driven by the code of `tsbench run`.
+
+libsumo holds one simulation per process, so one environment per process drives at a time: use AsyncVectorEnv or
+Stable-Baselines3's SubprocVecEnv for several.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from tsbench.envs.pilot import course
+from tsbench.envs.reward import RewardSpec, RouteReward
+from tsbench.envs.seen import KINDS
+from tsbench.errors import InputError, SimulationError
+from tsbench.metrics.outcome import Outcome
+from tsbench.metrics.progress import route_completion
+from tsbench.metrics.tracks import tracks_of
+from tsbench.planners.base import Observation
+from tsbench.planners.learned_actions import ACTIONS
+from tsbench.run.plan import VARIANTS, choose_types, choose_variants
+from tsbench.run.result import EpisodeResult
+from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+_ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD)
+
+
+class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
+    """One scenario per episode, drawn from the table of a split.
+
+    split: train | test. types: type ids and groups (a sequence, or words between commas), empty = all. observation:
+    vector (275,) | bev (raster and measurements) | objects. action: aim (acceleration, place beside the route) |
+    steer (acceleration, steering angle), both (2,) in -1..1. hold: ticks of 0.1 s per step. variants: as in `tsbench
+    run`. mask_signs: remove sign identity (of `objects`). reward: figures of the reward.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
+
+    def __init__(
+        self,
+        split: str = "train",
+        types: str | Sequence[str] = (),
+        observation: str = "vector",
+        action: str = "aim",
+        hold: int = 1,
+        variants: str = "all",
+        mask_signs: bool = False,
+        reward: RewardSpec | None = None,
+    ) -> None:
+        _known("split", split, SPLITS)
+        _known("observation", observation, KINDS)
+        _known("action", action, ACTIONS)
+        _known("variants", variants, VARIANTS)
+        if hold < 1:
+            raise InputError(f"hold {hold}: expected at least 1 tick")
+        words = types.split(",") if isinstance(types, str) else types
+        chosen = choose_types([w.strip() for w in words if w.strip()], load_catalog())
+        rows = [row for row in read_table(table_path(split)) if row.scenario_type in chosen]
+        self._rows = choose_variants(rows, variants)
+        if not self._rows:
+            raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
+        self._by_id = {row.scenario_id: row for row in self._rows}
+        self._seen = KINDS[observation]()
+        self._act = ACTIONS[action]
+        self._hold, self._mask = hold, mask_signs
+        self._reward_spec = RewardSpec() if reward is None else reward
+        self._reward: RouteReward
+        self._last: Observation | None = None
+        self.observation_space = self._seen.space
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start `options["scenario_id"]`, or a scenario drawn from the environment's own generator."""
+        super().reset(seed=seed)
+        named = (options or {}).get("scenario_id")
+        if named is not None and named not in self._by_id:
+            raise InputError(f"scenario {named!r}: not among the {len(self._rows)} of this environment")
+        row = (
+            self._rows[int(self.np_random.integers(len(self._rows)))] if named is None else self._by_id[named]
+        )
+        turn = course().begin(row, self, self._mask)
+        if isinstance(turn, EpisodeResult):
+            raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
+        self._seen.reset(turn.context)
+        self._last = turn.observation
+        self._reward = RouteReward(turn.observation, self._reward_spec)
+        info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type}
+        return self._seen.encode(turn.observation), info
+
+    def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """`hold` ticks with one action, or fewer up to the episode's end."""
+        if self._last is None or course().driver is not self:
+            raise gymnasium.error.ResetNeeded(
+                "no episode: reset first (libsumo has one simulation per process, which another environment of this "
+                "process may have taken; AsyncVectorEnv and SubprocVecEnv give each its own)"
+            )
+        first, second = (float(value) for value in action)
+        if not (math.isfinite(first) and math.isfinite(second)):
+            raise ValueError(f"action {first}, {second} is not finite")
+        earned = 0.0
+        for _ in range(self._hold):
+            turn = course().drive(self._act(first, second, self._last))
+            if isinstance(turn, EpisodeResult):
+                return self._over(turn, self._last, earned)
+            self._last = turn.observation
+            earned += self._reward.tick(turn.observation)
+        return self._seen.encode(self._last), earned, False, False, {}
+
+    def _over(
+        self, result: EpisodeResult, before: Observation, earned: float
+    ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """The end: a simulation that broke off counts as cut short, and says why in `info`."""
+        self._last = None
+        last, info = before, {"outcome": str(result.outcome), "error": result.error}
+        if result.facts is not None:
+            last = _last_view(before, result)
+            earned += self._reward.tick(last)
+            info |= _verdict(result)
+        ended = result.outcome in _ENDS
+        return self._seen.encode(last), earned + self._reward.end(result.outcome), ended, not ended, info
+
+    def close(self) -> None:
+        """End the episode, and SUMO with it."""
+        self._last = None
+        if course().driver is self:
+            course().close()
+
+
+def _known(name: str, value: str, known: Any) -> None:
+    if value not in known:
+        raise InputError(f"{name} {value!r}: expected {' | '.join(known)}")
+
+
+def _last_view(before: Observation, result: EpisodeResult) -> Observation:
+    """The tick that ended the episode, which no planner is shown; plates and obstacles as of the tick before."""
+    assert result.facts is not None
+    shot, ego = result.facts.snapshots[-1], result.facts.snapshots[-1].ego
+    history = np.vstack((before.history, (ego.x, ego.y, ego.heading, ego.speed)))[-20:]
+    return replace(
+        before,
+        step=shot.step,
+        time=shot.time,
+        ego=ego,
+        history=history,
+        route=result.facts.route,
+        actors=shot.actors,
+    )
+
+
+def _verdict(result: EpisodeResult) -> dict[str, Any]:
+    facts = result.facts
+    assert facts is not None
+    arrived = facts.outcome is Outcome.ARRIVED
+    return {
+        "sign_compliant": facts.target.compliant,
+        "scd": facts.target.compliant and arrived,
+        "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
+        "at_fault": facts.contact is not None and facts.contact.at_fault,
+    }

@@ -1,0 +1,1 @@
+"""Training of the learned planners, on the train split."""

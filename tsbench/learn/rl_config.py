@@ -1,0 +1,63 @@
+"""What a reinforcement-learning run is made of: the asked options, and the figures of each planner's PPO."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from tsbench.planners.learned_actions import HOLD_TICKS
+
+
+@dataclass(frozen=True, slots=True)
+class Hyper:
+    """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
+
+    rollout: steps of all environments between updates. rate: of Adam, falling to nothing over the run. threads: of
+    torch; an MLP this small only loses by sharing its work out, the more so on a busy machine.
+    """
+
+    observation: str
+    rollout: int
+    batch: int
+    epochs: int
+    rate: float
+    threads: int
+    gamma: float = 0.99
+    trace: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.002
+    value: float = 0.5
+    gradient: float = 0.5
+
+
+HYPER: Mapping[str, Hyper] = MappingProxyType(
+    {
+        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1),
+        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=2),
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`."""
+
+    planner: str
+    out: Path
+    steps: int
+    workers: int
+    seed: int
+    device: str
+    types: tuple[str, ...]
+
+    def facts(self) -> dict[str, object]:
+        """What a training that is continued must have in common with the one before."""
+        return {
+            "planner": self.planner,
+            "seed": self.seed,
+            "types": list(self.types),
+            "split": "train",
+            "hold_ticks": HOLD_TICKS,
+        }

@@ -1,0 +1,135 @@
+"""The networks of `ppo` and `carl` as Stable-Baselines3 trains them, and how their actors are taken out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+from torch.nn.functional import softplus
+
+from tsbench.planners.carl.network import LATENT, CarlTrunk
+from tsbench.planners.weights import Tensors
+
+# Beta densities with both parameters above 1 have their mode inside.
+_LEAST = 1.0
+
+
+class BetaActions(Distribution):
+    """Independent Beta densities, stretched from 0..1 to -1..1."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._size = size
+        self._beta: torch.distributions.Beta
+
+    def proba_distribution_net(self, latent_dim: int) -> nn.Module:
+        """From latent to both parameters of each action."""
+        return nn.Linear(latent_dim, 2 * self._size)
+
+    def proba_distribution(self, raw: torch.Tensor) -> BetaActions:
+        """Set the parameters."""
+        a, b = (_LEAST + softplus(raw)).chunk(2, dim=-1)
+        self._beta = torch.distributions.Beta(a, b)
+        return self
+
+    def log_prob(self, x: torch.Tensor) -> torch.Tensor:
+        """Log density of actions in -1..1; the ends themselves have none, so a hair is kept from them."""
+        unit = (0.5 * (x + 1.0)).clamp(1e-5, 1.0 - 1e-5)
+        logs: torch.Tensor = self._beta.log_prob(unit)  # type: ignore[no-untyped-call]
+        return logs.sum(dim=-1) - self._size * float(np.log(2.0))
+
+    def entropy(self) -> torch.Tensor:
+        """Of all actions together."""
+        entropy: torch.Tensor = self._beta.entropy()  # type: ignore[no-untyped-call]
+        return entropy.sum(dim=-1) + self._size * float(np.log(2.0))
+
+    def sample(self) -> torch.Tensor:
+        """A draw."""
+        drawn: torch.Tensor = self._beta.rsample()
+        return 2.0 * drawn - 1.0
+
+    def mode(self) -> torch.Tensor:
+        """The likeliest action."""
+        a, b = self._beta.concentration1, self._beta.concentration0
+        mode: torch.Tensor = 2.0 * (a - 1.0) / (a + b - 2.0).clamp(min=1e-6) - 1.0
+        return mode
+
+    def actions_from_params(self, raw: torch.Tensor, deterministic: bool = False) -> torch.Tensor:
+        """Actions straight from the network's output."""
+        return self.proba_distribution(raw).get_actions(deterministic=deterministic)
+
+    def log_prob_from_params(self, raw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Actions and their log densities straight from the network's output."""
+        actions = self.actions_from_params(raw)
+        return actions, self.log_prob(actions)
+
+
+class CarlFeatures(BaseFeaturesExtractor):
+    """`carl`'s trunk; Stable-Baselines3 hands the raster over as 0..1."""
+
+    def __init__(self, observation_space: spaces.Dict) -> None:
+        super().__init__(observation_space, features_dim=LATENT)
+        self.trunk = CarlTrunk()
+
+    def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
+        """(n, LATENT)."""
+        latent: torch.Tensor = self.trunk(observations["bev"], observations["measurements"])
+        return latent
+
+
+class BetaPolicy(ActorCriticPolicy):
+    """Actor and critic as linear heads on a shared trunk, with Beta actions."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs["net_arch"] = []
+        super().__init__(*args, **kwargs)
+
+    def _build(self, lr_schedule: Any) -> None:
+        size = int(np.prod(self.action_space.shape or (1,)))
+        self.action_dist = BetaActions(size)
+        self._build_mlp_extractor()
+        latent = self.mlp_extractor.latent_dim_pi
+        actor, critic = nn.Linear(latent, 2 * size), nn.Linear(self.mlp_extractor.latent_dim_vf, 1)
+        for layer, gain in ((actor, 0.01), (critic, 1.0)):
+            nn.init.orthogonal_(layer.weight, gain)
+            nn.init.zeros_(layer.bias)
+        self.action_net, self.value_net = actor, critic
+        self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), eps=1e-5)
+
+    def _get_action_dist_from_latent(self, latent_pi: torch.Tensor) -> Distribution:
+        assert isinstance(self.action_dist, BetaActions)
+        return self.action_dist.proba_distribution(self.action_net(latent_pi))
+
+
+def policy_of(planner: str) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
+    """Class and arguments of a planner's policy."""
+    if planner == "ppo":
+        return ActorCriticPolicy, {
+            "net_arch": {"pi": [256, 256], "vf": [256, 256]},
+            "activation_fn": nn.Tanh,
+            "log_std_init": -1.0,
+        }
+    return BetaPolicy, {"features_extractor_class": CarlFeatures}
+
+
+def actor_tensors(planner: str, policy: ActorCriticPolicy) -> Tensors:
+    """The actor's tensors under the names that the planner loads."""
+    state = policy.state_dict()
+    if planner == "ppo":
+        names = {f"mlp_extractor.policy_net.{2 * k}": f"hidden.{k}" for k in range(2)} | {
+            "action_net": "action"
+        }
+    else:
+        names = {"features_extractor.trunk": "trunk", "action_net": "action"}
+    return {
+        new + key.removeprefix(old): value.detach().cpu().numpy()
+        for old, new in names.items()
+        for key, value in state.items()
+        if key.startswith(f"{old}.")
+    }

@@ -1,0 +1,117 @@
+"""`tsbench train ppo|carl`: PPO of Stable-Baselines3 on `tsbench/Drive-v0`, one process per simulation."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
+
+import tsbench.envs
+from tsbench.errors import InputError
+from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
+from tsbench.learn.rl_config import HYPER, Hyper, Job
+from tsbench.learn.rl_policy import actor_tensors, policy_of
+from tsbench.learn.rl_watch import Watch
+from tsbench.planners.learned_actions import HOLD_TICKS
+from tsbench.planners.weights import Network, save_weights
+
+_CHECKPOINT_S = 60.0
+
+
+class _Stopped(Exception):
+    """Asked to stop from outside."""
+
+
+def train(job: Job, tell: Callable[[str], None]) -> Network:
+    """Train up to `job.steps`, from the checkpoint below `job.out` if there is one; returns what it exported.
+
+    Raises KeyboardInterrupt, with a checkpoint of the last complete rollout, when it is interrupted or terminated.
+    """
+    if job.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: torch sees no CUDA device here")
+    job.out.mkdir(parents=True, exist_ok=True)
+    hyper = HYPER[job.planner]
+    torch.set_num_threads(hyper.threads)
+    environments = _environments(job, hyper)
+    try:
+        model = _model(job, hyper, environments)
+        before = Progress(0, 0.0, 0)
+        if has_checkpoint(job.out):
+            before = load_checkpoint(job.out, model, job.facts())
+            tell(f"continues at {before.steps:,} of {job.steps:,} steps")
+        environments.seed(sitting_seed(job.seed, before.sittings))
+        watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
+        if before.steps < job.steps:
+            _learn(model, watch, job.steps - before.steps)
+        return _export(job, hyper, model, watch.progress if before.steps < job.steps else before)
+    finally:
+        environments.close()
+
+
+def _learn(model: PPO, watch: Watch, steps: int) -> None:
+    def stop(*_: object) -> None:
+        raise _Stopped
+
+    old = signal.signal(signal.SIGTERM, stop)
+    try:
+        model.learn(steps, callback=watch, reset_num_timesteps=False, log_interval=1)
+        watch.keep()
+    except (_Stopped, KeyboardInterrupt):
+        # The last checkpoint may be a minute old; the networks are whole only between updates.
+        raise KeyboardInterrupt from None
+    finally:
+        signal.signal(signal.SIGTERM, old)
+
+
+def _environments(job: Job, hyper: Hyper) -> VecMonitor:
+    def make() -> gymnasium.Env[Any, Any]:
+        return gymnasium.make(
+            tsbench.envs.DRIVE, split="train", types=job.types, observation=hyper.observation, hold=HOLD_TICKS
+        )
+
+    return VecMonitor(SubprocVecEnv([make] * job.workers, start_method="forkserver"))
+
+
+def _model(job: Job, hyper: Hyper, environments: VecMonitor) -> PPO:
+    policy, arguments = policy_of(job.planner)
+    # As near to the rollout asked for as gives whole batches.
+    batches = hyper.rollout // hyper.batch
+    each = max(round(hyper.rollout / job.workers / batches), 1) * batches
+    model = PPO(
+        policy, environments,
+        learning_rate=lambda left: hyper.rate * left,
+        n_steps=each, batch_size=each * job.workers // batches, n_epochs=hyper.epochs,
+        gamma=hyper.gamma, gae_lambda=hyper.trace, clip_range=hyper.clip, ent_coef=hyper.entropy,
+        vf_coef=hyper.value, max_grad_norm=hyper.gradient, policy_kwargs=arguments,
+        device=job.device, seed=job.seed,
+    )  # fmt: skip
+    model.set_logger(configure(str(job.out / "tensorboard"), ["tensorboard"]))
+    return model
+
+
+def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
+    training = {
+        "command": command_of(sys.argv),
+        **job.facts(),
+        "steps": progress.steps,
+        "minutes": round(progress.seconds / 60.0, 1),
+        "sittings": progress.sittings,
+        "workers": job.workers,
+        "device": job.device,
+        "hyper": {name: getattr(hyper, name) for name in Hyper.__slots__},
+        "torch": torch.__version__,
+    }
+    return save_weights(job.planner, job.out, actor_tensors(job.planner, model.policy), training)
+
+
+def command_of(arguments: list[str]) -> str:
+    """The command line as a user would type it."""
+    return " ".join([Path(arguments[0]).name, *arguments[1:]])

@@ -1,0 +1,52 @@
+"""`carl`'s network: a small CNN on the raster, joined with measurements; Beta actions. About 2 M parameters."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
+
+LATENT = 256
+_WIDE = 768
+_MEASURED = 64
+
+
+class CarlTrunk(nn.Module):
+    """Raster (n, 9, 128, 128) in 0..1 and measurements (n, 10) to (n, LATENT)."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.image = nn.Sequential(
+            nn.Conv2d(CHANNELS, 16, 8, stride=4), nn.ReLU(),
+            nn.Conv2d(16, 32, 4, stride=2), nn.ReLU(),
+            nn.Conv2d(32, 64, 3, stride=2), nn.ReLU(),
+            nn.Flatten(),
+        )  # fmt: skip
+        with torch.no_grad():
+            size = int(self.image(torch.zeros(1, CHANNELS, PIXELS, PIXELS)).shape[1])
+        self.wide = nn.Sequential(nn.Linear(size, _WIDE), nn.ReLU())
+        self.measured = nn.Sequential(nn.Linear(MEASUREMENTS, _MEASURED), nn.ReLU())
+        self.joint = nn.Sequential(nn.Linear(_WIDE + _MEASURED, LATENT), nn.ReLU())
+
+    def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
+        """The latent that actor and critic share."""
+        seen = self.wide(self.image(raster))
+        latent: torch.Tensor = self.joint(torch.cat((seen, self.measured(measurements)), dim=1))
+        return latent
+
+
+class CarlActor(nn.Module):
+    """The actor alone: the likeliest action of its Beta densities."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.trunk = CarlTrunk()
+        self.action = nn.Linear(LATENT, 4)
+
+    def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
+        """(n, 2) actions in -1..1 from a uint8 raster and measurements."""
+        excess = nn.functional.softplus(self.action(self.trunk(raster.float() / 255.0, measurements)))
+        a, b = excess.chunk(2, dim=1)
+        mode: torch.Tensor = 2.0 * a / (a + b).clamp(min=1e-6) - 1.0
+        return mode

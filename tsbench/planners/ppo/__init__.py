@@ -1,0 +1,1 @@
+"""`ppo`: an MLP on 275 numbers, learned by PPO."""

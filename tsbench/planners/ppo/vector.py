@@ -1,0 +1,99 @@
+"""The 275 numbers that `ppo` sees, in MetaDrive's layout: 9 ego, 10 navigation, 16 neighbours, 240 lidar. Sign-blind.
+
+Source: spec/planners.md; MetaDrive (Li et al., arXiv 2109.12674) for the layout. All are about -1..1, float32:
+
+* ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the
+  right, speed that bends and the road's own limits allow
+* navigation: four points of the route (forward, left) each over its distance ahead; way to go (over 100 m); limit
+* neighbours: the four that come closest: place (forward, left, over 50 m), speed against the ego (over 20 m/s)
+* lidar: 240 distances over 50 m from the ego's centre, ray 0 ahead, counter-clockwise
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.geometry.polyline import Array
+from tsbench.maps.network import RoadNetwork
+from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.measurements import ahead, clip, motion, on_route, pace
+from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
+from tsbench.planners.road_area import road_edges
+from tsbench.planners.route_speed import RouteSpeed
+from tsbench.sim.world import Actors, EgoState
+
+Vector = npt.NDArray[np.float32]
+
+EGO, NAVIGATION, NEIGHBOURS = 9, 10, 16
+SIZE = EGO + NAVIGATION + NEIGHBOURS + RAYS
+
+_AHEAD_M = (6.0, 14.0, 26.0, 42.0)
+_NEIGHBOURS = NEIGHBOURS // 4
+_NOBODY = (1.0, 0.0, 0.0, 0.0)
+_ROOM_M, _PASSING_MPS = 10.0, 20.0
+_FORESIGHT_S = 4.0
+_PER_SECOND_M = 2.0
+_KEPT = 4
+
+
+class VectorEncoder:
+    """Makes the vectors of one episode after the other; keeps the outlines of the last few networks."""
+
+    def __init__(self) -> None:
+        self._outlines: list[tuple[RoadNetwork, Array]] = []
+        self._lidar: Lidar
+        self._speed: RouteSpeed
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
+        self._lidar = Lidar(self._outline(context.network))
+        self._speed = RouteSpeed()
+
+    def _outline(self, network: RoadNetwork) -> Array:
+        for known, edges in self._outlines:
+            if known is network:
+                return edges
+        edges = road_edges(network)
+        self._outlines = [(network, edges), *self._outlines[: _KEPT - 1]]
+        return edges
+
+    def encode(self, observation: Observation) -> Vector:
+        """(275,) float32."""
+        seen = self._lidar.scan(observation)
+        allowed, limit, way = pace(observation, self._speed)
+        left, right = float(seen[RAYS // 4]), float(seen[3 * RAYS // 4])
+        numbers = [
+            *motion(observation), *on_route(observation),
+            min(left / _ROOM_M, 1.0), min(right / _ROOM_M, 1.0), allowed,
+            *(value for distance in _AHEAD_M for value in ahead(observation, distance)),
+            way, limit,
+            *_neighbours(observation.actors, observation.ego),
+        ]  # fmt: skip
+        out = np.empty(SIZE, dtype=np.float32)
+        out[:-RAYS] = numbers
+        np.divide(seen, REACH_M, out=out[-RAYS:], casting="same_kind")
+        return out
+
+
+def _neighbours(actors: Actors, ego: EgoState) -> list[float]:
+    """Those first whose nearest distance within four seconds, both going straight on, is small and soon."""
+    found: list[tuple[float, float, float, float, float]] = []
+    c, s = math.cos(ego.heading), math.sin(ego.heading)
+    for (x, y, heading, _, _), speed in zip(actors.boxes, actors.speed.tolist(), strict=True):
+        dx, dy = x - ego.x, y - ego.y
+        far = dx * dx + dy * dy
+        if far > REACH_M * REACH_M:
+            continue
+        ux, uy = speed * math.cos(heading) - ego.speed * c, speed * math.sin(heading) - ego.speed * s
+        fast = ux * ux + uy * uy
+        soon = min(max(-(dx * ux + dy * uy) / fast, 0.0), _FORESIGHT_S) if fast > 1e-6 else 0.0
+        rank = math.hypot(dx + ux * soon, dy + uy * soon) + _PER_SECOND_M * soon
+        found.append((rank, c * dx + s * dy, c * dy - s * dx, c * ux + s * uy, c * uy - s * ux))
+    found.sort()
+    out: list[float] = []
+    for _, dx, dy, ux, uy in found[:_NEIGHBOURS]:
+        out += [dx / REACH_M, dy / REACH_M, clip(ux / _PASSING_MPS), clip(uy / _PASSING_MPS)]
+    return out + list(_NOBODY) * (_NEIGHBOURS - min(len(found), _NEIGHBOURS))
