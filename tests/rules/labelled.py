@@ -2,6 +2,8 @@
 
 A case (`tests/cases/<rule>/<case>.yaml`):
     what: one sentence.
+    shows: inside (just within what is allowed), outside (just beyond it) or elsewhere (another lane, arm or
+        direction); each type has one of each.
     net: name of a net under tests/cases/nets.
     mirrored: code of the target's plate in the mirror image, where that is another one.
     signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params.
@@ -10,8 +12,9 @@ A case (`tests/cases/<rule>/<case>.yaml`):
         order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases; the ego's
         are the length of the case, another keeps its last). Actors: id; as needed kind, length, width, route.
         Pedestrians go by points: they are on no lane.
-    expect: engaged; events: clause, at (s), and where they matter value, other; steps where it matters; completes,
-        when (s) the rule takes the episode for complete (null: never).
+    expect: engaged; events: clause, at (s), until where the clause lasts, value (to 0.01, or to `tolerance`),
+        threshold, other; steps where they are not all those of the events; completes, when (s) the rule takes the
+        episode for complete (null: never).
 """
 
 from __future__ import annotations

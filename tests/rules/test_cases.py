@@ -1,10 +1,11 @@
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from labelled import Judgement, Play, case_files, judge, play, read_case
+from labelled import Judgement, Play, Spec, case_files, judge, play, read_case
 from transform import Transform
 
 from tsbench.rules.base import Violation
@@ -19,6 +20,8 @@ VIEWS = {
     "mirrored_and_turned": Transform(mirror=True, angle=1.9, dx=400.0, dy=80.0),
 }
 FILES = case_files()
+# Rules that hold along a stretch of road, which may be broken, kept and broken again.
+ZONES = ("speed", "min_speed", "reserved_lane")
 TIME_TOLERANCE_S = 0.051
 
 
@@ -82,11 +85,49 @@ def test_case_has_the_same_verdict_elsewhere(path: Path) -> None:
             assert b.margin == pytest.approx(a.margin, abs=1e-6), name
 
 
-def test_every_rule_has_six_cases_and_every_clause_one() -> None:
-    cases = [(p.parent.name, read_case(p)) for p in FILES]
-    count = Counter(rule for rule, _ in cases)
-    broken = {(rule, e["clause"]) for rule, case in cases for e in case["expect"]["events"]}
-    for rule in MONITORS:
-        assert count[rule] >= 6, rule
-        for clause in load_catalog().rule(rule).clauses:
-            assert (rule, clause.id) in broken
+@dataclass
+class Shown:
+    """What the cases of one type show: how many there are, `shows`, kinds of verdict, clauses, clauses twice."""
+
+    count: int = 0
+    kinds: set[str] = field(default_factory=set)
+    clauses: set[str] = field(default_factory=set)
+    twice: set[str] = field(default_factory=set)
+
+    def add(self, case: Spec) -> None:
+        """Count one case."""
+        clauses = Counter(e["clause"] for e in case["expect"]["events"])
+        self.count += 1
+        self.kinds.add(case.get("shows", ""))
+        self.kinds.add("violation" if clauses else "pass" if case["expect"]["engaged"] else "not engaged")
+        self.clauses |= set(clauses)
+        self.twice |= {clause for clause, events in clauses.items() if events > 1}
+
+
+def _by_type() -> dict[str, Shown]:
+    """By scenario type; a case whose mirror image has another plate counts for that plate's type too."""
+    shown: dict[str, Shown] = defaultdict(Shown)
+    for case in (read_case(path) for path in FILES):
+        codes = {case["signs"][0]["code"], case.get("mirrored", case["signs"][0]["code"])}
+        for type_id in {load_catalog().sign(code).type_id for code in codes}:
+            shown[type_id].add(case)
+    return shown
+
+
+def test_every_type_is_shown_from_all_sides() -> None:
+    catalog, shown = load_catalog(), _by_type()
+    assert len(catalog.types) == 29
+    for kind in catalog.types:
+        rule, seen = catalog.sign(kind.codes[0]).rule, shown[kind.id]
+        wanted = {c.id for c in rule.clauses}
+        if len(rule.options.get("allowed_sides", ())) == 2:
+            wanted.remove("wrong_side")  # both are right
+        assert seen.count >= 6, kind.id
+        assert seen.kinds >= {"pass", "violation", "not engaged", "inside", "outside", "elsewhere"}, kind.id
+        assert seen.clauses == wanted, kind.id
+        if rule.name in ZONES:
+            assert seen.twice & wanted, kind.id
+
+
+def test_every_rule_has_cases() -> None:
+    assert {path.parent.name for path in FILES} == set(MONITORS) == set(load_catalog().rules)
