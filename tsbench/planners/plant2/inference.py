@@ -17,6 +17,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.weights import Tensors, load_weights, network
 
 # Slots for objects: an empty street costs less than a full one.
@@ -46,7 +47,7 @@ class Inference:
         return cls(network_of(size, load_weights(name, folder), name), device)
 
     def plans(self, records: at.Records) -> list[PlanView]:
-        """A plan for each of (b,) records of `layout.TOKENS`."""
+        """A plan for each of (b,) records of `layout.TOKENS` (or SIGN_TOKENS, where the network reads signs)."""
         groups: dict[int, list[int]] = {}
         for k, count in enumerate(np.count_nonzero(records["kinds"], axis=1).tolist()):
             groups.setdefault(next(b for b in BUCKETS if b >= count), []).append(k)
@@ -79,9 +80,9 @@ def wished_speed(logits: Array) -> float:
 
 
 def network_of(size: str, weights: Mapping[str, object] | Tensors, name: str) -> Plant2Network:
-    """A network with given tensors; InputError where they are not its own."""
+    """A network with given tensors, the fine-tuned one where they have a part of it; InputError where they fit none."""
     try:
-        net = Plant2Network(size)
+        net = Plant2FtNetwork(size) if "speed_token" in weights else Plant2Network(size)
         net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     except (KeyError, RuntimeError) as error:
         problem = " ".join(str(error).split())[:200]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Records = npt.NDArray[np.void]
+Record = np.void
 
 # Classes of object tokens; 0 is an empty slot.
 EMPTY, CAR, BUS, BICYCLE, PEDESTRIAN, STATIC = range(6)

@@ -148,7 +148,12 @@ class ClassProjection(nn.Module):
 
 
 class Plant2Network(nn.Module):
-    """Tokens in, a plan out. `size`: a name of SIZES."""
+    """Tokens in, a plan out. `size`: a name of SIZES.
+
+    Encoded tokens stand in this order: queries, route, limits, patch (`front` of them), objects.
+    """
+
+    front = QUERIES + 3
 
     def __init__(self, size: str) -> None:
         super().__init__()

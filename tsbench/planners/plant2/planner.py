@@ -18,7 +18,7 @@ from tsbench.planners.plant2.tokens import Tokeniser
 if TYPE_CHECKING:
     from tsbench.planners.plant2.inference import Inference
 
-WEIGHTS = "plant2-mini"
+WEIGHTS = "plant2"
 
 
 class Plant2:

@@ -37,7 +37,7 @@ class Tokeniser:
         self.fill(record[0], o, pose)
         return record
 
-    def fill(self, record: np.void, o: Observation, pose: Pose | None = None) -> list[int]:
+    def fill(self, record: at.Record, o: Observation, pose: Pose | None = None) -> list[int]:
         """Write the tokens into a zeroed record that has the fields of `layout.TOKENS`.
 
         Returns for each filled slot the object's row in `o.actors` (-1: an obstacle).

@@ -1,0 +1,131 @@
+"""Frames on disk, in chunks: a few drives each, as one NumPy file, made when they are first asked for.
+
+A chunk's content hangs on the plan and its number alone, so one that was dropped is the same when it is made again: the
+folder never grows beyond its bound, whatever the number of drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from tsbench.errors import InputError
+from tsbench.learn.frames import FRAME, Sampling, frames_of
+from tsbench.planners.plant2.layout import Records
+from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.run.episode import EpisodeRunner
+from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.seeds import rng_of
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+
+DRIVES_PER_CHUNK = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """An episode to take frames from: a scenario and who drives it."""
+
+    spec: ScenarioSpec
+    driver: str
+
+
+class FrameStore:
+    """The chunks of a list of drives below `folder`; at most `bound_bytes` of them at a time.
+
+    workers: processes that drive. progress: called with the number of drives after each chunk that was made.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        drives: Sequence[Drive],
+        sampling: Sampling,
+        *,
+        seed: int,
+        bound_bytes: int,
+        workers: int,
+        progress: Callable[[int], None],
+    ) -> None:
+        self._folder, self._sampling, self._seed = folder, sampling, seed
+        self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
+        self._bound, self._workers, self._progress = bound_bytes, workers, progress
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __len__(self) -> int:
+        return len(self._chunks)
+
+    def load(self, numbers: Sequence[int]) -> Records:
+        """All frames of some chunks, those that are missing made first."""
+        self._make([n for n in numbers if not self._path(n).is_file()])
+        frames = np.concatenate([self._read(n) for n in numbers])
+        self._drop(keep=set(numbers))
+        return frames
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"chunk-{number:05d}.npy"
+
+    def _read(self, number: int) -> Records:
+        try:
+            frames: Records = np.load(self._path(number), allow_pickle=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self._path(number)}: no frames ({error}): delete it") from None
+        if frames.dtype != FRAME:
+            raise InputError(f"{self._path(number)}: frames of another tsbench: delete {self._folder}")
+        return frames
+
+    def _make(self, numbers: list[int]) -> None:
+        if not numbers:
+            return
+        # libsumo has one simulation per process, and a crash of SUMO must not end the training.
+        with ProcessPoolExecutor(self._workers, mp_context=get_context("spawn")) as pool:
+            jobs = {
+                pool.submit(
+                    make_chunk, self._path(n), list(self._chunks[n]), self._sampling, (self._seed, n)
+                ): n
+                for n in numbers
+            }
+            for job in as_completed(jobs):
+                job.result()
+                self._progress(len(self._chunks[jobs[job]]))
+
+    def _drop(self, keep: set[int]) -> None:
+        """Delete chunks until the rest keeps to the bound; those in use last."""
+        paths = {n: self._path(n) for n in range(len(self)) if self._path(n).is_file()}
+        total = sum(path.stat().st_size for path in paths.values())
+        for number in sorted(paths, key=lambda n: (n in keep, n)):
+            if total <= self._bound or number in keep:
+                return
+            total -= paths[number].stat().st_size
+            paths[number].unlink()
+
+
+def make_chunk(path: Path, drives: list[Drive], sampling: Sampling, seed: tuple[int, int]) -> None:
+    """Drive and write the frames, all or nothing. Drives that end in an error of the simulation give none."""
+    loader, simulation = SceneLoader(), Simulation()
+    runners: dict[str, EpisodeRunner] = {}
+    tokeniser: Tokeniser | None = None
+    found: list[Records] = [np.zeros(0, dtype=FRAME)]
+    for drive in drives:
+        if drive.driver not in runners:
+            runners[drive.driver] = EpisodeRunner(
+                drive.driver, drive.driver, simulation=simulation, loader=loader
+            )
+        facts = runners[drive.driver].run(drive.spec).facts
+        if facts is None:
+            continue
+        roads = loader.load(drive.spec)[1]
+        if tokeniser is None or tokeniser.network is not roads.network:
+            tokeniser = Tokeniser(roads.network)
+        rng = rng_of("frames", *seed, drive.spec.scenario_id, drive.driver)
+        found.append(frames_of(facts, roads, tokeniser, sampling, rng))
+    simulation.close()
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.save(file, np.concatenate(found), allow_pickle=False)
+    part.replace(path)

@@ -1,0 +1,98 @@
+"""What `plant2-ft` reads of signs: a token for each plate in sight, and the sign that holds now, remembered.
+
+Weights hang on the order of both tables: a code that is added goes to the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from tsbench.planners.base import Observation, SignView
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.tokens import Pose
+from tsbench.sim.lanegraph import RoutePath
+
+_KMH_PER_MPS = 3.6
+# A plate is read by those whom it faces.
+_FACING_RAD = math.radians(60.0)
+
+# Codes that share a projection stand in one row: a side road from the right or from the left acts alike.
+CLASSES: tuple[tuple[str, ...], ...] = (
+    ("2.1",), ("2.3.1",), ("2.3.2", "2.3.3"), ("2.4",), ("2.5",), ("3.1",), ("3.2",), ("3.18.1",), ("3.18.2",),
+    ("3.24",), ("3.25",), ("4.1.1",), ("4.1.2",), ("4.1.3",), ("4.1.4",), ("4.1.5",), ("4.1.6",), ("4.2.1",),
+    ("4.2.2",), ("4.2.3",), ("4.3",), ("4.6",), ("5.7.1",), ("5.7.2",), ("5.11.1",), ("5.11.2",), ("5.14.1",),
+    ("5.14.2",), ("5.19",), ("5.21",), ("5.22",), ("5.31",), ("5.32",),
+)  # fmt: skip
+VALUES_KMH: dict[str, tuple[int, ...]] = {
+    "3.24": (20, 30, 40, 50), "3.25": (20, 30, 40, 50), "4.6": (40, 50, 60),
+    "5.31": (20, 30, 40, 50), "5.32": (20, 30, 40, 50),
+}  # fmt: skip
+
+
+def _vocabulary() -> Iterator[str]:
+    for code in (code for row in CLASSES for code in row):
+        values = VALUES_KMH.get(code, ())
+        yield from (f"{code}@{value}" for value in values)
+        if not values:
+            yield code
+
+
+# State 0 is "none or unknown".
+VOCABULARY: tuple[str, ...] = tuple(_vocabulary())
+_STATE = {word: k + 1 for k, word in enumerate(VOCABULARY)}
+_CLASS = {code: k + 1 for k, row in enumerate(CLASSES) for code in row}
+
+
+def state_of(sign: SignView) -> int:
+    """The vocabulary's number of a plate; 0 for an anonymous one and for a value that it has not."""
+    word = sign.code
+    if sign.code in VALUES_KMH:
+        word = f"{sign.code}@{0.0 if sign.value is None else sign.value:.0f}"
+    return _STATE.get(word, 0)
+
+
+class SignMemory:
+    """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one."""
+
+    def __init__(self) -> None:
+        self.state = 0
+        self._path: RoutePath | None = None
+        self._edges: frozenset[str] = frozenset()
+
+    def update(self, o: Observation) -> int:
+        """The state as of this tick."""
+        if o.route.path is not self._path:
+            self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
+        for sign in o.signs:
+            if sign.edge in self._edges and faces(sign, o.ego.heading):
+                self.state = state_of(sign)
+                break
+        return self.state
+
+
+def faces(sign: SignView, heading: float) -> bool:
+    """Is the plate turned towards one who drives at this heading?"""
+    return math.cos(sign.heading - heading) > math.cos(_FACING_RAD)
+
+
+def fill_signs(record: at.Record, o: Observation, pose: Pose, lane_order: int) -> None:
+    """Write `signs` and `sign_classes`, nearest first; anonymous plates have no class and leave no token.
+
+    lane_order: of the ego's lane, to which a plate's own lane is related.
+    """
+    x0, y0, heading = pose
+    c, s = math.cos(heading), math.sin(heading)
+    slot = 0
+    for sign in o.signs:
+        if sign.code not in _CLASS or slot == at.SIGNS:
+            continue
+        dx, dy, turn = sign.x - x0, sign.y - y0, sign.heading - heading
+        record["sign_classes"][slot] = _CLASS[sign.code]
+        record["signs"][slot] = (
+            (c * dx + s * dy) / at.POSITION_SCALE_M, (c * dy - s * dx) / at.POSITION_SCALE_M,
+            math.cos(turn), math.sin(turn),
+            (sign.value or 0.0) / _KMH_PER_MPS / at.SPEED_SCALE_MPS,
+            0.0 if sign.lane < 0 else 1.0 + sign.lane - lane_order,
+        )  # fmt: skip
+        slot += 1
