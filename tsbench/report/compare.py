@@ -13,7 +13,7 @@ from tsbench.metrics.compare import Comparison, compare
 from tsbench.run.reading import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
-_SELECTION = ("split", "types", "variants", "limit", "scenarios")
+SELECTION = ("split", "types", "variants", "limit", "scenarios")
 _EXPLAINS = ("mask_signs", "device")
 
 
@@ -118,7 +118,7 @@ def _selections(a: Side, b: Side, n_a: int, n_b: int, common: int, force: bool, 
     if n_a == n_b == common:
         return []
     first, second = (side.run.manifest["effective"] for side in (a, b))
-    same = all(first.get(key) == second.get(key) for key in _SELECTION)
+    same = all(first.get(key) == second.get(key) for key in SELECTION)
     if partial and same and a.run.contract == b.run.contract:
         return []
     counts = f"A has {n_a}, B has {n_b}, {common} in common"

@@ -1,0 +1,141 @@
+"""The sign-channel ablation: the same planner on the same scenes, with and without `--mask-signs`.
+
+Source: spec/metrics.md, "Analyses"; one variant of each test map gives 580 pairs. Differences as in `tsbench compare`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import pyarrow.compute as pc
+from matplotlib.figure import Figure
+
+from tsbench.errors import InputError
+from tsbench.metrics.compare import Comparison, PairedFigure, compare
+from tsbench.metrics.paired import Difference
+from tsbench.report.analyses.columns import COMPLETED, STRICT
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, put_title
+from tsbench.report.analyses.pool import Pool, check_contract, make_pool
+from tsbench.report.charts import INK, PALE
+from tsbench.report.forest import ForestRow, Mark, difference_mark, lost_won
+from tsbench.run.reading import read_run
+
+_METRICS = ("driving_score", "destination", "efficiency", "collision", "comfort")
+
+
+def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
+    """Pair masked runs with plain ones, planner by planner.
+
+    The scenes are those of the masked runs; plain runs may hold more. Raises InputError: no run of one kind, different
+    contracts, scenes without a partner, holes without `allow_partial`.
+    """
+    runs = [read_run(path) for path in paths]
+    kinds = {masked: [run for run in runs if bool(run.manifest["effective"]["mask_signs"]) == masked]
+             for masked in (False, True)}  # fmt: skip
+    if not kinds[False] or not kinds[True]:
+        lacking = "with" if kinds[False] else "without"
+        raise InputError(
+            f"the ablation needs runs with and without --mask-signs: none {lacking} it was given"
+        )
+    check_contract(kinds[False][0], kinds[True][0])
+    plain, masked = (make_pool(kinds[side], allow_partial) for side in (False, True))
+    common = [name for name in plain.planners if name in masked.planners]
+    if not common:
+        raise InputError(
+            f"no planner is in both: without --mask-signs {', '.join(plain.planners)}; "
+            f"with it {', '.join(masked.planners)}"
+        )
+    found = {name: _compare(plain, masked, name) for name in common}
+    return _analysis(plain, masked, found)
+
+
+def _compare(plain: Pool, masked: Pool, planner: str) -> Comparison:
+    a, b = plain.home[planner].of(planner), masked.home[planner].of(planner)
+    known = pc.is_in(b["scenario_id"], a["scenario_id"])
+    lacking = known.to_pylist().count(False)
+    if (lacking and not plain.holes.get(planner)) or lacking == len(b):
+        raise InputError(
+            f"{plain.home[planner].path}: {planner} has not driven {lacking} of the {len(b)} scenes of "
+            f"{masked.home[planner].path}: run it on the same selection"
+        )
+    b = b.filter(known)
+    a = a.filter(pc.is_in(a["scenario_id"], b["scenario_id"]))
+    return compare(a, b, seed=plain.contract)
+
+
+def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Analysis:
+    columns = (
+        *(Column(k, k, Kind.TEXT) for k in ("planner", "metric", "figure")), Column("pairs", "pairs", Kind.COUNT),
+        Column("with_signs", "with\nsigns", Kind.NUMBER), Column("masked", "masked", Kind.NUMBER),
+        Column("difference", "masked\n- with"), Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER),
+        Column("lost", "lost", Kind.COUNT), Column("gained", "gained", Kind.COUNT),
+        Column("maps", "maps", Kind.COUNT),
+    )  # fmt: skip
+    rows = tuple(row for name, c in found.items() for row in _rows(name, c))
+    pairs = sorted({c.pairs for c in found.values()})
+    told = "–".join(str(n) for n in dict.fromkeys((pairs[0], pairs[-1])))
+    missing = sum(sum(pool.holes.values()) for pool in (plain, masked))
+    title = f"PARTIAL, {missing} episodes missing: " if missing else ""
+    title += (
+        f"Sign-channel ablation: {told} paired episodes for each of {len(found)} planners, {masked.selection}"
+    )
+    alone = [name for name in (*plain.planners, *masked.planners) if name not in found]
+    notes = (
+        "SCD: sign-compliant and arrived, %, macro mean over types; other metrics are means over episodes. "
+        "Masked: plates are seen without code and value",
+        "masked - with: paired over the same scenes, 95 % interval (paired cluster bootstrap over maps); "
+        "p: exact McNemar; MDE: what is not significant would have been found with 80 % power from this on; "
+        "lost, gained: pairs that only the run with signs, only the masked one has",
+        "strict: error outcomes count as failures; completed, where it differs: pairs without an error outcome. "
+        "By type: tsbench compare RUN:PLANNER MASKED:PLANNER",
+        *([f"without a partner, left out: {', '.join(alone)}"] if alone else []),
+    )
+    table = Table(columns, rows, 4)
+    draw = partial(_draw, found, title, plain.contract)
+    return Analysis("ablation", title, plain.contract, table, notes, draw)
+
+
+def _panels(c: Comparison) -> dict[str, PairedFigure]:
+    return {ALL: c.overall, **c.groups}
+
+
+def _rows(planner: str, c: Comparison) -> Iterator[Row]:
+    named = {f"SCD, {name}": figure for name, figure in _panels(c).items()}
+    named |= {name: c.metrics[name] for name in _METRICS}
+    for k, (name, figure) in enumerate(named.items()):
+        yield Row(_cells(planner, name, STRICT, figure.main), starts=not k)
+        if figure.strict is not None and figure.strict.n != figure.completed.n:
+            yield Row(_cells(planner, name, COMPLETED, figure.completed), faint=True)
+
+
+def _cells(
+    planner: str, name: str, reading: str, d: Difference
+) -> tuple[str | int | float | Value | None, ...]:
+    return (planner, name, reading, d.n, d.a, d.b, Value.of(d), d.p, d.mde, d.lost, d.won, d.clusters)
+
+
+def _draw(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:
+    names = list(dict.fromkeys(name for c in found.values() for name in _panels(c)))
+    panels = {}
+    for name in names:
+        rows = []
+        for planner, c in found.items():
+            figure = _panels(c).get(name)
+            marks = () if figure is None else (difference_mark(figure, colour_of(name), mean=True),)
+            rows.append(ForestRow(planner, marks, "" if figure is None else lost_won(figure)))
+        panels[name] = rows
+    key = {
+        "significant (exact McNemar, 5 %)": Mark(0.0, 0.0, 0.0, INK, marker="D"),
+        "not significant": Mark(0.0, 0.0, 0.0, INK, marker="D", filled=False),
+        "minimum detectable effect": Mark(0.0, 0.0, 0.0, PALE, marker="|"),
+    }
+    unit = (
+        "SCD with signs masked minus SCD with signs, percentage points (strict), 95 % interval; "
+        "right: lost/gained of pairs"
+    )
+    drawing = forest_panels(panels, unit, (-100.0, 100.0), key)
+    put_title(drawing, title, contract)
+    return drawing

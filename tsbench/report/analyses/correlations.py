@@ -1,0 +1,156 @@
+"""Does a conventional metric say how well planners obey? Spearman's rank correlation with SCD, by group.
+
+A point is a planner; what is ranked is the planner's mean. So n is the number of planners, and the interval is about
+other planners of the same kind (Bonett and Wright 2000), not about other scenes. Planners that share their driver are
+no independent draws: the interval is the least that is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from math import atanh, sqrt, tanh
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tsbench.errors import InputError
+from tsbench.metrics.intervals import LEVEL
+from tsbench.metrics.records import METRICS
+from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_groups
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, published_mark, put_title
+from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.published import published, published_metric, published_scd
+from tsbench.report.charts import INK
+from tsbench.report.forest import ForestRow, Mark
+
+LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
+# What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.
+_METRICS = tuple(name for name in METRICS if name not in ("sign_compliance", "engaged"))
+
+_Points = Sequence[float | None]
+
+
+def spearman(x: _Points, y: _Points) -> Value:
+    """Spearman's correlation of the points that have both, from SciPy, with its 95 % interval and n.
+
+    Interval: Fisher's z with the standard error sqrt((1 + r^2 / 2) / (n - 3)) of Bonett and Wright (2000, Psychometrika
+    65, 23-28). None below five points, and where the ranks agree wholly: Fisher's z has no end there.
+    """
+    from scipy.stats import norm, spearmanr  # slow to import
+
+    points = [(a, b) for a, b in zip(x, y, strict=True) if a is not None and b is not None]
+    n = len(points)
+    if n < LEAST_PLANNERS:
+        return Value(None, n=n, reason=f"fewer than {LEAST_PLANNERS} planners")
+    first, second = (np.array(values) for values in zip(*points, strict=True))
+    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+        return Value(None, n=n, reason="the same for all planners")
+    r = float(spearmanr(first, second).statistic)
+    if n < LEAST_FOR_INTERVAL:
+        return Value(r, n=n, reason=f"fewer than {LEAST_FOR_INTERVAL} planners: no interval")
+    if abs(r) > 1.0 - 1e-9:
+        return Value(r, n=n, reason="ranks agree wholly: no interval")
+    reach = float(norm.ppf((1 + LEVEL) / 2)) * sqrt((1 + r * r / 2) / (n - 3))
+    return Value(r, tanh(atanh(r) - reach), tanh(atanh(r) + reach), n)
+
+
+def correlations(pool: Pool) -> Analysis:
+    """One row for each panel (all types, each group), metric and reading. Raises InputError below 3 planners."""
+    if len(pool.planners) < LEAST_PLANNERS:
+        raise InputError(
+            f"correlations are over planners: at least {LEAST_PLANNERS} are needed, the runs have {len(pool.planners)}"
+        )
+    columns = (
+        Column("group", "SCD of", Kind.TEXT), Column("metric", "metric", Kind.TEXT),
+        Column("figure", "figure", Kind.TEXT), Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
+        Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
+        Column("planners_overall", "planners", Kind.COUNT),
+        Column("published", "ρ, published,\nall episodes", decimals=2),
+        Column("planners_published", "planners", Kind.COUNT),
+    )  # fmt: skip
+    rows = []
+    differ = any(pool.records[name].error.any() for name in pool.planners)
+    for group in (None, *present_groups(pool)):
+        for k, metric in enumerate(_METRICS):
+            for reading in (STRICT, COMPLETED) if differ else (STRICT,):
+                first = reading == STRICT
+                told = _published(group, metric) if first else None
+                values = (
+                    _ours(pool, group, group, metric, reading),
+                    _ours(pool, group, None, metric, reading),
+                    told,
+                )
+                cells = [part for value in values for part in (value, None if value is None else value.n)]
+                rows.append(
+                    Row((group or ALL, metric, reading, *cells), starts=first and not k, faint=not first)
+                )
+    notes = (
+        "ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with SCD (macro mean over "
+        "types); below it its 95 % interval (Bonett and Wright 2000), from 5 planners on",
+        "strict: error outcomes count as failures where a metric has a value for that; completed: episodes without one",
+        "published: from the reference's table, which has no metric by group, over its planners, whichever ran here",
+        *_without(rows),
+    )
+    title = pool.title(f"Conventional metrics and SCD over {len(pool.planners)} planners")
+    table = Table(columns, tuple(rows), 3)
+    return Analysis("correlations", title, pool.contract, table, notes, partial(_draw, pool, title))
+
+
+def _ours(pool: Pool, group: str | None, over: str | None, metric: str, reading: str) -> Value:
+    """SCD of `group` against the metric over the episodes of `over`; None: all."""
+    figures = (p.overall if group is None else p.groups.get(group) for p in pool.summaries)
+    scd = [None if (e := pick(figure, reading)) is None else e.value for figure in figures]
+    return spearman([metric_mean(pool, name, over, metric, reading) for name in pool.planners], scd)
+
+
+def metric_mean(pool: Pool, planner: str, group: str | None, metric: str, reading: str) -> float | None:
+    """A metric's mean over a planner's episodes of a group (None: all), as in the summary; None where none counts."""
+    records, column = pool.records[planner], METRICS[metric]
+    values = records.values[column.column]
+    if reading == STRICT and column.failure is not None:
+        values = np.where(records.error, column.failure, values)
+    if group is not None:
+        values = values[np.array([g == group for g in records.groups])[records.kind]]
+    values = values[~np.isnan(values)]
+    # Rounded, so that noise in the last place breaks no tie.
+    return round(column.scale * float(values.mean()), 9) if len(values) else None
+
+
+def _published(group: str | None, metric: str) -> Value | None:
+    points = [(published_metric(name, metric), published_scd(name, group)) for name in published()]
+    return (
+        None
+        if all(x is None for x, _ in points)
+        else spearman([x for x, _ in points], [y for _, y in points])
+    )
+
+
+def _without(rows: Sequence[Row]) -> tuple[str, ...]:
+    """Why some have no value or no interval, once for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for row in rows:
+        if isinstance(value := row.cells[3], Value) and value.reason and row.cells[2] == STRICT:
+            reasons.setdefault(value.reason, []).append(f"{row.cells[0]} {row.cells[1]}")
+    return tuple(f"{reason}: {', '.join(names)}" for reason, names in reasons.items())
+
+
+def _draw(pool: Pool, title: str) -> Figure:
+    panels = {}
+    for group in (None, *present_groups(pool)):
+        rows = []
+        for metric in _METRICS:
+            ours, told = _ours(pool, group, group, metric, STRICT), _published(group, metric)
+            mark = Mark(ours.value, ours.low, ours.high, colour_of(group or ALL), width=2.0)
+            marks = (published_mark(None if told is None else told.value), mark)
+            rows.append(ForestRow(metric.replace("_", " "), marks, str(ours.n)))
+        panels[group or ALL] = rows
+    key = {
+        "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
+        "published, metric over all episodes": published_mark(0.0),
+    }
+    unit = "Spearman's ρ with SCD, from -1 to 1; right: planners"
+    figure = forest_panels(panels, unit, (-1.0, 1.0), key)
+    put_title(figure, title, pool.contract)
+    return figure

@@ -1,0 +1,79 @@
+"""SCD of every planner on every type, and the same as a heat map."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from matplotlib.figure import Figure
+
+from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_types
+from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.panels import put_title
+from tsbench.report.analyses.pool import Pool
+
+_HALF = 50.0
+
+
+def per_type(pool: Pool) -> Analysis:
+    """One row for each type; a second one, completed only, where some planner has error outcomes there."""
+    rows: list[Row] = []
+    last = ""
+    for kind, group in present_types(pool):
+        figures = [p.types.get(kind) for p in pool.summaries]
+        differ = any(f and f.strict and f.strict.n != f.completed.n for f in figures)
+        for reading in (STRICT, COMPLETED) if differ else (STRICT,):
+            cells: list[Cell] = []
+            for figure in figures:
+                estimate = pick(figure, reading)
+                cells += [Value.of(estimate), None if estimate is None else estimate.n]
+            first = reading == STRICT
+            rows.append(Row((group, kind, reading, *cells), starts=first and group != last, faint=not first))
+            last = group
+    columns = [Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)]
+    columns.append(Column("figure", "figure", Kind.TEXT))
+    for name in pool.planners:
+        columns += [Column(name, f"{name}\n%"), Column(f"{name}_episodes", "n", Kind.COUNT)]
+    notes = (
+        "SCD: sign-compliant and arrived, % of n episodes. Below each figure its 95 % interval (cluster bootstrap over "
+        "maps; Wilson where maps do not differ)",
+        "strict: error outcomes count as failures; completed, where it differs: episodes without an error outcome",
+    )
+    table = Table(tuple(columns), tuple(rows), 3, 12)
+    title = pool.title("SCD by type")
+    return Analysis("types", title, pool.contract, table, notes, partial(_draw, pool, title))
+
+
+def _draw(pool: Pool, title: str) -> Figure:
+    """Types from top to bottom, planners from left to right; strict figures."""
+    kinds, planners = present_types(pool), pool.summaries
+    figure = Figure(
+        figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained"
+    )
+    axes = figure.subplots()
+    found = {
+        (y, x): e.value
+        for y, (kind, _) in enumerate(kinds)
+        for x, p in enumerate(planners)
+        if (e := pick(p.types.get(kind), STRICT)) is not None and e.value is not None
+    }
+    shade = [[found.get((y, x), float("nan")) for x in range(len(planners))] for y in range(len(kinds))]
+    image = axes.imshow(shade, cmap="cividis", vmin=0.0, vmax=100.0, aspect="auto")
+    for (y, x), value in found.items():
+        colour = "black" if value > _HALF else "white"
+        axes.text(x, y, f"{value:.0f}", ha="center", va="center", fontsize=7, color=colour)
+    axes.set_xticks(range(len(planners)), [p.planner for p in planners], rotation=45, ha="right")
+    counts = [sorted({e.n for p in planners if (e := pick(p.types.get(kind), STRICT))}) for kind, _ in kinds]
+    axes.set_yticks(range(len(kinds)), [f"{kind} ({group})" for kind, group in kinds])
+    for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
+        label.set(fontsize=8, parse_math=False)
+    right = axes.secondary_yaxis("right")
+    right.set_yticks(
+        range(len(kinds)), [f"n {'–'.join(str(n) for n in dict.fromkeys((c[0], c[-1])))}" for c in counts]
+    )
+    right.tick_params(length=0, labelsize=7)
+    axes.tick_params(length=0)
+    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
+    bar.set_label("SCD, % of n episodes for each planner (strict)", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+    put_title(figure, title, pool.contract)
+    return figure

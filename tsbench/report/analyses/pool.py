@@ -1,0 +1,128 @@
+"""Stored runs that are analysed together: of one contract and one selection, each planner once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import pyarrow as pa
+
+from tsbench.errors import InputError
+from tsbench.metrics.aggregate import PlannerSummary, Summary, summarise
+from tsbench.metrics.records import Records, split_records
+from tsbench.report.analyses.published import in_published_order
+from tsbench.report.compare import SELECTION
+from tsbench.run.reading import StoredRun, read_run
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Runs whose planners drove the same scenarios. holes: scenarios without a record, by planner."""
+
+    runs: tuple[StoredRun, ...]
+    home: Mapping[str, StoredRun]
+    holes: Mapping[str, int]
+
+    @property
+    def contract(self) -> str:
+        """The hash that all runs share."""
+        return self.runs[0].contract
+
+    @property
+    def planners(self) -> tuple[str, ...]:
+        """Names of the planners that have records, in the order of the published table, others behind."""
+        return in_published_order(name for name in self.home if len(self.home[name].of(name)))
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Every figure of every planner."""
+        asked = {name: run.asked[name] for name, run in self.home.items()}
+        return summarise(
+            self._episodes, contract_hash=self.contract, asked=asked, allow_partial=bool(self.holes)
+        )
+
+    @cached_property
+    def records(self) -> dict[str, Records]:
+        """Records by planner."""
+        return split_records(self._episodes)
+
+    @cached_property
+    def summaries(self) -> tuple[PlannerSummary, ...]:
+        """Those of the planners, in their order."""
+        by_name = {p.planner: p for p in self.summary.planners}
+        return tuple(by_name[name] for name in self.planners)
+
+    @property
+    def selection(self) -> str:
+        """Which scenarios: split and variants, and whether signs were masked."""
+        effective = self.runs[0].manifest["effective"]
+        masked = ", signs masked" if effective["mask_signs"] else ""
+        return f"{effective['split']} split, variants {effective['variants']}{masked}"
+
+    def title(self, what: str) -> str:
+        """What is shown, of what; where records are missing that comes first."""
+        warning, _, rest = self.summary.title.rpartition(": ")
+        text = f"{what}: {rest}, {self.selection}"
+        return f"{warning}: {text}" if warning else text
+
+    @property
+    def _episodes(self) -> pa.Table:
+        return pa.concat_tables([run.episodes for run in self.runs])
+
+
+def read_pool(paths: Sequence[Path], allow_partial: bool) -> Pool:
+    """Read and check runs. Raises InputError: unreadable runs, and all that `make_pool` refuses."""
+    return make_pool([read_run(path) for path in paths], allow_partial)
+
+
+def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:
+    """Put runs together.
+
+    Raises InputError: different contracts or selections, signs masked in some only, a planner twice, and without
+    `allow_partial` scenarios that have no record.
+    """
+    first = runs[0]
+    home: dict[str, StoredRun] = {}
+    for run in runs:
+        check_contract(first, run)
+        _check_selection(first, run)
+        for name in run.asked:
+            if name in home:
+                raise InputError(
+                    f"planner {name} is in {home[name].path} and in {run.path}: give it once only"
+                )
+            home[name] = run
+    holes = {name: k for name, run in home.items() if (k := run.holes(name))}
+    if holes and not allow_partial:
+        named = ", ".join(f"{name}: {k} of {home[name].asked[name]}" for name, k in holes.items())
+        raise InputError(f"scenarios without a record ({named}): continue the run, or pass --allow-partial")
+    pool = Pool(tuple(runs), home, holes)
+    if not pool.planners:
+        raise InputError(f"{', '.join(str(run.path) for run in runs)}: no episode is finished yet")
+    return pool
+
+
+def check_contract(a: StoredRun, b: StoredRun) -> None:
+    """InputError where two runs have different contracts."""
+    if a.contract != b.contract:
+        raise InputError(
+            f"{a.path} has contract {a.contract}, {b.path} has {b.contract}: rules, scenes or versions differ, "
+            "so their scores do not belong into one table"
+        )
+
+
+def _check_selection(a: StoredRun, b: StoredRun) -> None:
+    first, second = a.manifest["effective"], b.manifest["effective"]
+    for key in SELECTION:
+        if first.get(key) != second.get(key):
+            told = (f"{first.get(key)}", f"{second.get(key)}") if key != "types" else ("some", "others")
+            raise InputError(
+                f"{a.path} and {b.path} have different scenarios ({key}: {told[0]}, {told[1]}): "
+                "analyse runs of the same selection together"
+            )
+    if bool(first.get("mask_signs")) != bool(second.get("mask_signs")):
+        raise InputError(
+            f"signs are masked in one of {a.path} and {b.path} only: tsbench analyse ablation compares such runs"
+        )

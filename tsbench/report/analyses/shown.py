@@ -1,0 +1,93 @@
+"""Cells as readers see them: in the terminal, and in LaTeX."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
+
+DASH = "–"
+# Two lines in a cell: the value, below it the ends of its interval.
+_BREAK = "\n"
+# Longer names are folded where there is no room.
+_GAP, _NAME = 2, 28
+
+
+def print_analysis(analysis: Analysis, console: Console) -> None:
+    """Title, table, notes, contract."""
+    console.print(Text(analysis.title, style="bold yellow" if is_partial(analysis) else "bold"))
+    for block in _blocks(analysis.table, console.width):
+        console.print(_rich(analysis.table, block))
+    for line in (*analysis.notes, analysis.contract_line):
+        if line:
+            console.print(Text(line, style="dim"), soft_wrap=line == analysis.contract_line)
+
+
+def is_partial(analysis: Analysis) -> bool:
+    """Does the title say that records are missing?"""
+    return analysis.title.startswith("PARTIAL")
+
+
+def lines_of(column: Column, cell: Cell) -> tuple[str, ...]:
+    """A cell as one or two lines of plain text."""
+    if isinstance(cell, Value):
+        if cell.value is None:
+            return (DASH,)
+        if cell.low is None or cell.high is None:
+            return (_number(cell.value, column.decimals),)
+        low, high = (_number(end, column.decimals) for end in (cell.low, cell.high))
+        # A minus sign beside the dash between the ends would be hard to read.
+        between = " to " if "-" in low + high else DASH
+        return _number(cell.value, column.decimals), f"{low}{between}{high}"
+    if cell is None:
+        return ("" if column.kind is Kind.TEXT else DASH,)
+    if isinstance(cell, float):
+        if column.kind is Kind.P:
+            return ("<0.001" if cell < 0.001 else f"{cell:.3f}",)
+        return (_number(cell, column.decimals),)
+    return (str(cell),)
+
+
+def _number(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def _blocks(table: Table, width: int) -> list[tuple[int, ...]]:
+    """Columns (by number) of the parts that are printed below each other."""
+    wide = [_width(table, k) + _GAP for k in range(len(table.columns))]
+    fixed = tuple(range(table.fixed))
+    blocks: list[tuple[int, ...]] = [fixed]
+    for k in range(table.fixed, len(table.columns)):
+        if len(blocks[-1]) > table.fixed and sum(wide[j] for j in (*blocks[-1], k)) > width:
+            blocks.append(fixed)
+        blocks[-1] += (k,)
+    return blocks
+
+
+def _width(table: Table, k: int) -> int:
+    column = table.columns[k]
+    lines = [*column.head.split("\n"), *(x for row in table.rows for x in lines_of(column, row.cells[k]))]
+    return max(cell_len(line) for line in lines)
+
+
+def _rich(table: Table, block: tuple[int, ...]) -> RichTable:
+    shown = RichTable(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, _GAP, 0, 0))
+    for k in block:
+        column = table.columns[k]
+        side: Literal["left", "right"] = "left" if column.kind is Kind.TEXT else "right"
+        shown.add_column(
+            Text(column.head), justify=side, overflow="fold", min_width=min(_width(table, k), _NAME)
+        )
+    for row in table.rows:
+        if row.starts and shown.row_count:
+            shown.add_section()
+        cells = (Text(_BREAK.join(lines_of(table.columns[k], row.cells[k]))) for k in block)
+        shown.add_row(*cells, style="dim" if row.faint else None)
+    return shown
