@@ -10,6 +10,7 @@ from tsbench.cli import LazyGroup
 COMMANDS = {
     "ppo": ("tsbench.cli.train_rl:ppo", "PPO on 275 numbers: ego, navigation, neighbours, lidar."),
     "carl": ("tsbench.cli.train_rl:carl", "PPO on a bird's-eye raster, with the reward of CaRL."),
+    "plant2": ("tsbench.cli.train_plant2:plant2", "Imitation of sign-blind driving by a transformer."),
 }
 
 

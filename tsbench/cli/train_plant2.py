@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tsbench.run.plan import DEVICES
+from tsbench.planners.batched import DEVICES
 
 
 @click.command()
@@ -32,7 +32,10 @@ from tsbench.run.plan import DEVICES
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
 @click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True)
 @click.option(
-    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes that drive; default: one per core."
+    "--workers",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Processes that drive, threads that learn; default: one per core.",
 )
 @click.option(
     "--cache-gb",

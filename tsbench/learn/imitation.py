@@ -52,6 +52,7 @@ def train(
     if place.device == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: torch sees no CUDA device here")
     place.out.mkdir(parents=True, exist_ok=True)
+    torch.set_num_threads(place.workers)
     return Trainer(recipe, place, rows, tell).run()
 
 

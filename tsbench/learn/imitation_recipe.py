@@ -47,7 +47,10 @@ class Recipe:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where and with what a training runs. cache_bytes: bound of the frames on disk."""
+    """Where and with what a training runs.
+
+    workers: processes that drive, threads that learn. cache_bytes: bound of the frames on disk.
+    """
 
     out: Path
     device: str

@@ -69,7 +69,8 @@ def tensors(batch: at.Records, slots: int = at.OBJECTS) -> dict[str, torch.Tenso
     found = {}
     for name in batch.dtype.names or ():
         values = batch[name][:, :slots] if name in ("objects", "kinds") else batch[name]
-        found[name] = torch.from_numpy(np.ascontiguousarray(values))
+        # A record's fields lie apart, which torch does not take, and a view of one row passes for contiguous.
+        found[name] = torch.from_numpy(values.copy())
     return found
 
 

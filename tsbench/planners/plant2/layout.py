@@ -54,7 +54,8 @@ TOKENS = np.dtype(
         ("route", np.float32, (ROUTE_POINTS, 2)),
         ("limits", np.float32, (len(LIMIT_AHEAD_M),)),
         ("patch", np.uint8, (PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS)),
-    ]
+    ],
+    align=True,
 )
 SIGN_TOKENS = np.dtype(
     [
@@ -62,5 +63,6 @@ SIGN_TOKENS = np.dtype(
         ("signs", np.float32, (SIGNS, SIGN_FEATURES)),
         ("sign_classes", np.uint8, (SIGNS,)),
         ("sign_state", np.uint8),
-    ]
+    ],
+    align=True,
 )

@@ -1,0 +1,126 @@
+"""`plant2` as a planner: blind to signs, repeatable, and a controller that does what a plan says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from learned_scenes import Recorder, record, with_signs
+
+from tsbench.planners.base import Control, Privilege
+from tsbench.planners.expert import Expert
+from tsbench.planners.plant2.control import Gains, control
+from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.network_ft import Plant2FtNetwork
+from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.weights import save_weights
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.ego import Motion, advance
+from tsbench.sim.world import EgoState
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recorder:
+    return record()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    where: Path = tmp_path_factory.mktemp("weights")
+    torch.manual_seed(1)
+    for name, kind in (("plant2", Plant2Network), ("plant2-ft", Plant2FtNetwork)):
+        arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
+        save_weights(name, where, arrays, {"size": "mini"})
+    return where
+
+
+def commands(planner: Plant2, drive: Recorder, *, signs: bool) -> list[Control]:
+    planner.reset(drive.context)
+    return [planner.act(with_signs(o) if signs else o) for o in drive.seen]
+
+
+def test_masking_signs_changes_nothing(drive: Recorder, folder: Path) -> None:
+    planner = Plant2(folder=folder)
+    assert commands(planner, drive, signs=True) == commands(planner, drive, signs=False)
+
+
+def test_same_episode_same_commands(drive: Recorder, folder: Path) -> None:
+    first = Plant2(folder=folder)
+    once = commands(first, drive, signs=False)
+    assert commands(first, drive, signs=False) == once
+    assert commands(Plant2(folder=folder), drive, signs=False) == once
+    assert len({c.acceleration for c in once}) > 1
+
+
+def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
+    planner = Plant2(folder=folder)
+    alone = commands(planner, drive, signs=False)[:8]
+    for size in range(1, 9):
+        assert planner.act_batch(drive.seen[:size]) == alone[:size]
+
+
+def test_the_fine_tuned_one_heeds_signs_and_what_held_before(drive: Recorder, folder: Path) -> None:
+    planner = Plant2Ft(folder=folder)
+    blind = commands(planner, drive, signs=False)
+    assert commands(planner, drive, signs=True) != blind
+    assert commands(planner, drive, signs=False) == blind
+
+
+def test_an_expert_wraps_it(drive: Recorder, folder: Path) -> None:
+    o = drive.seen[0]
+    rule = load_catalog().sign("3.24").rule
+    sign = SignInstance("t", "3.24", 20.0, "sc", -1, 5.0, o.ego.x, o.ego.y, o.ego.heading, "target")
+    expert = Expert(Plant2(folder=folder))
+    expert.reset(replace(drive.context, privilege=Privilege(sign, rule)))
+    assert math.isfinite(expert.act(o).acceleration)
+
+
+def straight(offset: float = 0.0, turn: float = 0.0) -> np.ndarray:
+    at = np.arange(1.0, 21.0)
+    return np.column_stack((at * math.cos(turn), at * math.sin(turn) + offset))
+
+
+def ego(speed: float) -> EgoState:
+    return EgoState(0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0, 0, 0.0, 0.0, True)
+
+
+def test_control_brakes_speeds_up_and_steers_to_the_right_side() -> None:
+    gains = Gains()
+    assert control(straight(), 10.0, ego(5.0), gains).acceleration == gains.most
+    assert control(straight(), 2.0, ego(10.0), gains).acceleration == gains.least
+    assert control(straight(), 8.0, ego(8.0), gains).acceleration == pytest.approx(0.0)
+    assert control(straight(0.5), 8.0, ego(8.0), gains).steering > 0.0
+    assert control(straight(-0.5), 8.0, ego(8.0), gains).steering < 0.0
+
+
+def test_a_wish_below_walking_is_a_halt() -> None:
+    gains = Gains()
+    state = Motion(0.0, 0.0, 0.0, 1.5)
+    for _ in range(60):
+        here = EgoState(0.0, 0.0, 0.0, state.speed, state.acceleration, 0.0, 0.0, 0, 0.0, 0.0, True)
+        state = advance(state, control(straight(), 0.3, here, gains).acceleration, 0.0)
+    assert state.speed < 0.01
+
+
+@pytest.mark.parametrize("speed", [2.0, 8.0, 14.0])
+def test_control_comes_back_to_a_line_without_swinging(speed: float) -> None:
+    m = Motion(0.0, 1.0, math.radians(5.0), speed)
+    sides = []
+    for _ in range(round(60.0 / speed / 0.1)):
+        points = np.column_stack((m.x + np.arange(1.0, 21.0), np.zeros(20)))
+        c, s = math.cos(m.heading), math.sin(m.heading)
+        seen = (points - (m.x, m.y)) @ np.array([[c, -s], [s, c]])
+        here = EgoState(
+            m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, 0, 0.0, 0.0, True
+        )
+        command = control(seen, speed, here, Gains())
+        m = advance(m, command.acceleration, command.steering)
+        sides.append(m.y)
+    assert abs(sides[-1]) < 0.05
+    assert min(sides) > -0.3
