@@ -41,7 +41,8 @@ def comparison(pool: Pool) -> Analysis | None:
 
 def _compare(pool: Pool, first: str, other: str) -> Comparison:
     a, b = (pool.home[name].of(name) for name in (first, other))
-    common = pa.array(sorted(set(a["scenario_id"].to_pylist()) & set(b["scenario_id"].to_pylist())))
+    mine, theirs = ({str(name) for name in table["scenario_id"].to_pylist()} for table in (a, b))
+    common = pa.array(sorted(mine & theirs))
     a, b = (table.filter(pc.is_in(table["scenario_id"], common)) for table in (a, b))
     return compare(a, b, seed=pool.contract)
 

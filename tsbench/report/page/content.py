@@ -8,6 +8,8 @@ from typing import Any
 
 from markupsafe import Markup
 
+from tsbench.report.analyses.correlations import LEAST_PLANNERS, correlations
+from tsbench.report.analyses.failures import failures
 from tsbench.report.analyses.intervals import intervals
 from tsbench.report.analyses.main_table import main_table
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
@@ -20,6 +22,8 @@ from tsbench.report.page.stock import Stock
 from tsbench.report.page.svg import inline_svg
 
 Section = dict[str, Any]
+# What a narrow screen leaves out of a heat map.
+_ROOM_FOR_SHARES = ("group", "figure")
 
 
 def sections(pool: Pool) -> Iterator[Section]:
@@ -30,18 +34,25 @@ def sections(pool: Pool) -> Iterator[Section]:
     compared = comparison(pool)
     if compared is not None:
         yield {"id": "planners", "head": "Planners compared", **show(compared)}
+    yield {"id": "failures", "head": "Failures", **show(failures(pool), fold=True)}
+    if len(pool.planners) >= LEAST_PLANNERS:
+        yield {"id": "correlations", "head": "What goes with SCD", **show(correlations(pool), fold=True)}
 
 
 def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: bool = False) -> Section:
     """An analysis for the template. heat: colour shares; figure: with its chart; fold: hide the table at first."""
     table = analysis.table
     drawn = inline_svg(analysis.draw, analysis.name) if analysis.draw is not None and figure else Markup()
-    columns = [_column(c) for c in table.columns]
+    columns = [{**_column(c), "minor": heat and c.key in _ROOM_FOR_SHARES} for c in table.columns]
+    counted = next((k for k, c in enumerate(table.columns) if c.key == "n"), None)
     rows = [
         {
             "faint": row.faint,
             "starts": row.starts,
-            "cells": [_cell(c, v, heat) for c, v in zip(table.columns, row.cells, strict=True)],
+            "cells": [
+                _cell(c, v, heat, None if counted is None else row.cells[counted])
+                for c, v in zip(table.columns, row.cells, strict=True)
+            ],
             "type": _text(table, row.cells, "type"),
         }
         for row in table.rows
@@ -57,7 +68,8 @@ def _column(column: Column) -> dict[str, Any]:
     return {"head": head, "unit": " ".join(unit), "text": column.kind is Kind.TEXT, "key": column.key}
 
 
-def _cell(column: Column, cell: Cell, heat: bool) -> dict[str, Any]:
+def _cell(column: Column, cell: Cell, heat: bool, n: Cell) -> dict[str, Any]:
+    """n: what the row as a whole rests on; a figure that rests on fewer says so."""
     first, *below = lines_of(column, cell)
     shown: dict[str, Any] = {
         "text": first,
@@ -68,6 +80,8 @@ def _cell(column: Column, cell: Cell, heat: bool) -> dict[str, Any]:
     if isinstance(cell, Value):
         counted = f"n = {cell.n:,}" if cell.n is not None else ""
         shown["title"] = ", ".join(part for part in (counted, cell.reason) if part)
+        if isinstance(n, int) and cell.n is not None and cell.value is not None and cell.n != n:
+            shown["below"] = [*below, counted]
         if heat and cell.value is not None:
             shown["heat"] = round(min(max(cell.value, 0.0), 100.0), 1)
     return shown
@@ -110,7 +124,6 @@ _YES = {"yes": "good", "no": "bad"}
 _COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "planner", "label": "planner", "kind": "text", "filter": "choice"},
     {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
-    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
     {"name": "outcome", "label": "outcome", "kind": "text", "filter": "choice"},
     {"name": "sign_compliant", "label": "obeyed", "kind": "flag", "filter": "choice", "marks": _YES,
      "title": "no violation of the sign's rule; – for an error outcome"},
@@ -119,11 +132,12 @@ _COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "violation_clause", "label": "clause", "kind": "text", "filter": "choice"},
     {"name": "measured", "label": "measured", "kind": "text", "title": "first violation: value / threshold"},
     {"name": "violation_time_s", "label": "at", "kind": "number", "unit": "s", "minor": True},
+    {"name": "told", "label": "what happened", "kind": "text", "minor": True, "wide": True},
     {"name": "driving_score", "label": "DS", "kind": "number", "unit": "%", "minor": True},
+    {"name": "scenario_id", "label": "scenario", "kind": "text", "filter": "text"},
     {"name": "map_id", "label": "map", "kind": "text", "filter": "text", "minor": True},
     {"name": "variant", "label": "variant", "kind": "number", "digits": 0, "minor": True},
-    {"name": "scenario_id", "label": "scenario", "kind": "text", "filter": "text"},
-    {"name": "told", "label": "what happened", "kind": "text", "minor": True},
+    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
     {"name": "playable", "label": "player", "kind": "flag", "filter": "choice", "minor": True},
 )  # fmt: skip
 

@@ -44,7 +44,7 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
 def _adapt(element: etree._Element, name: str) -> None:
     attributes = element.attrib
     if "id" in attributes:
-        attributes["id"] = f"{name}-{attributes['id']}"
+        attributes["id"] = f"{name}-{attributes['id']!s}"
     if _LINK in attributes:
         attributes[_LINK] = str(attributes[_LINK]).replace("#", f"#{name}-")
     for key in ("clip-path", "style", "fill", "stroke"):

@@ -18,6 +18,14 @@ tsb.number = (value, digits = 1) =>
   value === null || value === undefined ? "–" : Number(value).toLocaleString("en", {
     minimumFractionDigits: digits, maximumFractionDigits: digits });
 
+/* A colour of base.css as the theme has it now, for canvases. */
+tsb.colour = (name) => {
+  const probe = document.body.appendChild(tsb.el("i", { style: `color:var(${name})` }));
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+};
+
 /* --- themes: as the system has it, or chosen -------------------------------------------------------------------- */
 tsb.themed = new Set(); // called when the colours change
 (() => {

@@ -30,6 +30,11 @@ tsb.player = (() => {
     const mix = (a) => a[at + k] + share * (a[at + n] - a[at + k]);
     return { x: mix(track.x), y: mix(track.y), h: mix(track.h) };
   }
+  let colours = new Map(); // of the theme
+  const colour = (name) => {
+    if (!colours.has(name)) colours.set(name, tsb.colour(name));
+    return colours.get(name);
+  };
   const seconds = () => episode.start + tick * episode.dt;
   const begun = () => episode.events.filter((event) => event.start_s <= seconds() + 1e-6);
 
@@ -59,8 +64,7 @@ tsb.player = (() => {
   /* Speed over time; red where a rule of the target is broken, amber where that of another sign is. */
   function line() {
     const canvas = get("line"), c = canvas.getContext("2d"), ratio = devicePixelRatio || 1;
-    const box = canvas.getBoundingClientRect(), style = getComputedStyle(document.documentElement);
-    const ink = getComputedStyle(canvas).color, colour = (name) => style.getPropertyValue(name).trim();
+    const box = canvas.getBoundingClientRect(), ink = colour("--ink");
     canvas.width = Math.round(box.width * ratio); canvas.height = Math.round(box.height * ratio);
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     const left = 34, right = 10, top = 6, bottom = 20, w = box.width - left - right, h = box.height - top - bottom;
@@ -111,9 +115,11 @@ tsb.player = (() => {
     get("verdict").replaceChildren(...told);
   }
   function story(event) {
-    const most = Math.max(Math.abs(event.value), Math.abs(event.threshold), 1e-9) * 1.15;
+    const low = Math.min(0, event.value, event.threshold), high = Math.max(0, event.value, event.threshold, low + 1e-9);
+    const place = (value) => (92 * (value - low)) / (high - low) + 4; // %
     const bar = (label, value, name) => el("div", { class: "measure" }, el("span", {}, label),
-      el("span", { class: "bar" }, el("span", { class: name, style: `width:${(100 * Math.abs(value) / most).toFixed(1)}%` })),
+      el("span", { class: "bar" }, el("span", { class: name, style:
+        `left:${place(Math.min(0, value)).toFixed(1)}%;width:${Math.max(place(Math.max(0, value)) - place(Math.min(0, value)), 0.8).toFixed(1)}%` })),
       el("span", { class: "figure" }, `${tsb.number(value, 1)} ${event.unit}`));
     return el("div", { class: event.target ? "story" : "story other" },
       el("p", {}, el("button", { type: "button", on: { click: () => jump(event) } }, `${tsb.number(event.start_s, 1)} s`),
@@ -235,7 +241,7 @@ tsb.player = (() => {
   on("next", "click", () => go(1));
   on("close", "click", () => dialog.close());
   dialog.addEventListener("close", () => { pause(); asked++; episode = null; history.replaceState(null, "", "#episodes"); });
-  tsb.themed.add(() => draw());
+  tsb.themed.add(() => { colours = new Map(); draw(); });
   dialog.addEventListener("keydown", (event) => {
     if (!episode || event.ctrlKey || event.metaKey || event.altKey) return;
     const field = event.target.tagName, key = event.key;

@@ -22,7 +22,7 @@ tsb.tableOptions = { "episode-table": (() => {
       for (const link of document.querySelectorAll("[data-filter]"))
         link.addEventListener("click", () => api.filter(JSON.parse(link.dataset.filter)));
       addEventListener("hashchange", follow);
-      follow();
+      Promise.resolve().then(follow); // when the table has its rows
     },
   };
 })() };

@@ -2,7 +2,8 @@
  *
  * table: {columns, rows, values} as packing.pack_table makes it. A column is {name, label, kind}, and may have
  *   filter: "choice" (a list) or "text" (part of it), digits and unit of numbers, minor: left out on narrow screens,
- *   words: [no, yes, unknown] of a flag, title: what its header means.
+ *   wide: a text that may be folded, words: [no, yes, unknown] of a flag, marks: a class for each of its texts,
+ *   title: what its header means.
  * options: open(row, rows) is called for a row that is opened, can(row) says whether it can be, label(row) names it;
  *   ready(api) gets {filter(values), text(name, row), rows}. */
 tsb.table = (host, table, options = {}) => {
@@ -17,7 +18,9 @@ tsb.table = (host, table, options = {}) => {
   const wanted = new Map();
   let order = null, down = false, shown = page, rows = [];
 
-  const controls = el("div", { class: "filters", role: "search", "aria-label": `Filter ${host.dataset.label || "rows"}` });
+  const controls = el("div", { class: "filters" });
+  const folded = el("details", { open: innerWidth > 640, role: "search", "aria-label": `Filter ${host.dataset.label || "rows"}` },
+    el("summary", {}, "Filters"), controls);
   const inputs = new Map();
   for (const column of table.columns.filter((c) => c.filter)) {
     const id = `${host.id}-${column.name}`;
@@ -49,10 +52,10 @@ tsb.table = (host, table, options = {}) => {
   const body = el("tbody");
   const more = el("button", { type: "button", on: { click: () => { shown += 200; draw(); } } }, "show more");
   const scroll = el("div", { class: "scroll", tabindex: "0" }, el("table", {}, el("thead", {}, head), body));
-  host.append(controls, count, scroll, more);
+  host.append(folded, count, scroll, more);
 
   function cls(column) {
-    return [column.kind === "number" ? "number" : "", column.minor ? "minor" : ""].join(" ").trim();
+    return [column.kind === "number" ? "number" : "", column.minor ? "minor" : "", column.wide ? "wide" : ""].join(" ").trim();
   }
   function set(name, value) {
     if (value) wanted.set(name, value); else wanted.delete(name);

@@ -1,0 +1,200 @@
+"""`tsbench view`: reports of runs on the loopback interface, their players packed when they are asked for.
+
+Nothing of an address ever becomes a path: it names a run by its number, an episode by its row, a network by a hash that
+an episode named before, a plate by its key in the catalogue. Only requests that name this very host are answered, so
+that no page of another site can read runs through a name that resolves to this machine.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from tsbench.errors import InputError
+from tsbench.report.analyses.pool import Pool, read_pool
+from tsbench.report.page.episode import EpisodePacker, pack_plate
+from tsbench.report.page.report import served_page
+from tsbench.report.page.shell import render_page
+from tsbench.report.page.stock import Stock, take_stock
+from tsbench.run.manifest import NAME, read_manifest
+from tsbench.run.reading import is_run
+
+HOST = "127.0.0.1"
+_RUN = re.compile(r"/run/(\d{1,6})/")
+_DATA = re.compile(r"/run/(\d{1,6})/data/(episode|roads|plate)/([^/]{1,80})")
+_HTML, _TEXT, _PACKED = "text/html; charset=utf-8", "text/plain; charset=utf-8", "application/octet-stream"
+
+
+class NotThere(Exception):
+    """What was asked for does not exist: one line for whoever asked."""
+
+
+@dataclass
+class Opened:
+    """A run that somebody has looked at. mark: of its manifest, so that a run that goes on is read again."""
+
+    mark: tuple[int, int]
+    pool: Pool
+    stock: Stock
+    page: bytes
+    roads: dict[str, bytes] = field(default_factory=dict)
+
+
+class Library:
+    """The runs that are served, read when first asked for. Requests come from several threads: one at a time reads."""
+
+    def __init__(self, runs: Sequence[Path]) -> None:
+        self.runs = tuple(runs)
+        self._opened: dict[int, Opened] = {}
+        self._packer = EpisodePacker()
+        self._lock = threading.Lock()
+
+    def index(self) -> bytes:
+        """The page that lists all runs."""
+        rows = [{"number": k, "path": str(path), **_told(path)} for k, path in enumerate(self.runs)]
+        return render_page("runs.html", title="tsbench runs", runs=rows, served=True).encode()
+
+    def page(self, number: int) -> bytes:
+        """A run's report. Raises NotThere, and InputError for a run that cannot be read."""
+        with self._lock:
+            return self._open(number).page
+
+    def data(self, number: int, kind: str, name: str) -> bytes:
+        """Packed data of a run's page. Raises NotThere, and InputError for a trace that cannot be shown."""
+        with self._lock:
+            run = self._open(number)
+            if kind == "episode":
+                return self._episode(run, name)
+            if kind == "plate":
+                try:
+                    return pack_plate(name)
+                except ValueError as problem:
+                    raise NotThere(f"plate {name}: {problem}") from None
+            if name not in run.roads:
+                raise NotThere(f"no roads {name}")
+            return run.roads[name]
+
+    def _episode(self, run: Opened, name: str) -> bytes:
+        row = int(name) if name.isascii() and name.isdecimal() else -1
+        path = run.stock.traces.get(row)
+        if path is None:
+            raise NotThere(f"no trace of episode {name}")
+        home = run.pool.home[run.stock.rows[row]["planner"]].path
+        if not path.resolve().is_relative_to(home.resolve()):
+            raise NotThere(f"the trace of episode {name} lies outside its run")
+        packed = self._packer.pack(path, run.stock.key(row))
+        run.roads[packed.net] = packed.roads
+        return packed.episode
+
+    def _open(self, number: int) -> Opened:
+        if number >= len(self.runs):
+            raise NotThere(f"no run {number}")
+        path = self.runs[number]
+        try:
+            state = (path / NAME).stat()
+        except OSError:
+            raise NotThere(f"{path}: no run folder any more") from None
+        mark = (state.st_mtime_ns, state.st_size)
+        opened = self._opened.get(number)
+        if opened is None or opened.mark != mark:
+            pool = read_pool([path], allow_partial=True)
+            stock = take_stock(pool)
+            opened = Opened(mark, pool, stock, served_page(pool, stock, f"/run/{number}/data/").encode())
+            self._opened[number] = opened
+        return opened
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """A run's line in the list: what its manifest says, or why it cannot be read."""
+    try:
+        manifest = read_manifest(path)
+        if manifest is None:
+            return {"problem": "no run folder any more"}
+        counts = manifest["counts"] or {}
+        return {
+            "problem": "", "planners": ", ".join(str(p["name"]) for p in manifest["planners"]),
+            "status": str(manifest["status"]), "started": str(manifest["started"]),
+            "contract": str(manifest["contract"]), "asked": counts.get("asked"), "finished": counts.get("finished"),
+        }  # fmt: skip
+    except InputError as problem:
+        return {"problem": str(problem)}
+    except (KeyError, TypeError, AttributeError) as problem:
+        return {"problem": f"not the manifest of a tsbench run ({problem!r})"}
+
+
+def make_server(runs: Sequence[Path], port: int) -> ThreadingHTTPServer:
+    """A server of `runs` on the loopback interface; port 0: any that is free. Raises InputError."""
+    library = Library(runs)
+
+    class Handler(_Handler):
+        shelf = library
+
+    try:
+        return ThreadingHTTPServer((HOST, port), Handler)
+    except OSError as problem:
+        raise InputError(f"port {port}: {problem.strerror or problem}; choose another with --port") from None
+
+
+def runs_below(folder: Path) -> list[Path]:
+    """The run folders in a folder. Raises InputError where there is none."""
+    found = sorted(path for path in folder.glob("*") if is_run(path)) if folder.is_dir() else []
+    if not found:
+        raise InputError(f"{folder}: no run folders in it; name some: tsbench view RUN…")
+    return found
+
+
+class _Handler(BaseHTTPRequestHandler):
+    shelf: Library
+    server_version, sys_version = "tsbench", ""
+    protocol_version = "HTTP/1.1"
+    timeout = 30
+
+    def do_GET(self) -> None:
+        try:
+            self._answer(HTTPStatus.OK, *self._find())
+        except NotThere as problem:
+            self._answer(HTTPStatus.NOT_FOUND, _TEXT, f"{problem}\n".encode())
+        except InputError as problem:
+            self._answer(HTTPStatus.UNPROCESSABLE_ENTITY, _TEXT, f"{problem}\n".encode())
+        except (BrokenPipeError, ConnectionResetError):
+            # Who asked has gone away.
+            self.close_connection = True
+
+    do_HEAD = do_GET  # noqa: N815
+
+    def _find(self) -> tuple[str, bytes]:
+        """Content type and body of what the address names."""
+        host, port = self.connection.getsockname()[:2]
+        if self.headers.get("Host") not in (f"{host}:{port}", f"localhost:{port}"):
+            raise NotThere("this server answers only to its own address")
+        path = unquote(urlsplit(self.path).path)
+        if path == "/":
+            return _HTML, self.shelf.index()
+        if found := _RUN.fullmatch(path):
+            return _HTML, self.shelf.page(int(found[1]))
+        if found := _DATA.fullmatch(path):
+            return _PACKED, self.shelf.data(int(found[1]), found[2], found[3])
+        raise NotThere("nothing here")
+
+    def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        headers = {
+            "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
+            "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
+            "Cross-Origin-Resource-Policy": "same-origin",
+        }  # fmt: skip
+        for name, value in headers.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """The terminal stays quiet: whoever asked sees what went wrong."""
