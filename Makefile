@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 OSM ?= sumo_nets/sources
 READY := $(VENV)/.ready
+# CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
+COMMONROAD := tests/report/export/commonroad-requirements.txt
 
 .PHONY: run test torture setup lint format maps scenarios bench clean
 
@@ -21,10 +23,12 @@ torture: setup
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints.txt $(COMMONROAD)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,ray,dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,ray,mcap,dev]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
+		--target $(VENV)/commonroad --requirement $(COMMONROAD)
 	touch $@
 
 lint: setup

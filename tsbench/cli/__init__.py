@@ -17,8 +17,11 @@ from tsbench.errors import InputError, TsbenchError
 COMMANDS = {
     "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
     "compare": ("tsbench.cli.compare:compare", "Compare two planners, scenario by scenario."),
+    "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
+    "view": ("tsbench.cli.view:view", "Look at runs in a browser on this machine."),
     "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
     "render": ("tsbench.cli.render:render", "Draw episodes of a run as PNG, GIF or MP4."),
+    "export": ("tsbench.cli.export:export", "Write episodes as CommonRoad XML or MCAP."),
     "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
     "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),

@@ -27,7 +27,7 @@ JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
 TRACES, ERRORS = "traces", "errors"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
 _FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", *TABLES))
-_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "report"))
+_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report"))
 
 
 # What a continued run takes over from its earlier sessions.
