@@ -32,6 +32,7 @@ def main(arguments: list[str] | None = None) -> None:
     with ExitStack() as stack:
 
         def options(**given):
+            # It was blocked at the start: no program can answer Ctrl-C before its first import is done.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             return Options(**given, runner=runner, limits=limits)
 
@@ -56,7 +57,5 @@ def pausing(append):
 
 
 if __name__ == "__main__":
-    # The command line answers Ctrl-C with one line, but no program can before its first import is done.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     faults.install()
     main()

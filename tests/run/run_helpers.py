@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -86,6 +87,7 @@ class Bench:
         return subprocess.Popen(
             self.command(*arguments), cwd=self.folder, env={**self.env, **env}, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}),
         )  # fmt: skip
 
     def start_paused(self, lines: int, *arguments: str) -> subprocess.Popen[str]:

@@ -25,6 +25,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.rules.base import Verdict, Violation
+from tsbench.run.record import one_line
 from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.lanegraph import LaneGraph
@@ -152,7 +153,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "planner": result.planner,
         "scenario": _plain(asdict(result.spec)),
         "outcome": str(result.outcome),
-        "error": result.error,
+        "error": one_line(result.error),
         "contact": None if facts.contact is None else asdict(facts.contact),
         "target": verdict_to_dict(facts.target),
         "others": [verdict_to_dict(v) for v in facts.others],
