@@ -14,7 +14,7 @@ from tsbench.planners.learned_actions import HOLD_TICKS
 class Hyper:
     """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
 
-    rollout: steps of all environments between updates. rate: of Adam, falling to nothing over the run. threads: of
+    rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
     torch; an MLP this small only loses by sharing its work out, the more so on a busy machine.
     """
 

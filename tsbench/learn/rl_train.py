@@ -24,6 +24,8 @@ from tsbench.planners.learned_actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
 
 _CHECKPOINT_S = 60.0
+# Share of the learning rate that is left at the end.
+_LAST_RATE = 0.1
 
 
 class _Stopped(Exception):
@@ -87,7 +89,7 @@ def _model(job: Job, hyper: Hyper, environments: VecMonitor) -> PPO:
     each = max(round(hyper.rollout / job.workers / batches), 1) * batches
     model = PPO(
         policy, environments,
-        learning_rate=lambda left: hyper.rate * left,
+        learning_rate=lambda left: hyper.rate * (_LAST_RATE + (1.0 - _LAST_RATE) * left),
         n_steps=each, batch_size=each * job.workers // batches, n_epochs=hyper.epochs,
         gamma=hyper.gamma, gae_lambda=hyper.trace, clip_range=hyper.clip, ent_coef=hyper.entropy,
         vf_coef=hyper.value, max_grad_norm=hyper.gradient, policy_kwargs=arguments,

@@ -1,0 +1,116 @@
+"""Training of `ppo` and `carl`: what is learned is what drives, and a broken-off training goes on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from safetensors.numpy import load_file
+from scipy import stats
+
+from tsbench.errors import InputError
+from tsbench.learn import rl_train
+from tsbench.learn.rl_checkpoint import sitting_seed
+from tsbench.learn.rl_config import HYPER, Job
+from tsbench.learn.rl_policy import BetaActions, actor_tensors, policy_of
+from tsbench.planners.carl.planner import RECORD, Carl
+from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
+from tsbench.planners.ppo.planner import Ppo
+from tsbench.planners.ppo.vector import SIZE
+from tsbench.planners.weights import network, save_weights
+
+ACTIONS = spaces.Box(-1.0, 1.0, (2,), np.float32)
+SEEN: dict[str, spaces.Space[Any]] = {
+    "ppo": spaces.Box(-2.0, 2.0, (SIZE,), np.float32),
+    "carl": spaces.Dict(
+        {
+            "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
+            "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
+        }
+    ),
+}
+
+
+def policy(planner: str) -> Any:
+    torch.manual_seed(1)
+    kind, arguments = policy_of(planner)
+    made = kind(SEEN[planner], ACTIONS, lambda _: 1e-3, **arguments)
+    # Fresh heads are all but zero: make the actions differ.
+    torch.nn.init.normal_(made.action_net.weight, std=0.5)
+    return made
+
+
+def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
+    made = policy("ppo")
+    save_weights("ppo", tmp_path, actor_tensors("ppo", made), {})
+    seen = np.random.default_rng(0).uniform(-1, 1, (5, SIZE)).astype(np.float32)
+    wanted, _ = made.predict(seen, deterministic=True)
+    assert np.allclose(np.clip(Ppo(tmp_path).infer(seen), -1, 1), wanted, atol=1e-5)
+    assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2
+
+
+def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
+    made = policy("carl")
+    save_weights("carl", tmp_path, actor_tensors("carl", made), {})
+    records = np.zeros(4, dtype=RECORD)
+    rng = np.random.default_rng(0)
+    records["bev"] = rng.integers(0, 256, records["bev"].shape)
+    records["measurements"] = rng.uniform(-1, 1, records["measurements"].shape)
+    wanted, _ = made.predict({k: records[k] for k in ("bev", "measurements")}, deterministic=True)
+    assert np.ptp(wanted) > 0.01
+    assert np.allclose(Carl(tmp_path).infer(records), wanted, atol=1e-4)
+
+
+def test_beta_actions_have_the_density_of_the_textbook() -> None:
+    raw = torch.tensor([[0.3, -0.5, 1.2, 0.1]])
+    actions = BetaActions(2).proba_distribution(raw)
+    x = torch.tensor([[0.2, -0.6]])
+    a, b = (1.0 + torch.nn.functional.softplus(raw)[0]).numpy().reshape(2, 2)
+    wanted = stats.beta(a, b, loc=-1.0, scale=2.0).logpdf(x[0].numpy()).sum()
+    assert float(actions.log_prob(x)) == pytest.approx(wanted, abs=1e-4)
+    assert float(actions.entropy()) == pytest.approx(
+        stats.beta(a, b, loc=-1.0, scale=2.0).entropy().sum(), abs=1e-4
+    )
+    mode = actions.mode()[0].numpy()
+    density = stats.beta(a, b, loc=-1.0, scale=2.0).pdf
+    assert (density(mode) >= density(mode + 1e-3)).all()
+    assert (density(mode) >= density(mode - 1e-3)).all()
+    drawn = torch.cat([actions.sample() for _ in range(50)])
+    assert bool((drawn.abs() <= 1.0).all())
+
+
+def test_no_sitting_draws_what_another_drew() -> None:
+    assert len({sitting_seed(seed, k) for seed in range(5) for k in range(5)}) == 25
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1)
+    monkeypatch.setattr(rl_train, "HYPER", {"ppo": small})
+    told: list[str] = []
+    job = Job("ppo", tmp_path, 16, 1, 3, "cpu", ("speed_limit",))
+    first = rl_train.train(job, told.append)
+    before = load_file(tmp_path / "checkpoint.safetensors")
+    assert first.training["steps"] == 16
+    assert Ppo(tmp_path).infer(np.zeros((1, SIZE), dtype=np.float32)).shape == (1, 2)
+
+    second = rl_train.train(replace(job, steps=32), told.append)
+    after = load_file(tmp_path / "checkpoint.safetensors")
+    assert second.training["steps"] == 32
+    assert second.training["sittings"] == 2
+    assert second.weights.sha256 != first.weights.sha256
+    assert after["adam.0.step"] == 2 * before["adam.0.step"] > 0
+    assert any("continues at 16 of 32" in line for line in told)
+    curve = [json.loads(line) for line in (tmp_path / "curve.jsonl").read_text().splitlines()]
+    assert [row["steps"] for row in curve] == [16, 32]
+    assert list((tmp_path / "tensorboard").glob("events.*"))
+
+    with pytest.raises(InputError, match="seed 3, not 4"):
+        rl_train.train(replace(job, seed=4, steps=48), told.append)

@@ -1,0 +1,94 @@
+"""`ppo` and `carl` as planners, with random weights."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo, with_signs
+
+from tsbench.errors import InputError
+from tsbench.planners.carl.planner import Carl
+from tsbench.planners.learned import LearnedPlanner
+from tsbench.planners.learned_actions import HOLD_TICKS, accelerate, aim, steer
+from tsbench.planners.ppo.planner import Ppo
+from tsbench.planners.weights import save_weights
+
+Make = Callable[[Path], LearnedPlanner]
+BOTH = [
+    pytest.param(lambda p: Ppo(save_ppo(p)), id="ppo"),
+    pytest.param(lambda p: Carl(save_carl(p)), id="carl"),
+]
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recorder:
+    return record()
+
+
+@pytest.mark.parametrize("make", BOTH)
+def test_signs_change_nothing(make: Make, drive: Recorder, tmp_path: Path) -> None:
+    planner = make(tmp_path)
+    planner.reset(drive.context)
+    blind = [planner.act(o) for o in drive.seen]
+    planner.reset(drive.context)
+    assert [planner.act(with_signs(o)) for o in drive.seen] == blind
+
+
+@pytest.mark.parametrize("make", BOTH)
+def test_a_decision_does_not_hang_on_its_batch(make: Make, drive: Recorder, tmp_path: Path) -> None:
+    planner = make(tmp_path)
+    planner.reset(drive.context)
+    seen = drive.seen[::HOLD_TICKS]
+    alone = [planner.act(o) for o in seen]
+    assert planner.act_batch(seen) == alone
+    assert planner.act_batch(seen[::-1])[::-1] == alone
+    assert planner.act_batch(seen[2:5]) == alone[2:5]
+    assert len({c.acceleration for c in alone}) > 1
+
+
+@pytest.mark.parametrize("make", BOTH)
+def test_an_action_holds(make: Make, drive: Recorder, tmp_path: Path) -> None:
+    planner = make(tmp_path)
+    planner.reset(drive.context)
+    accelerations = [planner.act(o).acceleration for o in drive.seen]
+    for k, o in enumerate(drive.seen):
+        assert accelerations[k] == accelerations[o.step - o.step % HOLD_TICKS]
+
+
+def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:
+    save_weights("carl", tmp_path, ppo_tensors(), {})
+    with pytest.raises(InputError, match="are not those of carl's network") as caught:
+        Carl(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_cnn_has_about_two_million_parameters() -> None:
+    from tsbench.planners.carl.network import CarlActor
+
+    assert 1.9e6 < sum(p.numel() for p in CarlActor().parameters()) < 2.3e6
+
+
+def test_torch_waits_until_carl_is_made() -> None:
+    code = (
+        "import sys, tsbench.planners.ppo.planner, tsbench.planners.carl.planner, tsbench.planners.builtin\n"
+        "sys.exit('torch' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_actions_mean_what_they_say(drive: Recorder) -> None:
+    o = drive.seen[5]
+    assert accelerate(1.0) == 2.4
+    assert accelerate(-1.0) == -5.0
+    assert accelerate(0.0) == 0.0
+    assert np.all(np.diff([accelerate(v) for v in np.linspace(-1, 1, 21)]) > 0)
+    assert abs(aim(0.0, 0.0, o).steering) < 1e-3
+    assert aim(0.0, 1.0, o).steering > 0.02
+    assert aim(0.0, -1.0, o).steering == pytest.approx(-aim(0.0, 1.0, o).steering, abs=1e-3)
+    assert steer(0.0, 1.0, o).steering == pytest.approx(np.radians(40.0))
+    assert aim(7.0, 9.0, o) == aim(1.0, 1.0, o)
