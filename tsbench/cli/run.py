@@ -10,8 +10,9 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.console import table_console
+from tsbench.planners.batched import DEVICES
 from tsbench.run.executor import EXECUTORS
-from tsbench.run.plan import DEVICES, TRACES, VARIANTS, Request
+from tsbench.run.plan import TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Ending, Options
 from tsbench.run.session import run as run_session

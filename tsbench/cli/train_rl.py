@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tsbench.run.plan import DEVICES
+from tsbench.planners.batched import DEVICES
 
 
 def _options(steps: int, out: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

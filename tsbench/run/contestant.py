@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import tsbench.planners
+from tsbench.planners.batched import DEVICES, is_served
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.sources import closure
 
@@ -20,7 +21,7 @@ _OWN = ("tsbench.planners",)
 
 
 def describe(spec: str) -> dict[str, Any]:
-    """Name, spec, privileged, sign_access, weights_sha256 and code_sha256 (None where there is none).
+    """Name, spec, privileged, sign_access, served_on, weights_sha256 and code_sha256 (None where there is none).
 
     Raises:
         InputError: there is no such planner, or it does not import.
@@ -31,6 +32,7 @@ def describe(spec: str) -> dict[str, Any]:
         "spec": loaded.spec,
         "privileged": loaded.privileged,
         "sign_access": loaded.sign_access,
+        "served_on": [device for device in DEVICES if is_served(loaded.factory, device)],
         "weights_sha256": None if loaded.weights is None else loaded.weights.sha256,
         "code_sha256": _code_sha256(_source(loaded)),
     }

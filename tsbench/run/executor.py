@@ -13,6 +13,8 @@ from tsbench.run.process import Setup
 from tsbench.run.record import Record
 
 EXECUTORS = ("local", "ray")
+# Episodes at once for each core, where an inference process answers them in batches.
+_CROWD = 4
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def own_cores() -> int:
 
 
 def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> Executor:
-    """An executor, one of EXECUTORS. workers: how many, None = one for each core; never more than `most`.
+    """An executor, one of EXECUTORS. workers: how many, None = one for each core, and more where those mostly wait for
+    an inference process; never more than `most`.
 
     Raises InputError where Ray is asked for and not installed, or its cluster cannot be reached.
     """
@@ -71,4 +74,5 @@ def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> 
         return RayExecutor(workers, most, limits)
     from tsbench.run.workers import Pool
 
-    return Pool(min(workers or own_cores(), most), limits)
+    cores = own_cores()
+    return Pool(min(workers or cores, most), limits, crowd=min(workers or _CROWD * cores, most))

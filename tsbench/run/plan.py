@@ -17,7 +17,6 @@ from tsbench.signs.catalog import Catalog
 
 VARIANTS = ("0", "all", "one-per-map")
 TRACES = ("none", "violations", "all")
-DEVICES = ("cpu", "cuda")
 
 
 @dataclass(frozen=True)

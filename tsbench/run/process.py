@@ -24,8 +24,9 @@ TAIL_BYTES = 1 << 16
 _READ_BYTES = 1 << 18
 _LAST_READS = 8
 _LAST_GASP_MS = 2000
-# One simulation is one thread; maths libraries that start one thread per core only get in each other's way.
-_ONE_THREAD = dict.fromkeys(
+# One simulation is one thread; maths libraries that start one thread per core only get in each other's way, and how
+# many there are decides how their sums are rounded.
+ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"),
     "1",
 )
@@ -37,7 +38,7 @@ class Setup:
 
     runner: module:Class of the episode runner. planners: what `contestant.describe` says of each, in order.
     out: the run folder, for traces. trace: none, violations, all. split, contract: what a worker on another machine
-    must have too.
+    must have too. inference: where the inference process listens, "" = each worker has networks of its own.
     """
 
     runner: str
@@ -48,6 +49,7 @@ class Setup:
     out: str
     split: str
     contract: str
+    inference: str = ""
 
 
 class WorkerProcess:
@@ -82,7 +84,7 @@ class WorkerProcess:
             pass_fds=fds,
             # A session of its own: Ctrl-C reaches the parent only, killing the group its children too.
             start_new_session=True,
-            env={**os.environ, **_ONE_THREAD, "PYTHONFAULTHANDLER": "1"},
+            env={**os.environ, **ONE_THREAD, "PYTHONFAULTHANDLER": "1"},
         )
         os.close(log_write)
         os.close(pulse_fd)

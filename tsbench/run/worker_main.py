@@ -31,6 +31,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 Message = dict[str, Any]
 
 _PR_SET_PDEATHSIG = 1
+# By name: it needs nothing of this module, and a run without such planners nothing of it.
+_SERVED = "tsbench.run.serving:ServedRunner"
 
 
 class Runner(Protocol):
@@ -126,12 +128,16 @@ class Worker:
             self.close()
             who = self._setup["planners"][planner]
             self._pulse.beat(PLANNING)
-            self._runner = _load(self._setup["runner"])(
+            kind, more = self._setup["runner"], {}
+            if self._setup["inference"] and self._setup["device"] in who["served_on"]:
+                kind, more = _SERVED, {"inference": self._setup["inference"]}
+            self._runner = _load(kind)(
                 who["spec"],
                 who["name"],
                 mask_signs=self._setup["mask_signs"],
                 device=self._setup["device"],
                 heartbeat=self._pulse.beat,
+                **more,
             )
             self._current = planner
             self._pulse.begin(self._pulse.task)

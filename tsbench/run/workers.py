@@ -6,8 +6,9 @@ import selectors
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
@@ -19,6 +20,9 @@ from tsbench.run.process import Message, Setup, WorkerProcess, cause_of_end
 from tsbench.run.pulse import PHASE_NAMES, PLANNING
 from tsbench.run.record import Record, error_row, lost_timing
 
+if TYPE_CHECKING:
+    from tsbench.run.serving import InferenceServer
+
 _TICK_S = 0.25
 _FAREWELL_S = 2.0
 _STILLBORN = 3
@@ -29,8 +33,11 @@ _FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM)
 class Pool:
     """The executor of this machine: worker processes."""
 
-    def __init__(self, count: int, limits: Limits | None = None) -> None:
+    def __init__(self, count: int, limits: Limits | None = None, crowd: int | None = None) -> None:
+        """crowd: how many workers, where they wait for an inference process more than they work; None = `count`."""
         self._limits = limits or Limits()
+        self._crowd = crowd or count
+        self._server: InferenceServer | None = None
         self._memory: list[MemoryUse] = []
         self._workers: list[WorkerProcess | None] = [None] * count
         self._selector = selectors.DefaultSelector()
@@ -58,6 +65,8 @@ class Pool:
             worker.end()
         self._workers = [None] * len(self._workers)
         self._selector.close()
+        if self._server is not None:
+            self._server.close()
 
     def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
         """What each planner is, asked in a worker: importing one may end a process, which shall not be ours."""
@@ -72,7 +81,7 @@ class Pool:
         self, setup: Setup, tasks: HandOut, keep: Callable[[Record], None], stop: Callable[[], bool]
     ) -> None:
         """Run all tasks: see `Executor`."""
-        self._setup = setup
+        setup = self._setup = self._served(setup)
         for worker in self._workers:
             if worker is not None:
                 worker.configure(setup)
@@ -90,12 +99,27 @@ class Pool:
                 # It would go on, and write its trace behind our back.
                 self._drop(slot, worker)
 
+    def _served(self, setup: Setup) -> Setup:
+        """The setup with an inference process, where a planner's batches pay: on a GPU always."""
+        wanted = any(setup.device in planner["served_on"] for planner in setup.planners)
+        if not wanted or (setup.device == "cpu" and self._crowd == 1):
+            return setup
+        from tsbench.run.serving import InferenceServer
+
+        if self._server is None:
+            with told_plainly(Path("starting the inference process")):
+                self._server = InferenceServer(setup.device)
+        self._workers += [None] * (self._crowd - len(self._workers))
+        return replace(setup, inference=self._server.address)
+
     def memory(self) -> list[MemoryUse]:
         """What the workers took, those that have ended included."""
         return [use for use in self._memory if use.episodes]
 
     def _renew(self) -> None:
         """Let go of workers that have grown too large; `_fill` starts others in their places."""
+        if self._server is not None:
+            self._server.revive()
         for slot, worker in enumerate(self._workers):
             if worker is not None and worker.outgrown and not worker.held:
                 self._drop(slot, worker)

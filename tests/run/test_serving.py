@@ -1,0 +1,97 @@
+"""One inference process for all workers: the same bytes as a network in each of them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsbench.errors import InputError
+from tsbench.planners.batched import is_served
+from tsbench.planners.idm import Idm
+from tsbench.run.inference_main import Desk
+from tsbench.run.serving import InferenceServer, Line
+from tsbench.run.tables import read_table
+
+PLANNER = f"{Path(__file__).with_name('served_planner.py')}:Steady"
+
+
+def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -> Path:
+    out = tmp_path / name
+    arguments = [
+        "--planner",
+        PLANNER,
+        "--split",
+        "test",
+        "--types",
+        "yield",
+        "--limit",
+        "6",
+        "--trace",
+        "none",
+    ]
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("tsbench")), "run", *arguments, "--workers", str(workers), "--out", str(out)],
+        env={**os.environ, "SERVED_LOG": str(tmp_path / f"{name}.log"), **more},
+        capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    assert done.returncode == expect, done.stderr
+    return out
+
+
+def made(tmp_path: Path, name: str) -> list[str]:
+    return (tmp_path / f"{name}.log").read_text().split()
+
+
+def test_served_or_not_gives_the_same_bytes(tmp_path: Path) -> None:
+    alone, served = run(tmp_path, "alone", 1), run(tmp_path, "served", 3)
+    assert set(made(tmp_path, "alone")) == {"own"}
+    assert set(made(tmp_path, "served")) == {"served"}
+    for name in ("episodes.parquet", "violations.parquet"):
+        assert (alone / name).read_bytes() == (served / name).read_bytes()
+
+
+def test_a_network_that_does_not_load_is_an_error_of_its_episodes(tmp_path: Path) -> None:
+    episodes = read_table(run(tmp_path, "broken", 2, expect=1, SERVED_BROKEN="1") / "episodes.parquet")
+    assert set(episodes["outcome"].to_pylist()) == {"planner_error"}
+    assert all("no such layer" in error for error in episodes["error"].to_pylist())
+
+
+def test_an_inference_process_that_keeps_dying_ends_the_run(tmp_path: Path) -> None:
+    run(tmp_path, "dying", 2, expect=2, SERVED_DIES="1")
+
+
+@pytest.fixture
+def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SERVED_LOG", str(tmp_path / "log"))
+    server = InferenceServer("cpu")
+    yield server
+    server.close()
+
+
+def test_a_line_answers_record_by_record(server: InferenceServer) -> None:
+    from served_planner import Steady
+
+    line = Line(server.address, PLANNER, Steady.outputs)
+    records = np.zeros(3, dtype=Steady.inputs)
+    records["state"][:, 0] = [1.0, 2.0, 3.0]
+    assert line(records)["acceleration"].tolist() == [7.0, 6.0, 5.0]
+
+
+def test_a_planner_without_network_is_refused(server: InferenceServer) -> None:
+    with pytest.raises(InputError, match="no network that could be served"):
+        Line(server.address, "idm", np.dtype(np.float64))
+    with pytest.raises(InputError, match="no network that could be served"):
+        Desk("idm", "cpu")
+
+
+def test_who_is_served() -> None:
+    from served_planner import Steady
+
+    assert is_served(Steady, "cpu")
+    assert not is_served(Steady, "cuda")
+    assert not is_served(Idm, "cpu")
