@@ -30,7 +30,7 @@ from tsbench.signs.catalog import Catalog, load_catalog
 
 @dataclass(frozen=True)
 class Rescore:
-    """traces: judged again; untraced: episodes that only stand in the table; disagreements: one line each.
+    """traces: judged again; untraced: episodes without a readable one; disagreements: one line each.
 
     note: what to know before reading them, "" if nothing.
     """
@@ -57,16 +57,33 @@ def rescore(folder: Path) -> Rescore:
         else:
             lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
     judge = Judge(load_catalog())
-    traced = [key for key in rows if trace_path(folder, *key).is_file()]
-    for key in traced:
-        trace = read_trace(trace_path(folder, *key))
-        lines += [f"{key[0]} {key[1]}: {line}" for line in judge.compare(trace, key, rows[key], events[key])]
+    judged = 0
+    for key, row in rows.items():
+        path = trace_path(folder, *key)
+        if not path.is_file():
+            if _had_trace(row, events[key], manifest["effective"]["trace"]):
+                lines.append(f"{key[0]} {key[1]}: its trace is gone")
+            continue
+        try:
+            trace = read_trace(path)
+        except InputError as problem:
+            lines.append(f"{key[0]} {key[1]}: {problem}")
+            continue
+        judged += 1
+        lines += [f"{key[0]} {key[1]}: {line}" for line in judge.compare(trace, key, row, events[key])]
     expected = {trace_path(folder, *key) for key in rows}
     for path in sorted((folder / "traces").rglob("*.parquet")):
         if path not in expected and not path.name.startswith("."):
             lines.append(f"{path}: a trace without its episode")
     lines += _summary_lines(folder, manifest, episodes)
-    return Rescore(len(traced), len(rows) - len(traced), _contract_note(manifest), tuple(lines))
+    return Rescore(judged, len(rows) - judged, _contract_note(manifest), tuple(lines))
+
+
+def _had_trace(row: Row, events: list[Row], kept: str) -> bool:
+    """Was a trace written with this record? Of an error that is not known: it may have had no tick."""
+    if Outcome(row["outcome"]).is_error:
+        return False
+    return kept == "all" or (kept == "violations" and (bool(events) or not row["scd"]))
 
 
 class Judge:
