@@ -128,7 +128,10 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
     o = drive.seen[0]
     seen = replace(o, signs=(plate(o, "3.24", 36.0, ahead=10.0), replace(plate(o, "2.5"), code="")))
     record_ = np.zeros(1, dtype=at.SIGN_TOKENS)
-    SignTokeniser(tokeniser).fill(record_[0], seen)
+    signs = SignTokeniser(tokeniser)
+    signs.watch(seen)
+    signs.fill(record_[0], seen)
+    assert record_["sign_state"][0] == 0
     assert CLASSES[record_["sign_classes"][0, 0] - 1] == ("3.24",)
     assert not record_["sign_classes"][0, 1:].any()
     assert record_["signs"][0, 0] == pytest.approx([0.2, 0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-6)

@@ -16,8 +16,14 @@ def planners() -> None:
 
 
 @planners.command("list")
-def list_planners() -> None:
+@click.option(
+    "--parts", is_flag=True, help="Print instead how the parameters of plant2 and plant2-ft are made up."
+)
+def list_planners(parts: bool) -> None:
     """Print the registered planners."""
+    if parts:
+        _print_parts()
+        return
     table = Table(box=None, header_style="bold")
     for column in ("name", "kind", "sees signs", "knows the rule", "parameters", "weights"):
         table.add_column(column)
@@ -35,6 +41,19 @@ def list_planners() -> None:
     console = Console()
     console.print(table)
     console.print("Others: pkg.module:Class, file.py:Class, or a function in place of the class.")
+
+
+def _print_parts() -> None:
+    """Counts in both sizes, beside the published ones of `medium`."""
+    from tsbench.planners.plant2.parts import parts  # brings torch
+
+    table = Table(box=None, header_style="bold")
+    table.add_column("part")
+    for column in ("mini", "medium", "published (medium)"):
+        table.add_column(column, justify="right")
+    for small, large in zip(parts("mini"), parts("medium"), strict=True):
+        table.add_row(large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
+    Console().print(table)
 
 
 @planners.command("check")

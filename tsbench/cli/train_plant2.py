@@ -70,8 +70,6 @@ def plant2(
     )  # fmt: skip
     place = Place(out, device, workers or len(os.sched_getaffinity(0)), int(cache_gb * 1e9))
     made = train(recipe, place, rows, click.echo)
-    if made is not None:
-        click.echo(
-            f"weights   {out / made.weights.file} ({made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters)"
-        )
+    weights = f"{made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters"
+    click.echo(f"weights   {out / made.weights.file} ({weights})")
     click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")

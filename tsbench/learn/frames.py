@@ -7,7 +7,9 @@ Source: spec/planners.md. Units: m, s, m/s, rad; targets are in the frame of the
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.tokens import Pose, Tokeniser, to_frame
+from tsbench.planners.plant2.tokens import Pose, to_frame
 from tsbench.run.observe import Observer
 from tsbench.scenarios.load import Roads
 from tsbench.sim.navigation import Navigator
@@ -49,31 +51,52 @@ class Sampling:
     speed_s: float = 0.7
 
 
+class Encoder(Protocol):
+    """What turns observations into tokens: `plant2`'s tokeniser, or one that remembers signs."""
+
+    def watch(self, o: Observation) -> None:
+        """Called for every tick, in order."""
+
+    def fill(self, record: at.Record, o: Observation, pose: Pose | None = None) -> list[int]:
+        """Tokens as seen from a pose; the actor's row for each object slot, -1 for an obstacle."""
+
+
 def frames_of(
-    facts: EpisodeFacts, roads: Roads, tokeniser: Tokeniser, sampling: Sampling, rng: np.random.Generator
+    facts: EpisodeFacts,
+    roads: Roads,
+    encoder: Encoder,
+    sampling: Sampling,
+    rng: np.random.Generator,
+    frame: np.dtype[np.void] = FRAME,
 ) -> at.Records:
-    """(n,) of FRAME: every kept tick as it was seen, and as it would be from a pose beside it."""
-    seen = observations(facts, roads)
+    """(n,) of `frame`: every kept tick as it was seen, and as it would be from a pose beside it.
+
+    frame: FRAME, or a type with more fields, which the encoder fills.
+    """
     track = Track(facts.snapshots)
-    chosen = [k for k in range(0, len(seen) - 1, sampling.every) if _kept(track, k, sampling)]
-    frames: at.Records = np.zeros(2 * len(chosen), dtype=FRAME)
-    for row, k in enumerate(chosen):
-        o = seen[k]
+    count = len(facts.snapshots) - 1
+    chosen = {k for k in range(0, count, sampling.every) if _kept(track, k, sampling)}
+    frames: at.Records = np.zeros(2 * len(chosen), dtype=frame)
+    row = 0
+    for k, o in enumerate(observations(facts, roads)):
+        encoder.watch(o)
+        if k not in chosen:
+            continue
         pose = (o.ego.x, o.ego.y, o.ego.heading)
-        for frame, here in ((frames[2 * row], pose), (frames[2 * row + 1], _beside(pose, sampling, rng))):
-            origins = tokeniser.fill(frame, o, here)
-            track.targets(frame, k, here, sampling.speed_s)
-            _forecast(frame, facts.snapshots, k, origins)
+        for here in (pose, _beside(pose, sampling, rng)):
+            origins = encoder.fill(frames[row], o, here)
+            track.targets(frames[row], k, here, sampling.speed_s)
+            _forecast(frames[row], facts.snapshots, k, origins)
+            row += 1
     return frames
 
 
-def observations(facts: EpisodeFacts, roads: Roads) -> list[Observation]:
+def observations(facts: EpisodeFacts, roads: Roads) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
-    observer, navigator = (
-        Observer(facts.scene, mask_signs=False),
-        Navigator(roads.graph, facts.scene.destination),
-    )
-    return [observer.observe(snapshot, navigator.update(snapshot.ego)) for snapshot in facts.snapshots]
+    observer = Observer(facts.scene, mask_signs=False)
+    navigator = Navigator(roads.graph, facts.scene.destination)
+    for snapshot in facts.snapshots:
+        yield observer.observe(snapshot, navigator.update(snapshot.ego))
 
 
 class Track:
@@ -92,7 +115,7 @@ class Track:
         """(k, 2) places on the way, by ticks or by metres."""
         return np.column_stack([np.interp(where, axis, self.xy[:, i]) for i in (0, 1)])
 
-    def targets(self, frame: np.void, k: int, pose: Pose, speed_s: float) -> None:
+    def targets(self, frame: at.Record, k: int, pose: Pose, speed_s: float) -> None:
         """Path, waypoints and wished speed after tick k, as seen from a pose."""
         metres: Array = self.s[k] + at.PATH_STEP_M * np.arange(1.0, at.PATH_POINTS + 1)
         frame["path"] = to_frame(self.at(self.s, metres), pose)
@@ -116,7 +139,7 @@ def _beside(pose: Pose, sampling: Sampling, rng: np.random.Generator) -> Pose:
     return x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
 
 
-def _forecast(frame: np.void, snapshots: list[WorldSnapshot], k: int, origins: list[int]) -> None:
+def _forecast(frame: at.Record, snapshots: list[WorldSnapshot], k: int, origins: list[int]) -> None:
     """How far each object in a slot moves, ahead and left of its own heading; unknown once it is out of sight."""
     now = snapshots[k].actors
     for j, span in enumerate(at.FORECAST_S):

@@ -29,7 +29,7 @@ from tsbench.learn.imitation_skill import Skill, measure
 from tsbench.planners.plant2.inference import tensors
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.weights import Network, save_weights
+from tsbench.planners.weights import Network, network, save_weights
 from tsbench.scenarios.seeds import rng_of, seed_of
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -42,12 +42,10 @@ _SORTED_BATCHES = 16
 Integers = npt.NDArray[np.intp]
 
 
-def train(
-    recipe: Recipe, place: Place, rows: Sequence[ScenarioSpec], tell: Callable[[str], None]
-) -> Network | None:
+def train(recipe: Recipe, place: Place, rows: Sequence[ScenarioSpec], tell: Callable[[str], None]) -> Network:
     """Train to the end, from the checkpoint below `place.out` if there is one; the best network is in that folder.
 
-    rows: of the train split. Returns what was exported, None where no epoch has been done.
+    rows: of the train split. Returns the best network's facts.
     """
     if place.device == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: torch sees no CUDA device here")
@@ -77,10 +75,9 @@ class Trainer:
             workers=place.workers, progress=self._driven,
         )  # fmt: skip
         self._began, self._before = time.monotonic(), self._progress
-        self._exported: Network | None = None
 
-    def run(self) -> Network | None:
-        """All epochs that are left."""
+    def run(self) -> Network:
+        """All epochs that are left; returns the facts of the best network of all."""
         recipe, out = self._recipe, self._place.out
         if self._progress.steps:
             self._tell(f"continues in epoch {self._progress.epoch + 1} of {recipe.epochs}")
@@ -89,7 +86,7 @@ class Trainer:
             for epoch in range(self._progress.epoch, recipe.epochs):
                 self._epoch(epoch, log)
                 self._validate(epoch, log)
-        return self._exported
+        return network(NAME, out)
 
     def _epoch(self, epoch: int, log: SummaryWriter) -> None:
         order = rng_of("imitation", "chunks", self._recipe.seed, epoch).permutation(len(self._store)).tolist()
@@ -122,8 +119,8 @@ class Trainer:
             self._optimiser.step()
             if step % _LOG_EVERY == 0:
                 for name, value in terms.items():
-                    sums[name] = sums.get(name, 0.0) + float(value)
-                    log.add_scalar(f"loss/{name}", float(value), done + step)
+                    sums[name] = sums.get(name, 0.0) + value.item()
+                    log.add_scalar(f"loss/{name}", value.item(), done + step)
                 log.add_scalar("rate", rate_at(share, recipe), done + step)
         self._progress = replace(
             self._progress, steps=done + steps, frames=self._progress.frames + steps * recipe.batch
@@ -155,7 +152,7 @@ class Trainer:
             file.write(json.dumps({**row, **asdict(skill)}) + "\n")
         better = skill.score >= self._progress.best
         if better:
-            self._exported = self._export(self._place.out, skill)
+            self._export(self._place.out, skill)
             self._keep(replace(self._progress, best=skill.score, best_epoch=epoch + 1))
         self._tell(
             f"epoch {epoch + 1}: arrived {skill.arrived:.3f}  collision {skill.collision:.3f}  off road "

@@ -26,13 +26,17 @@ class SignTokeniser:
         self._tokeniser = tokeniser
         self._memory = SignMemory()
 
+    def watch(self, o: Observation) -> None:
+        """Remember the sign that holds: once per tick, in order."""
+        self._memory.update(o)
+
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
-        """As `Tokeniser.fill`, into a record with the fields of `layout.SIGN_TOKENS`; once per tick, in order."""
+        """As `Tokeniser.fill`, into a record with the fields of `layout.SIGN_TOKENS`; after `watch`."""
         origins = self._tokeniser.fill(record, o, pose)
         here = (o.ego.x, o.ego.y, o.ego.heading) if pose is None else pose
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0
         fill_signs(record, o, here, order)
-        record["sign_state"] = self._memory.update(o)
+        record["sign_state"] = self._memory.state
         return origins
 
 
@@ -58,5 +62,6 @@ class Plant2Ft(Plant2):
     def encode(self, observation: Observation) -> Records:
         """(1,) of the network's inputs; once per tick, in order."""
         record: Records = np.zeros(1, dtype=SIGN_TOKENS)
+        self._signs.watch(observation)
         self._signs.fill(record[0], observation)
         return record

@@ -37,6 +37,9 @@ class Tokeniser:
         self.fill(record[0], o, pose)
         return record
 
+    def watch(self, o: Observation) -> None:
+        """Called for every tick: there is nothing to remember."""
+
     def fill(self, record: at.Record, o: Observation, pose: Pose | None = None) -> list[int]:
         """Write the tokens into a zeroed record that has the fields of `layout.TOKENS`.
 
