@@ -89,6 +89,21 @@ def test_no_sitting_draws_what_another_drew() -> None:
     assert len({sitting_seed(seed, k) for seed in range(5) for k in range(5)}) == 25
 
 
+def dying_once(learn: Any) -> Any:
+    """`learn`, whose first call kills the processes that drive."""
+    died: list[bool] = []
+
+    def learn_or_die(model: Any, watch: Any, steps: int) -> None:
+        if not died:
+            died.append(True)
+            for process in model.get_env().venv.processes:
+                process.kill()
+                process.join()
+        learn(model, watch, steps)
+
+    return learn_or_die
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,6 +126,12 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     curve = [json.loads(line) for line in (tmp_path / "curve.jsonl").read_text().splitlines()]
     assert [row["steps"] for row in curve] == [16, 32]
     assert list((tmp_path / "tensorboard").glob("events.*"))
+
+    # Every driving process dies once at its first step.
+    monkeypatch.setattr(rl_train, "_learn", dying_once(rl_train._learn))
+    third = rl_train.train(replace(job, steps=48), told.append)
+    assert third.training["steps"] == 48
+    assert sum("a driving process died" in line for line in told) == 1
 
     with pytest.raises(InputError, match="seed 3, not 4"):
         rl_train.train(replace(job, seed=4, steps=48), told.append)

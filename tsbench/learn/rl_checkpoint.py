@@ -90,6 +90,6 @@ def _adam(tensors: dict[str, torch.Tensor]) -> dict[int, dict[str, torch.Tensor]
     return state
 
 
-def sitting_seed(seed: int, sitting: int) -> int:
-    """What a sitting draws its scenarios and first actions from: never those of another sitting again."""
-    return int(np.random.SeedSequence((seed, sitting)).generate_state(1)[0] % 2**31)
+def sitting_seed(seed: int, sitting: int, deaths: int = 0) -> int:
+    """What a sitting draws its scenarios from: never those of another again, nor of one whose process died."""
+    return int(np.random.SeedSequence((seed, sitting, deaths)).generate_state(1)[0] % 2**31)

@@ -15,7 +15,7 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
-from tsbench.errors import InputError
+from tsbench.errors import InputError, SimulationError
 from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
 from tsbench.learn.rl_config import HYPER, Hyper, Job
 from tsbench.learn.rl_policy import actor_tensors, policy_of
@@ -24,6 +24,7 @@ from tsbench.planners.learned_actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
 
 _CHECKPOINT_S = 60.0
+_DEATHS = 20
 # Share of the learning rate that is left at the end.
 _LAST_RATE = 0.1
 
@@ -35,27 +36,40 @@ class _Stopped(Exception):
 def train(job: Job, tell: Callable[[str], None]) -> Network:
     """Train up to `job.steps`, from the checkpoint below `job.out` if there is one; returns what it exported.
 
-    Raises KeyboardInterrupt, with a checkpoint of the last complete rollout, when it is interrupted or terminated.
+    A driving process that dies (SUMO can) costs what was learned since the last checkpoint, no more.
+    Raises KeyboardInterrupt when it is interrupted or terminated: the same call continues.
     """
     if job.device == "cuda" and not torch.cuda.is_available():
         raise InputError("--device cuda: torch sees no CUDA device here")
     job.out.mkdir(parents=True, exist_ok=True)
-    hyper = HYPER[job.planner]
-    torch.set_num_threads(hyper.threads)
-    environments = _environments(job, hyper)
+    torch.set_num_threads(HYPER[job.planner].threads)
+    for deaths in range(_DEATHS):
+        try:
+            return _sitting(job, HYPER[job.planner], deaths, tell)
+        except (EOFError, ConnectionError):
+            tell("a driving process died: goes on from the last checkpoint")
+    raise SimulationError(f"driving processes died {_DEATHS} times: {job.out} has the last checkpoint")
+
+
+def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -> Network:
+    """From the last checkpoint to the end."""
+    processes = _processes(job, hyper)
     try:
-        model = _model(job, hyper, environments)
+        model = _model(job, hyper, VecMonitor(processes))
         before = Progress(0, 0.0, 0)
         if has_checkpoint(job.out):
             before = load_checkpoint(job.out, model, job.facts())
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
-        environments.seed(sitting_seed(job.seed, before.sittings))
+        processes.seed(sitting_seed(job.seed, before.sittings, deaths))
         watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
         if before.steps < job.steps:
             _learn(model, watch, job.steps - before.steps)
         return _export(job, hyper, model, watch.progress if before.steps < job.steps else before)
     finally:
-        environments.close()
+        # Not their own way to close: it waits for answers, which dead ones do not give.
+        for process in processes.processes:
+            process.terminate()
+            process.join()
 
 
 def _learn(model: PPO, watch: Watch, steps: int) -> None:
@@ -73,13 +87,13 @@ def _learn(model: PPO, watch: Watch, steps: int) -> None:
         signal.signal(signal.SIGTERM, old)
 
 
-def _environments(job: Job, hyper: Hyper) -> VecMonitor:
+def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
     def make() -> gymnasium.Env[Any, Any]:
         return gymnasium.make(
             tsbench.envs.DRIVE, split="train", types=job.types, observation=hyper.observation, hold=HOLD_TICKS
         )
 
-    return VecMonitor(SubprocVecEnv([make] * job.workers, start_method="forkserver"))
+    return SubprocVecEnv([make] * job.workers, start_method="forkserver")
 
 
 def _model(job: Job, hyper: Hyper, environments: VecMonitor) -> PPO:
