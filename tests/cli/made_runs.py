@@ -56,9 +56,10 @@ def make_run(
     rows: list[dict[str, Any]],
     asked: int | None = None,
     contract: str = CONTRACT,
+    events: list[dict[str, Any]] | None = None,
     **effective: Any,
 ) -> Path:
-    """Write a run folder. asked: scenarios of each planner, by default those with a record."""
+    """Write a run folder. asked: scenarios of each planner, by default those with a record; events: violations."""
     path.mkdir(parents=True)
     names = list(dict.fromkeys(row["planner"] for row in rows))
     n = len(rows) // len(names) if asked is None else asked
@@ -68,7 +69,7 @@ def make_run(
     rows = sorted(rows, key=lambda row: (row["planner"], row["scenario_id"]))
     for name, schema in TABLES.items():
         metadata = {"tsbench_schema": str(SCHEMA_VERSION), "tsbench_contract": contract}
-        content = rows if name == "episodes.parquet" else []
+        content = {"episodes.parquet": rows, "violations.parquet": events or []}.get(name, [])
         pq.write_table(pa.Table.from_pylist(content, schema=schema.with_metadata(metadata)), path / name)
     manifest |= {
         "status": "complete" if n * len(names) == len(rows) else "interrupted",

@@ -1,4 +1,4 @@
-"""Episodes made by hand are shared with the tests of the metrics."""
+"""Episodes and runs made by hand are shared with the tests of the metrics and of the command line."""
 
 from __future__ import annotations
 
@@ -6,3 +6,4 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "metrics"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "cli"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -164,10 +163,7 @@ def episodes_table(stock: Stock, playable: Collection[int]) -> bytes:
     return pack_table(_COLUMNS, values)
 
 
-def heading(pool: Pool, paths: Sequence[Path]) -> dict[str, Any]:
+def heading(pool: Pool) -> dict[str, Any]:
     """Title of the page and of the window; records that are missing come first."""
     what = ", ".join(pool.planners) if len(pool.planners) <= 4 else f"{len(pool.planners)} planners"
-    return {
-        "title": pool.title(what), "partial": pool.summary.partial, "contract": pool.contract,
-        "paths": [str(path) for path in paths],
-    }  # fmt: skip
+    return {"title": pool.title(what), "partial": pool.summary.partial, "contract": pool.contract}

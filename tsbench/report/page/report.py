@@ -77,7 +77,7 @@ class Fixed:
 
     def __init__(self, pool: Pool, stock: Stock) -> None:
         self._stock = stock
-        self._heading = heading(pool, [run.path for run in pool.runs])
+        self._heading = heading(pool)
         self._sections = list(sections(pool))
         self._about = about(pool)
 

@@ -38,12 +38,15 @@ class NotThere(Exception):
 
 @dataclass
 class Opened:
-    """A run that somebody has looked at. mark: of its manifest, so that a run that goes on is read again."""
+    """A run that somebody has looked at; its page is made when it is asked for.
+
+    mark: of its manifest, so that a run that goes on is read again.
+    """
 
     mark: tuple[int, int]
     pool: Pool
     stock: Stock
-    page: bytes
+    page: bytes = b""
     roads: dict[str, bytes] = field(default_factory=dict)
 
 
@@ -64,7 +67,9 @@ class Library:
     def page(self, number: int) -> bytes:
         """A run's report. Raises NotThere, and InputError for a run that cannot be read."""
         with self._lock:
-            return self._open(number).page
+            run = self._open(number)
+            run.page = run.page or served_page(run.pool, run.stock, f"/run/{number}/data/").encode()
+            return run.page
 
     def data(self, number: int, kind: str, name: str) -> bytes:
         """Packed data of a run's page. Raises NotThere, and InputError for a trace that cannot be shown."""
@@ -105,9 +110,7 @@ class Library:
         opened = self._opened.get(number)
         if opened is None or opened.mark != mark:
             pool = read_pool([path], allow_partial=True)
-            stock = take_stock(pool)
-            opened = Opened(mark, pool, stock, served_page(pool, stock, f"/run/{number}/data/").encode())
-            self._opened[number] = opened
+            opened = self._opened[number] = Opened(mark, pool, take_stock(pool))
         return opened
 
 
