@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import cast
 
 import numpy as np
 import pytest
@@ -99,60 +100,96 @@ def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
     for value in (float("nan"), float("inf")):
         nowhere = replace(tick, ego=replace(tick.ego))
         object.__setattr__(nowhere.ego, field, value)
-        with pytest.raises(ValueError, match="not finite"):
+        with pytest.raises(ValueError, match="not finite") as refusal:
             monitor.update(nowhere)
+        assert str(refusal.value) == f"step 0: the ego's state is not finite ({nowhere.ego})"
+
+
+def _refusal(scene: Scene) -> str:
+    """What the catalogue's monitors say against a scene's target."""
+    with pytest.raises(InputError) as refusal:
+        make_monitor(scene.target_sign, load_catalog(), scene)
+    return str(refusal.value)
+
+
+def _with(scene: Scene, **changes: object) -> Scene:
+    """The scene with another target plate; `params` are added to those that it has."""
+    target = scene.target_sign
+    params = {**target.params, **cast(dict[str, str], changes.pop("params", {}))}
+    wrong = replace(target, params={k: v for k, v in params.items() if v}, **changes)  # type: ignore[arg-type]
+    return replace(scene, signs=(wrong, *scene.signs[1:]))
 
 
 @pytest.mark.parametrize("rule", MONITORS)
 def test_a_missing_param_is_named(rule: str) -> None:
     scene = _scene(rule)
-    sign = scene.target_sign
     for key in MONITORS[rule].needs:
-        poor = replace(sign, params={k: v for k, v in sign.params.items() if k != key})
-        with pytest.raises(InputError, match=rf"sign 'sign0': param '{key}'"):
-            make_monitor(poor, load_catalog(), replace(scene, signs=(poor,)))
+        said = f"case.add.xml: sign 'sign0': param {key!r} is missing, rule {rule} needs it"
+        assert _refusal(_with(scene, params={key: ""})) == said
 
 
 @pytest.mark.parametrize(
-    ("rule", "params"),
+    ("rule", "params", "said"),
     [
-        ("give_way", {"approach": "nowhere"}),
-        ("give_way", {"main_in": "w_in nowhere"}),
-        ("give_way", {"junction": "W"}),
-        ("give_way", {"main_in": "w_out"}),
-        ("stop", {"approach": "nowhere"}),
-        ("roundabout", {"ring": "r_e nowhere"}),
-        ("speed", {"zone_edges": "bc"}),
-        ("detour", {"obstacle": "none"}),
-        ("closed_road", {"approach": "nowhere"}),
-        ("manoeuvre", {"junction": "E"}),
+        ("give_way", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
+        ("give_way", {"main_in": "w_in nowhere"}, "param 'main_in': no edge 'nowhere'"),
+        ("give_way", {"junction": "W"}, "edge 's_in' does not lead to junction 'W'"),
+        ("give_way", {"main_in": "w_out"}, "edge 'w_out' does not lead to junction 'C'"),
+        ("stop", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
+        ("roundabout", {"ring": "r_e nowhere"}, "param 'ring': no edge 'nowhere'"),
+        ("crosswalk", {"crossing": "none"}, "no crossing 'none'"),
+        ("crosswalk", {"exit": "nowhere"}, "param 'exit': no edge 'nowhere'"),
+        ("speed", {"zone_edges": "bc"}, "stands on edge 'ab', but its zone starts with 'bc'"),
+        ("min_speed", {"zone_edges": "bc cd"}, "stands on edge 'ab', but its zone starts with 'bc'"),
+        ("detour", {"obstacle": "none"}, "no obstacle 'none'"),
+        ("closed_road", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
+        ("manoeuvre", {"junction": "E"}, "edge 's_in' does not lead to junction 'E'"),
+        ("one_way_exit", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
+        ("reserved_lane", {"zone_edges": "ab"}, "stands on edge 'bc', but its zone starts with 'ab'"),
+        ("reserved_lane", {"lanes": "bc_0 bc_7"}, "param 'lanes': no lane 'bc_7'"),
     ],
 )
-def test_a_param_that_fits_no_map_is_named(rule: str, params: dict[str, str]) -> None:
-    scene = _scene(rule)
-    wrong = replace(scene.target_sign, params={**scene.target_sign.params, **params})
-    with pytest.raises(InputError, match=r"^case\.add\.xml: sign 'sign0': "):
-        make_monitor(wrong, load_catalog(), replace(scene, signs=(wrong,)))
+def test_a_param_that_fits_no_map_is_named(rule: str, params: dict[str, str], said: str) -> None:
+    assert _refusal(_with(_scene(rule), params=params)) == f"case.add.xml: sign 'sign0': {said}"
 
 
 def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
     scene = _scene("speed")
     sign, end = scene.signs
-    for signs in (
-        (replace(sign, value=None), end),
-        (replace(sign, position_m=110.0), replace(end, edge="ab", position_m=100.0)),
-        (sign, replace(end, edge="cd")),
-    ):
-        with pytest.raises(InputError, match="sign 'sign0'"):
-            make_monitor(signs[0], load_catalog(), replace(scene, signs=signs))
+    early, beyond = replace(end, edge="ab", position_m=100.0), replace(end, edge="cd")
+    where = "case.add.xml: sign 'sign0': "
+    assert _refusal(_with(scene, value=None)) == where + "value is missing"
+    for position in (110.0, 100.0):
+        late = _with(replace(scene, signs=(sign, early)), position_m=position)
+        assert _refusal(late) == where + "its zone ends before it starts"
+    said = "its end plate 'end' is not on an edge of its zone"
+    assert _refusal(replace(scene, signs=(sign, beyond))) == where + said
+
+
+def test_an_obstacle_on_no_lane_and_an_approach_that_leads_nowhere_are_named() -> None:
+    scene = _scene("detour")
+    lost = replace(scene, obstacles=(replace(scene.obstacles[0], lane="ab_9"),))
+    assert _refusal(lost) == "case.add.xml: sign 'sign0': no lane 'ab_9'"
+    scene = _scene("give_way")
+    outwards = {"approach": "w_out", "junction": "W", "main_in": "w_out"}
+    assert (
+        _refusal(_with(scene, params=outwards)) == "case.net.xml: edge 'w_out' leads nowhere (sign 'sign0')"
+    )
+
+
+def test_a_connection_without_internal_lanes_is_named() -> None:
+    net = network("t")
+    bare = tuple(tuple(replace(c, via=()) for c in connections) for connections in net.outgoing)
+    with pytest.raises(InputError) as refusal:
+        junction_paths(replace(net, outgoing=bare), "s_in")
+    assert str(refusal.value) == "edge 's_in': a connection without internal lanes (rebuild the network)"
 
 
 def test_a_rule_without_monitor_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = _scene("speed")
-    others = {name: monitor for name, monitor in MONITORS.items() if name != "speed"}
+    others = {name: MONITORS[name] for name in ("stop", "give_way")}
     monkeypatch.setattr("tsbench.rules.registry.MONITORS", others)
-    with pytest.raises(InputError, match="no monitor for rule 'speed'"):
-        make_monitor(scene.target_sign, load_catalog(), scene)
+    said = "case.add.xml: sign 'sign0': no monitor for rule 'speed', only for give_way, stop"
+    assert _refusal(_scene("speed")) == said
 
 
 def test_context_plates_are_watched_where_they_bind_the_ego() -> None:

@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+from mutation_table import count, faults, table
+
+
+def _results(killed: int, survived: int, timeout: int = 0, untried: int = 0) -> list[str]:
+    ends = ["killed"] * killed + ["survived"] * survived + ["timeout"] * timeout + ["not checked"] * untried
+    return [f"    tsbench.rules.stop.xǁStopǁstep__mutmut_{k}: {end}" for k, end in enumerate(ends)]
+
+
+def test_mutants_are_counted_by_file() -> None:
+    other = "    tsbench.rules.zone.x_posted_kmh__mutmut_1: no tests"
+    head, stop, zone, total = table(count([*_results(16, 3, 1), other, ""]))
+    assert head.split() == ["file", "mutants", "caught", "survived", "timeouts", "share"]
+    assert stop.split() == ["tsbench/rules/stop.py", "20", "17", "3", "1", "85.0%"]
+    assert zone.split() == ["tsbench/rules/zone.py", "1", "0", "1", "0", "0.0%"]
+    assert total.split() == ["all", "21", "17", "4", "1", "81.0%"]
+
+
+def test_too_few_caught_and_untried_mutants_are_faults() -> None:
+    assert faults(count(_results(17, 3))) == []
+    assert faults(count(_results(16, 3, 1))) == []
+    assert faults(count(_results(84, 16))) == [
+        "tsbench.rules.stop: 84.0% of its mutants are caught, less than 85%"
+    ]
+    assert "2 mutants were not tried" in faults(count(_results(20, 0, untried=2)))[0]
+    assert faults(count([])) == ["no mutants: run mutmut first"]
