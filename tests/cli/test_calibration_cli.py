@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import importlib
 import shutil
 import sys
@@ -72,8 +73,8 @@ def run(*arguments: str, expect: int) -> None:
 
 
 def test_prints_distances_and_draws(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    png = tmp_path / "cdf.png"
-    run("--split", "test", "--png", str(png), expect=0)
+    out = tmp_path / "out"
+    run("--split", "test", "--out", str(out), expect=0)
     told = capsys.readouterr().out
     for quantity, n in (("initial speed", 1), ("density", 1)):
         (line,) = [x for x in told.splitlines() if quantity in x]
@@ -81,8 +82,11 @@ def test_prints_distances_and_draws(folder: Path, tmp_path: Path, capsys: pytest
         assert "missed" in line  # one value is no distribution
     (line,) = [x for x in told.splitlines() if "cruise speed" in x]
     assert "none" in line
-    assert f"picture: {png}" in told
-    assert png.read_bytes()[:4] == b"\x89PNG"
+    assert (out / "calibration.png").read_bytes()[:4] == b"\x89PNG"
+    assert "<svg" in (out / "calibration.svg").read_text()
+    (first, *_) = csv.DictReader((out / "calibration.csv").read_text().splitlines())
+    assert (first["quantity"], first["n"], first["goal"]) == ("initial speed", "1", "missed")
+    assert "Calibration of traffic: scenarios (test split)" in (out / "calibration.tex").read_text()
 
 
 def test_tables_without_traffic_are_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 """`tsbench signs` prints the catalogue and draws it."""
 
+import csv
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,17 @@ def test_equivalents_of_all_countries_and_of_one(tmp_path: Path) -> None:
     assert str(path) in one
     assert len(path.read_text(encoding="utf-8").splitlines()) == 35
     assert isinstance(call("equivalents", "--country", "xx").exception, InputError)
+
+
+def test_equivalents_as_tables_of_a_paper(tmp_path: Path) -> None:
+    assert call("equivalents", "--out", str(tmp_path)).exit_code == 0
+    assert call("equivalents", "--country", "de", "--out", str(tmp_path)).exit_code == 0
+    rows = list(csv.DictReader((tmp_path / "countries.csv").read_text(encoding="utf-8").splitlines()))
+    for row, country in zip(rows, load_countries(), strict=True):
+        assert (row["country"], int(row["equivalents"]), row["signs"]) == (country.code, country.count, "34")
+    one = list(csv.DictReader((tmp_path / "country-de.csv").read_text(encoding="utf-8").splitlines()))
+    assert len(one) == 34
+    assert "220-20" in (tmp_path / "country-de.tex").read_text(encoding="utf-8")
 
 
 def test_the_documentation_quotes_the_table_as_it_is_printed() -> None:

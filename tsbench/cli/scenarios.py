@@ -1,4 +1,4 @@
-"""`tsbench scenarios`: build, list, show, open, verify, stats."""
+"""`tsbench scenarios`: build, list, show, open, verify, stats, browse, calibration."""
 
 from __future__ import annotations
 
@@ -208,14 +208,46 @@ def stats(markdown: Path | None) -> None:
 
 
 @scenarios.command()
+@click.option("--types", default="", help="Comma-separated type ids or groups; default: all.")
 @click.option("--split", type=click.Choice(SPLITS), default=None)
-@click.option("--png", type=click.Path(path_type=Path), default=Path("calibration.png"), show_default=True)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("scenarios.html"),
+    show_default=True,
+)
+@click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
+def browse(types: str, split: str | None, out: Path, workers: int) -> None:
+    """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
+    from tsbench.report.page.dataset import write_dataset_page  # brings pictures
+    from tsbench.run.plan import choose_types
+    from tsbench.signs.catalog import load_catalog
+
+    chosen = set(choose_types(_types(types), load_catalog()))
+    rows = [s for s in _all_rows() if s.scenario_type in chosen and split in (None, s.split)]
+    with _progress() as bar:
+        task = bar.add_task("maps", total=None)
+        size = write_dataset_page(
+            rows, out, workers, lambda done, of: bar.update(task, completed=done, total=of)
+        )
+    click.echo(f"{out}: {len(rows):,} scenarios, {size / 1e6:.1f} MB")
+
+
+@scenarios.command()
+@click.option("--split", type=click.Choice(SPLITS), default=None)
 @click.option("--scenes", type=click.IntRange(1), default=300, help="Driven for the cruise speed.")
-def calibration(split: str | None, png: Path, scenes: int) -> None:
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True, metavar="DIR",
+    help="Folder for calibration.csv, .tex, .png and .svg.",
+)  # fmt: skip
+def calibration(split: str | None, scenes: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
     import numpy as np
 
-    from tsbench.scenarios.calibration import GOAL, calibrate, draw, driven_speeds, grid_speeds, sample_rows
+    from tsbench.cli.analyse import write_files
+    from tsbench.report.analyses.calibration import calibration as compared
+    from tsbench.report.analyses.shown import print_analysis
+    from tsbench.scenarios.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.scenarios.certificates import certificates_path, read_certificates
     from tsbench.sim.sumo import Simulation
 
@@ -229,12 +261,6 @@ def calibration(split: str | None, png: Path, scenes: int) -> None:
         sim, root = Simulation(), data_root() / "scenarios"
         cruise = driven_speeds(chosen, sim, root, lambda n: bar.update(task, completed=n))
         sim.close()
-    fits = calibrate(grid_speeds(rows), cruise, densities)
-    draw(fits, png)
-    table = Table("quantity", "n", "KS", "KS at the grid's levels", f"goal (at most {GOAL:.2f})")
-    for fit in fits:
-        judged = "none" if fit.good is None else "met" if fit.good else "missed"
-        probes = "" if fit.good is None else f"{fit.at_probes:.3f}"
-        table.add_row(fit.quantiles.name, str(len(fit.sample)), f"{fit.distance:.3f}", probes, judged)
-    Console().print(table)
-    click.echo(f"picture: {png}")
+    analysis = compared(calibrate(grid_speeds(rows), cruise, densities), split)
+    print_analysis(analysis, table_console())
+    write_files(analysis, out)

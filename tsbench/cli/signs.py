@@ -56,7 +56,8 @@ def draw_sheet(out: Path, country: Country | None) -> None:
 @signs.command("equivalents")
 @click.option("--country", metavar="CODE", callback=read_country, help="Only this country, sign by sign.")
 @click.option("--csv", "path", type=click.Path(path_type=Path), help="Also write every entry to this file.")
-def show_equivalents(country: Country | None, path: Path | None) -> None:
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Also write it as CSV and LaTeX.")
+def show_equivalents(country: Country | None, path: Path | None, out: Path | None) -> None:
     """Print how many signs each country has an equivalent of, or one country's own codes."""
     countries = load_countries() if country is None else (country,)
     table = countries_table(countries) if country is None else country_table(load_catalog(), country)
@@ -64,3 +65,9 @@ def show_equivalents(country: Country | None, path: Path | None) -> None:
     if path is not None:
         write_csv(load_catalog(), countries, path)
         click.echo(str(path))
+    if out is not None:
+        from tsbench.cli.analyse import write_files
+        from tsbench.report.analyses.countries import countries_analysis, country_analysis
+
+        of_one = None if country is None else country_analysis(load_catalog(), country)
+        write_files(of_one or countries_analysis(countries), out)

@@ -18,7 +18,7 @@ from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import Records
 from tsbench.report.analyses.columns import COMPLETED, STRICT, present_groups
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.panels import ALL, colour_of, make_panels, put_title
+from tsbench.report.analyses.panels import ALL, colour_of, make_panels, put_key, put_title
 from tsbench.report.analyses.pool import Pool
 
 _Mask = npt.NDArray[np.bool_]
@@ -132,7 +132,7 @@ def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) 
         right = axes.secondary_yaxis("right")
         right.set_yticks(rows, [str(split.n) if split else "" for split in there])
         right.tick_params(length=0, labelsize=7)
-    figure.supxlabel("share of episodes, % (strict); right: how many episodes", fontsize=8)
-    figure.legend(loc="outside lower left", fontsize=7.5, frameon=False, ncols=len(_CLASSES))
+    handles, _ = panels[0].get_legend_handles_labels()
+    put_key(figure, "share of episodes, % (strict); right: how many episodes", handles)
     put_title(figure, title, pool.contract)
     return figure

@@ -49,11 +49,7 @@ def forest_panels(
         )
         for text, mark in key.items()
     ]  # fmt: skip
-    figure.supxlabel(unit, fontsize=8)
-    if handles:
-        figure.legend(
-            handles=handles, loc="outside lower left", fontsize=7.5, frameon=False, ncols=len(handles)
-        )
+    put_key(figure, unit, handles)
     return figure
 
 
@@ -62,6 +58,14 @@ def make_panels(names: Mapping[str, object], rows: int) -> tuple[Figure, Sequenc
     size = (_LABELS_IN + _PANEL_IN * len(names), _REST_IN + ROW_IN * max(rows, 3))
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(1, len(names), squeeze=False)[0]
+
+
+def put_key(figure: Figure, unit: str, handles: Sequence[Any]) -> None:
+    """Below the panels: what their axes show, and what the marks mean."""
+    figure.legend(
+        handles=handles, title=unit, loc="outside lower left", alignment="left", fontsize=7.5, title_fontsize=8,
+        frameon=False, ncols=len(handles),
+    )  # fmt: skip
 
 
 def put_title(figure: Figure, title: str, contract: str) -> None:

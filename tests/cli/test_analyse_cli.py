@@ -1,0 +1,265 @@
+"""`tsbench analyse` on run folders made by hand: what it prints and writes, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_runs import CONTRACT, episodes, failed, lost, make_run
+from PIL import Image
+
+from tsbench.cli import main
+from tsbench.report.analyses.correlations import metric_mean
+from tsbench.report.analyses.pool import read_pool
+
+KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Runs the command in a folder of its own: (stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def command(*arguments: str, expect: int = 0) -> tuple[str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main(["analyse", *arguments])
+        told = capsys.readouterr()
+        assert ended.value.code == expect, told
+        return told.out, told.err
+
+    return command
+
+
+def refused(run, *arguments: str) -> str:
+    out, err = run(*arguments, expect=2)
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def stuck() -> dict[str, Any]:
+    return {
+        "scd": False,
+        "destination": False,
+        "outcome": "timeout",
+        "route_completion": 40.0,
+        "driving_score": 40.0,
+    }
+
+
+def crashed() -> dict[str, Any]:
+    return lost() | {"destination": False, "outcome": "collision", "collision": True, "driving_score": 30.0}
+
+
+def four(folder: Path, **effective: Any) -> Path:
+    """Four planners of 48 episodes each; ppo has an error outcome, mine[1] is a name of its own."""
+    rows = episodes(
+        "idm", yield_m0_v0=lost(), yield_m1_v1=crashed(), yield_m2_v0=stuck(), speed_limit_m0_v0=stuck()
+    )
+    rows += episodes("idm-e")
+    rows += episodes("ppo", yield_m0_v0=lost(), yield_m0_v1=lost(), speed_limit_m1_v0=failed("boom"))
+    rows += episodes("mine[1]_$x$", yield_m3_v0=crashed())
+    return make_run(folder, rows, **effective)
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_main_has_the_published_figures_below_its_own(run, tmp_path: Path) -> None:
+    four(tmp_path / "r")
+    out, _ = run("main", "r", "--out", "out")
+    assert out.startswith("Main table: 2 of 29 types, 192 episodes asked, test split, variants all\n")
+    assert f"contract {CONTRACT}" in out
+    rows = table(tmp_path / "out" / "main.csv")
+    assert [(r["planner"], r["figure"]) for r in rows] == [
+        ("idm", "strict"), ("idm", "published"), ("ppo", "strict"), ("ppo", "completed"), ("ppo", "published"),
+        ("idm-e", "strict"), ("idm-e", "published"), ("mine[1]_$x$", "strict"),
+    ]  # fmt: skip
+    strict, completed, published = rows[2:5]
+    # Yield 22 of 24; speed limit 23 of 24, without the error 23 of 23.
+    assert float(strict["scd_overall"]) == pytest.approx(100 * (22 / 24 + 23 / 24) / 2, abs=1e-6)
+    assert float(completed["scd_overall"]) == pytest.approx(100 * (22 / 24 + 1) / 2, abs=1e-6)
+    assert (strict["n"], completed["n"], completed["scd_speed_n"]) == ("48", "47", "23")
+    assert (published["scd_overall"], published["driving_score"], published["n"]) == ("3.2", "35.6", "")
+    assert {r["contract"] for r in rows} == {CONTRACT}
+    assert "mine[1]_$x$" in out
+    assert r"mine[1]\_\$x\$" in (tmp_path / "out" / "main.tex").read_text()
+
+
+def test_several_runs_give_one_table(run, tmp_path: Path) -> None:
+    four(tmp_path / "all")
+    make_run(tmp_path / "one", episodes("idm", yield_m0_v0=lost(), yield_m1_v1=crashed(), yield_m2_v0=stuck(),
+                                        speed_limit_m0_v0=stuck()))  # fmt: skip
+    make_run(tmp_path / "two", episodes("idm-e"))
+    run("main", "all", "--out", "x")
+    run("main", "two", "one", "--out", "y")
+    together, apart = (
+        {r["planner"]: r for r in table(tmp_path / f / "main.csv") if r["figure"] == "strict"} for f in "xy"
+    )
+    for name in ("idm", "idm-e"):
+        kept = {key: cell for key, cell in together[name].items() if key != "title"}
+        assert kept == {key: cell for key, cell in apart[name].items() if key != "title"}
+
+
+def test_types_have_n_for_every_planner(run, tmp_path: Path) -> None:
+    four(tmp_path / "r")
+    out, _ = run("types", "r", "--out", "out")
+    rows = table(tmp_path / "out" / "types.csv")
+    assert [(r["type"], r["figure"]) for r in rows] == [
+        ("yield", "strict"), ("speed_limit", "strict"), ("speed_limit", "completed"),
+    ]  # fmt: skip
+    assert [r["ppo_episodes"] for r in rows] == ["24", "24", "23"]
+    assert float(rows[0]["idm"]) == pytest.approx(100 * 21 / 24, abs=1e-6)
+    assert "87.5" in out
+
+
+def test_failures_are_all_there_is(run, tmp_path: Path) -> None:
+    four(tmp_path / "r")
+    run("failures", "r", "--out", "out")
+    rows = {(r["planner"], r["group"], r["figure"]): r for r in table(tmp_path / "out" / "failures.csv")}
+    idm = rows["idm", "all types", "strict"]
+    counts = {"complied_arrived": 44, "complied_not_arrived": 2, "violated_arrived": 1, "violated_not_arrived": 1,
+              "error": 0, "complied_timeout": 2, "complied_collision": 0, "violated_collision": 1}  # fmt: skip
+    for name, count in counts.items():
+        assert float(idm[name]) == pytest.approx(100 * count / 48, abs=1e-6), name
+        assert idm[f"{name}_n"] == idm["n"] == "48"
+    for key, row in rows.items():
+        shares = [float(row[name] or 0) for name in list(counts)[:5]]
+        assert sum(shares) == pytest.approx(100, abs=1e-5), key
+    assert float(rows["ppo", "speed", "strict"]["error"]) == pytest.approx(100 / 24, abs=1e-6)
+    assert (rows["ppo", "speed", "completed"]["n"], rows["ppo", "speed", "completed"]["error"]) == ("23", "")
+    assert ("ppo", "priority", "completed") not in rows
+
+
+def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
+    four(tmp_path / "r")
+    run("intervals", "r", "--out", "out")
+    rows = table(tmp_path / "out" / "intervals.csv")
+    first = rows[0]
+    assert (first["planner"], first["group"], first["episodes"], first["maps"]) == (
+        "idm",
+        "all types",
+        "48",
+        "12",
+    )
+    assert (first["method"], first["published"]) == ("cluster bootstrap", "7.2")
+    assert float(first["scd_low"]) < float(first["scd"]) < float(first["scd_high"])
+
+
+def test_correlations_are_over_planners(run, tmp_path: Path) -> None:
+    four(tmp_path / "r")
+    out, _ = run("correlations", "r", "--out", "out")
+    assert "Conventional metrics and SCD over 4 planners" in out
+    assert "fewer than 5 planners: no interval" in out
+    rows = {(r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "out" / "correlations.csv")}
+    score = rows["all types", "driving_score", "strict"]
+    assert (score["planners"], score["planners_published"]) == ("4", "17")
+    # Strict SCD: idm-e > mine > ppo > idm; strict driving score in the same order.
+    assert float(score["rho"]) == 1.0
+    assert rows["all types", "comfort", "strict"]["rho"] == ""
+
+
+def test_means_by_group_are_those_of_the_summary(tmp_path: Path) -> None:
+    pool = read_pool([four(tmp_path / "r")], False)
+    for p in pool.summaries:
+        for metric in ("driving_score", "collision", "comfort", "mean_speed"):
+            figure = p.metrics[metric]
+            strict = figure.completed if figure.strict is None else figure.strict
+            assert metric_mean(pool, p.planner, None, metric, "strict") == pytest.approx(strict.value)
+            completed = metric_mean(pool, p.planner, None, metric, "completed")
+            assert completed == pytest.approx(figure.completed.value)
+
+
+def test_ablation_pairs_by_scenario(run, tmp_path: Path) -> None:
+    plain = episodes("idm-e", yield_m0_v0=lost())
+    kept = [row for row in episodes("idm-e") if row["variant"] == 0]
+    masked = [row | (lost() if row["scenario_type"] == "yield" else {}) for row in kept]
+    make_run(tmp_path / "plain", plain + episodes("ppo"))
+    make_run(tmp_path / "masked", masked, mask_signs=True, variants="one-per-map")
+    out, _ = run("ablation", "masked", "plain", "--out", "out")
+    assert out.startswith("Sign-channel ablation: 12 paired episodes for each of 1 planners, test split, variants ")
+    assert "without a partner, left out: ppo" in out
+    rows = {r["metric"]: r for r in table(tmp_path / "out" / "ablation.csv")}
+    yields = rows["SCD, priority"]
+    assert [yields[k] for k in ("pairs", "lost", "gained", "maps")] == ["6", "5", "0", "6"]
+    assert float(yields["difference"]) == pytest.approx(-500 / 6, abs=1e-5)
+    assert yields["p"] == "0.0625"
+    assert yields["mde"] != ""
+    assert rows["SCD, speed"]["difference"] == "0.0"
+
+
+def test_ablation_needs_both_and_the_same_scenes(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "plain", episodes("idm", maps=5))
+    make_run(tmp_path / "masked", episodes("idm"), mask_signs=True)
+    make_run(tmp_path / "other", episodes("ppo"), mask_signs=True)
+    make_run(tmp_path / "elsewhere", episodes("idm"), mask_signs=True, contract="d" * 64)
+    assert "none with it was given" in refused(run, "ablation", "plain")
+    assert "none without it was given" in refused(run, "ablation", "masked")
+    assert "idm has not driven 8 of the 48 scenes of masked" in refused(run, "ablation", "plain", "masked")
+    assert "no planner is in both: without --mask-signs idm; with it ppo" in refused(
+        run, "ablation", "plain", "other"
+    )
+    assert "d" * 64 in refused(run, "ablation", "plain", "elsewhere")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_partial_runs_are_refused_or_titled(run, tmp_path: Path, kind: str) -> None:
+    rows = [row for name in ("idm", "idm-e", "ppo") for row in episodes(name)]
+    make_run(tmp_path / "part", rows[:-2], asked=48)
+    make_run(tmp_path / "masked", rows, mask_signs=True)
+    runs = ("part", "masked") if kind == "ablation" else ("part",)
+    assert "scenarios without a record (ppo: 2 of 48)" in refused(run, kind, *runs)
+    assert not (tmp_path / "analyses").exists()
+    out, _ = run(kind, *runs, "--allow-partial")
+    assert out.startswith("PARTIAL, 2 episodes missing: ")
+    for suffix in ("csv", "tex", *(() if kind == "main" else ("svg",))):
+        assert (tmp_path / "analyses" / f"{kind}.{suffix}").is_file()
+    assert all(row["title"].startswith("PARTIAL, 2 ") for row in table(tmp_path / "analyses" / f"{kind}.csv"))
+    assert r"\caption{PARTIAL, 2 episodes missing: " in (tmp_path / "analyses" / f"{kind}.tex").read_text()
+
+
+def test_runs_that_do_not_belong_together(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm"))
+    make_run(tmp_path / "b", episodes("ppo"), contract="d" * 64)
+    make_run(tmp_path / "c", episodes("ppo", maps=5))
+    make_run(tmp_path / "d", episodes("ppo"), mask_signs=True)
+    make_run(tmp_path / "e", episodes("idm"))
+    assert f"a has contract {CONTRACT}, b has {'d' * 64}" in refused(run, "main", "a", "b")
+    assert "a and c have different scenarios (scenarios: 48, 40)" in refused(run, "main", "a", "c")
+    assert "signs are masked in one of a and d only" in refused(run, "main", "a", "d")
+    assert "planner idm is in a and in e: give it once only" in refused(run, "main", "a", "e")
+    assert "no run folder" in refused(run, "main", "nowhere")
+    assert "at least 3 are needed, the runs have 1" in refused(run, "correlations", "a")
+
+
+def test_a_folder_that_cannot_be_written(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm"))
+    (tmp_path / "file").write_text("")
+    _, err = run("intervals", "a", "--out", "file/x", expect=2)
+    assert err.startswith("error: file")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", ["types", "intervals", "failures", "correlations", "ablation"])
+def test_figures_are_drawn_and_are_the_same_bytes_again(run, tmp_path: Path, kind: str) -> None:
+    four(tmp_path / "r")
+    four(tmp_path / "m", mask_signs=True)
+    runs = ("r", "m") if kind == "ablation" else ("r",)
+    for folder in ("x", "y"):
+        run(kind, *runs, "--out", folder)
+    for suffix in ("png", "svg", "csv", "tex"):
+        first, second = (tmp_path / folder / f"{kind}.{suffix}" for folder in ("x", "y"))
+        assert first.read_bytes() == second.read_bytes()
+    with Image.open(tmp_path / "x" / f"{kind}.png") as picture:
+        assert picture.width > 800
+        assert len(picture.convert("RGB").getcolors(1 << 24) or []) > 50
+    svg = (tmp_path / "x" / f"{kind}.svg").read_text()
+    assert svg.startswith("<?xml")
+    assert "<dc:date>" not in svg
+    assert "Matplotlib" not in svg

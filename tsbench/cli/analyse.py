@@ -1,0 +1,61 @@
+"""`tsbench analyse`: the paper's tables and figures from stored runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tsbench.cli.console import table_console
+
+if TYPE_CHECKING:
+    from tsbench.report.analyses.model import Analysis
+
+_FILES = "NAME.csv, NAME.tex and, where there is a figure, NAME.png and NAME.svg"
+_KINDS = {
+    "main": "SCD and conventional metrics of every planner, the published figures below its own.",
+    "types": "SCD of every planner on every type, and a heat map.",
+    "intervals": "SCD overall and by group with intervals, beside the published figures.",
+    "ablation": "What signs are worth: runs with and without --mask-signs, paired by scenario.",
+    "failures": "Complied or not, arrived or not, and what ended the rest.",
+    "correlations": "Spearman's correlation of each conventional metric with SCD, over planners, by group.",
+}
+
+
+@click.group()
+def analyse() -> None:
+    """The paper's analyses of runs: each a table (CSV, LaTeX) and, but for the main table, a figure (PNG, SVG).
+
+    The runs of one command must have the same contract and the same selection of scenarios, and each planner may be in
+    one of them only. See also: tsbench scenarios calibration, tsbench signs equivalents, tsbench signs sheet.
+    """
+
+
+def write_files(analysis: Analysis, out: Path) -> None:
+    """Write an analysis's files and name them."""
+    from tsbench.report.analyses.output import write_analysis
+
+    for path in write_analysis(analysis, out):
+        click.echo(str(path))
+
+
+def _command(name: str, line: str) -> None:
+    @analyse.command(name, help=line, short_help=line)
+    @click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=click.Path(path_type=Path))
+    @click.option(
+        "--out", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True, metavar="DIR",
+        help=f"Folder for {_FILES}.",
+    )  # fmt: skip
+    @click.option("--allow-partial", is_flag=True, help="Take runs with missing records; the title says so.")
+    def command(runs: tuple[Path, ...], out: Path, allow_partial: bool) -> None:
+        from tsbench.report.analyses.registry import analyse_runs  # brings matplotlib and statistics
+        from tsbench.report.analyses.shown import print_analysis
+
+        analysis = analyse_runs(name, runs, allow_partial)
+        print_analysis(analysis, table_console())
+        write_files(analysis, out)
+
+
+for _name, _line in _KINDS.items():
+    _command(_name, _line)

@@ -1,0 +1,61 @@
+"""How near the scenarios' traffic comes to nuPlan's: KS distances, and the CDFs as a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
+from tsbench.scenarios.calibration import GOAL, Fit
+
+_OURS, _NUPLAN = "#d55e00", "#0072b2"
+_JUDGED = {None: "none", True: "met", False: "missed"}
+
+
+def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
+    """One row for each quantity. split: whose scenarios they are of, None: both."""
+    columns = (
+        Column("quantity", "quantity", Kind.TEXT), Column("unit", "unit", Kind.TEXT), Column("n", "n", Kind.COUNT),
+        Column("ks", "KS", Kind.NUMBER, 3), Column("ks_levels", "KS at the\ngrid's levels", Kind.NUMBER, 3),
+        Column("goal", f"goal (at\nmost {GOAL:.2f})", Kind.TEXT),
+    )  # fmt: skip
+    rows = tuple(
+        Row((
+            fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance,
+            None if fit.good is None else fit.at_probes, _JUDGED[fit.good],
+        ))
+        for fit in fits
+    )  # fmt: skip
+    title = f"Calibration of traffic: scenarios ({split or 'train and test'} split) against nuPlan"
+    notes = (
+        "KS: Kolmogorov-Smirnov distance between the scenarios' values and nuPlan's published quantiles, whose CDF is "
+        "taken as linear between them; nothing is compared beyond the outermost",
+        "the grid's levels: nuPlan's 25, 50 and 75 %, to the nearest of which both are rounded there",
+    )
+    return Analysis("calibration", title, "", Table(columns, rows, 1), notes, partial(_draw, fits, title))
+
+
+def _draw(fits: Sequence[Fit], title: str) -> Figure:
+    """One panel for each quantity."""
+    figure = Figure(figsize=(4.2 * len(fits), 3.8), layout="constrained")
+    panels = figure.subplots(1, len(fits), squeeze=False)[0]
+    for axes, fit in zip(panels, fits, strict=True):
+        q, n = fit.quantiles, len(fit.sample)
+        share = np.arange(1, n + 1) / n
+        axes.step(fit.sample, share, where="post", color=_OURS, linewidth=2.0, label=f"scenarios (n = {n})")
+        axes.plot(q.value, q.share, "o--", color=_NUPLAN, markersize=4, label="nuPlan, published quantiles")
+        told = f"KS {fit.distance:.3f}"
+        if fit.good is not None:
+            told += f", at the grid's levels {fit.at_probes:.3f}"
+        axes.set_title(f"{q.name}: {told}", fontsize=9)
+        axes.set_xlabel(q.unit, fontsize=8)
+        axes.set_ylim(0.0, 1.0)
+        axes.tick_params(labelsize=8)
+        axes.grid(color="#e4e4e4", linewidth=0.6)
+        axes.legend(fontsize=7.5, loc="lower right")
+    panels[0].set_ylabel("share of values below", fontsize=8)
+    figure.suptitle(title, fontsize=8, x=0.01, ha="left")
+    return figure

@@ -1,0 +1,30 @@
+"""The analyses of runs by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from tsbench.report.analyses.ablation import ablation
+from tsbench.report.analyses.correlations import correlations
+from tsbench.report.analyses.failures import failures
+from tsbench.report.analyses.intervals import intervals
+from tsbench.report.analyses.main_table import main_table
+from tsbench.report.analyses.model import Analysis
+from tsbench.report.analyses.per_type import per_type
+from tsbench.report.analyses.pool import Pool, read_pool
+
+_OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
+    "main": main_table,
+    "types": per_type,
+    "intervals": intervals,
+    "failures": failures,
+    "correlations": correlations,
+}
+
+
+def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
+    """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
+    if name == "ablation":
+        return ablation(paths, allow_partial)
+    return _OF_POOL[name](read_pool(paths, allow_partial))
