@@ -19,6 +19,7 @@ COMMANDS = {
     "compare": ("tsbench.cli.compare:compare", "Compare two planners, scenario by scenario."),
     "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
     "view": ("tsbench.cli.view:view", "Look at runs in a browser on this machine."),
+    "analyse": ("tsbench.cli.analyse:analyse", "The paper's tables and figures from runs."),
     "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
     "render": ("tsbench.cli.render:render", "Draw episodes of a run as PNG, GIF or MP4."),
     "export": ("tsbench.cli.export:export", "Write episodes as CommonRoad XML or MCAP."),
