@@ -5,6 +5,7 @@ from __future__ import annotations
 import resource
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,55 @@ def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
         assert (bench.folder / "full" / name).read_bytes() == (
             bench.folder / "undisturbed" / name
         ).read_bytes()
+
+
+@pytest.fixture
+def disk(bench: Bench) -> Iterator[Path]:
+    """A disk of 400 kB; skipped where mounting is not permitted."""
+    folder = bench.folder / "disk"
+    folder.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=400k", "none", str(folder)], capture_output=True, check=False
+    )
+    if made.returncode:
+        pytest.skip("this user may not mount anything")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def remount(disk: Path, options: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{options}", str(disk)], check=True)
+
+
+def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Bench, disk: Path) -> None:
+    run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "all", "--workers", "2"]
+    process = bench.start(*run, "--out", "disk/run")
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 2, (out, err)
+    assert err.count("\n") == 1
+    assert "No space left on device; finished episodes are kept: free some space and run the same" in err
+    there = (disk / "run" / "journal.jsonl").read_bytes().count(b"\n") - 1
+    assert there > 0
+    remount(disk, "size=20m")
+    done = bench.run(*run, "--out", "disk/run")
+    assert f"continuing: {there} of 40 episodes are already there" in done.stderr
+    bench.run(*run, "--out", "undisturbed")
+    for name in ("episodes.parquet", "violations.parquet"):
+        assert (disk / "run" / name).read_bytes() == (bench.folder / "undisturbed" / name).read_bytes()
+
+
+def test_a_read_only_disk(bench: Bench, disk: Path) -> None:
+    process = bench.start_paused(2, *RUN, "--out", "disk/run")
+    process.kill()
+    process.communicate()
+    before = {path: path.read_bytes() for path in (disk / "run").iterdir() if path.is_file()}
+    remount(disk, "ro")
+    for out in ("disk/run", "disk/new"):
+        done = bench.run(*RUN, "--out", out, expect=2)
+        assert done.stderr.startswith("error: ")
+        assert "Read-only file system; choose another folder with --out" in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_default_folder_and_manifest(bench: Bench) -> None:
