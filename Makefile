@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad-requirements.txt
 
-.PHONY: run test torture setup lint format maps scenarios bench clean
+.PHONY: run test torture mutation setup lint format maps scenarios bench clean
 
 run: setup
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -20,6 +20,15 @@ test: setup
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup
 	$(BIN)/pytest -m torture -rP tests/run/test_torture.py
+
+# Are the rules' tests strict enough? Mutants of tsbench/rules against tests/rules; goes on where it was stopped.
+mutation: $(BIN)/mutmut
+	$(BIN)/mutmut run --max-children $(WORKERS)
+	$(BIN)/mutmut results --all true | $(BIN)/python tests/rules/mutation_table.py
+
+$(BIN)/mutmut: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[mutation]"
+	touch $@
 
 setup: $(READY)
 
@@ -53,4 +62,4 @@ bench: setup
 	$(BIN)/tsbench bench
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache mutants
