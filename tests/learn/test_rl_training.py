@@ -21,6 +21,7 @@ from tsbench.learn.rl_config import HYPER, Job
 from tsbench.learn.rl_policy import BetaActions, actor_tensors, policy_of
 from tsbench.planners.carl.planner import RECORD, Carl
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
+from tsbench.planners.ppo.planner import RECORD as VECTOR
 from tsbench.planners.ppo.planner import Ppo
 from tsbench.planners.ppo.vector import SIZE
 from tsbench.planners.weights import network, save_weights
@@ -51,7 +52,9 @@ def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     save_weights("ppo", tmp_path, actor_tensors("ppo", made), {})
     seen = np.random.default_rng(0).uniform(-1, 1, (5, SIZE)).astype(np.float32)
     wanted, _ = made.predict(seen, deterministic=True)
-    assert np.allclose(np.clip(Ppo(tmp_path).infer(seen), -1, 1), wanted, atol=1e-5)
+    records = np.zeros(5, dtype=VECTOR)
+    records["vector"] = seen
+    assert np.allclose(np.clip(Ppo(tmp_path).infer(records)["action"], -1, 1), wanted, atol=1e-5)
     assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2
 
 
@@ -64,7 +67,7 @@ def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
     records["measurements"] = rng.uniform(-1, 1, records["measurements"].shape)
     wanted, _ = made.predict({k: records[k] for k in ("bev", "measurements")}, deterministic=True)
     assert np.ptp(wanted) > 0.01
-    assert np.allclose(Carl(tmp_path).infer(records), wanted, atol=1e-4)
+    assert np.allclose(Carl(folder=tmp_path).infer(records)["action"], wanted, atol=1e-4)
 
 
 def test_beta_actions_have_the_density_of_the_textbook() -> None:
@@ -114,7 +117,7 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     first = rl_train.train(job, told.append)
     before = load_file(tmp_path / "checkpoint.safetensors")
     assert first.training["steps"] == 16
-    assert Ppo(tmp_path).infer(np.zeros((1, SIZE), dtype=np.float32)).shape == (1, 2)
+    assert np.isfinite(Ppo(tmp_path).infer(np.zeros(1, dtype=VECTOR))["action"]).all()
 
     second = rl_train.train(replace(job, steps=32), told.append)
     after = load_file(tmp_path / "checkpoint.safetensors")

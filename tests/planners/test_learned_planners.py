@@ -12,7 +12,8 @@ import pytest
 from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo, with_signs
 
 from tsbench.errors import InputError
-from tsbench.planners.carl.planner import Carl
+from tsbench.planners.batched import is_served
+from tsbench.planners.carl.planner import Carl, CarlExpert
 from tsbench.planners.learned import LearnedPlanner
 from tsbench.planners.learned_actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.planners.ppo.planner import Ppo
@@ -21,7 +22,7 @@ from tsbench.planners.weights import save_weights
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [
     pytest.param(lambda p: Ppo(save_ppo(p)), id="ppo"),
-    pytest.param(lambda p: Carl(save_carl(p)), id="carl"),
+    pytest.param(lambda p: Carl(folder=save_carl(p)), id="carl"),
 ]
 
 
@@ -60,10 +61,17 @@ def test_an_action_holds(make: Make, drive: Recorder, tmp_path: Path) -> None:
         assert accelerations[k] == accelerations[o.step - o.step % HOLD_TICKS]
 
 
+def test_only_carl_is_served_and_only_by_a_gpu() -> None:
+    assert is_served(Carl, "cuda")
+    assert is_served(CarlExpert, "cuda")
+    assert not is_served(Carl, "cpu")
+    assert not is_served(Ppo, "cuda")
+
+
 def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:
     save_weights("carl", tmp_path, ppo_tensors(), {})
     with pytest.raises(InputError, match="are not those of carl's network") as caught:
-        Carl(tmp_path)
+        Carl(folder=tmp_path)
     assert "\n" not in str(caught.value)
 
 

@@ -6,69 +6,92 @@ Torch is imported when the planner is made, not before.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tsbench.errors import InputError
-from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.batched import Infer, Records
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.expert import Expert
-from tsbench.planners.learned import Inputs, LearnedPlanner
+from tsbench.planners.learned import ACTIONS, LearnedPlanner
 from tsbench.planners.weights import load_weights
 
 WEIGHTS = "carl"
 RECORD = np.dtype(
     [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,))]
 )
+# On a CPU a row of a batch costs as much as alone: only a GPU is worth a process of its own.
+_SERVED_ON = ("cuda",)
 
 
 class Carl(LearnedPlanner):
-    """The planner."""
+    """The planner. infer: who answers its records; folder: of the weights of its own network (None: tsbench's)."""
 
-    def __init__(self, folder: Path | None = None, device: str = "cpu") -> None:
-        """`folder`: of the weights, as `tsbench train carl --out` makes it; None for those that come with tsbench."""
-        import torch
+    inputs: ClassVar[np.dtype[Any]] = RECORD
+    served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
 
-        from tsbench.planners.carl.network import CarlActor
-
-        super().__init__()
-        self._torch, self._device = torch, torch.device(device)
-        net = CarlActor()
-        tensors = {k: torch.from_numpy(np.array(v)) for k, v in load_weights(WEIGHTS, folder).items()}
-        try:
-            net.load_state_dict(tensors)
-        except RuntimeError as error:
-            problem = " ".join(str(error).split())[:200]
-            raise InputError(f"weights {WEIGHTS!r}: are not those of carl's network ({problem})") from None
-        self._net = net.to(self._device).eval()
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        super().__init__(load("cpu", folder) if infer is None else infer)
         self._encoder = RasterEncoder()
+
+    @staticmethod
+    def network(device: str) -> Infer:
+        """tsbench's own network on a device."""
+        return load(device)
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode."""
         super().reset(context)
         self._encoder.reset(context)
 
-    def encode(self, observation: Observation) -> Inputs:
-        """(1,) record: `bev` (9, 128, 128) uint8, `measurements` (10,) float32."""
+    def encode(self, observation: Observation) -> Records:
+        """(1,) record of `bev` (9, 128, 128) uint8 and `measurements` (10,) float32."""
         record = np.empty(1, dtype=RECORD)
         record["bev"][0], record["measurements"][0] = self._encoder.encode(observation)
         return record
 
-    def infer(self, inputs: Inputs) -> Array:
-        """(b, 2) modes; one row at a time, as convolutions of several rows round differently."""
-        torch = self._torch
-        out = np.empty((len(inputs), 2))
+
+def load(device: str, folder: Path | None = None) -> Infer:
+    """The CNN with the weights below `folder`; InputError where they are not its own."""
+    import torch
+
+    from tsbench.planners.carl.network import CarlActor
+
+    net = CarlActor()
+    tensors = {key: torch.from_numpy(np.array(value)) for key, value in load_weights(WEIGHTS, folder).items()}
+    try:
+        net.load_state_dict(tensors)
+    except RuntimeError as error:
+        problem = " ".join(str(error).split())[:200]
+        raise InputError(f"weights {WEIGHTS!r}: are not those of carl's network ({problem})") from None
+    net = net.to(device).eval()
+
+    def infer(records: Records) -> Records:
+        answers = np.empty(len(records), dtype=ACTIONS)
         with torch.inference_mode():
-            for k in range(len(inputs)):
-                bev = torch.from_numpy(inputs["bev"][k : k + 1]).to(self._device)
-                measured = torch.from_numpy(inputs["measurements"][k : k + 1]).to(self._device)
-                out[k] = self._net(bev, measured)[0].cpu().numpy()
-        return out
+            # One at a time: convolutions of several rows round differently.
+            for k in range(len(records)):
+                bev, measured = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
+                action = net(torch.from_numpy(bev).to(device), torch.from_numpy(measured).to(device))
+                answers["action"][k] = action[0].cpu().numpy()
+        return answers
+
+    return infer
 
 
 class CarlExpert(Expert):
-    """`carl-e`."""
+    """`carl-e`. Its base's network can be answered for from elsewhere, like `carl`'s."""
 
-    def __init__(self) -> None:
-        super().__init__(Carl())
+    inputs: ClassVar[np.dtype[Any]] = RECORD
+    outputs: ClassVar[np.dtype[Any]] = ACTIONS
+    served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
+
+    def __init__(self, infer: Infer | None = None) -> None:
+        super().__init__(Carl(infer))
+
+    @staticmethod
+    def network(device: str) -> Infer:
+        """tsbench's own network on a device."""
+        return load(device)

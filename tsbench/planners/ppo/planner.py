@@ -9,26 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.batched import Infer, Records
 from tsbench.planners.expert import Expert
-from tsbench.planners.learned import Inputs, LearnedPlanner
-from tsbench.planners.ppo.vector import VectorEncoder
+from tsbench.planners.learned import ACTIONS, LearnedPlanner
+from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.weights import load_weights
 
 WEIGHTS = "ppo"
+RECORD = np.dtype([("vector", np.float32, (SIZE,))])
 _HIDDEN = ("hidden.0", "hidden.1")
 
 
 class Ppo(LearnedPlanner):
-    """The planner."""
+    """The planner. folder: of the weights, as `tsbench train ppo --out` makes it; None: those of tsbench."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder`: of the weights, as `tsbench train ppo --out` makes it; None for those that come with tsbench."""
-        super().__init__()
-        tensors = load_weights(WEIGHTS, folder)
-        self._hidden = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in _HIDDEN]
-        self._last = tensors["action.weight"], tensors["action.bias"]
+        super().__init__(network(folder))
         self._encoder = VectorEncoder()
 
     def reset(self, context: PlannerContext) -> None:
@@ -36,20 +33,28 @@ class Ppo(LearnedPlanner):
         super().reset(context)
         self._encoder.reset(context)
 
-    def encode(self, observation: Observation) -> Inputs:
-        """(1, 275) float32."""
-        return self._encoder.encode(observation)[None]
+    def encode(self, observation: Observation) -> Records:
+        """(1,) record of `vector` (275,) float32."""
+        record = np.empty(1, dtype=RECORD)
+        record["vector"][0] = self._encoder.encode(observation)
+        return record
 
-    def infer(self, inputs: Inputs) -> Array:
-        """(b, 2) means."""
-        return np.array([self._mean(row) for row in inputs], dtype=np.float64).reshape(-1, 2)
 
-    def _mean(self, x: Inputs) -> Inputs:
-        for weight, bias in self._hidden:
-            x = np.tanh(weight @ x + bias)
-        weight, bias = self._last
-        mean: Inputs = weight @ x + bias
-        return mean
+def network(folder: Path | None = None) -> Infer:
+    """The MLP with the weights below `folder`."""
+    tensors = load_weights(WEIGHTS, folder)
+    hidden = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in _HIDDEN]
+    weight, bias = tensors["action.weight"], tensors["action.bias"]
+
+    def infer(records: Records) -> Records:
+        answers = np.empty(len(records), dtype=ACTIONS)
+        for k, x in enumerate(records["vector"]):
+            for w, b in hidden:
+                x = np.tanh(w @ x + b)
+            answers["action"][k] = weight @ x + bias
+        return answers
+
+    return infer
 
 
 class PpoExpert(Expert):
