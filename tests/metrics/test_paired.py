@@ -62,6 +62,20 @@ def test_power_is_that_of_every_table_counted(n: int, rare: float, effect: float
     assert mcnemar_power(n, rare, effect, alpha) == pytest.approx(brute, abs=1e-9)
 
 
+def test_power_as_published() -> None:
+    # G*Power 3.1 manual, chapter 5, after O'Brien (2002): 50 pairs, flips of 8 % and 32 %, exact one-sided test at 5 %:
+    # power 0.839343 there. One side of a two-sided test at 10 % is that test.
+    assert mcnemar_power(50, 0.08, 0.24, 0.10) == pytest.approx(0.839343, abs=2e-5)
+
+
+def test_a_detectable_effect_as_published() -> None:
+    # The same example turned round: at the power that it has, its difference of 24 points is what is found.
+    effect = detectable(50, 4, 16, 0.10)
+    assert effect is not None
+    assert effect < 0.24
+    assert mcnemar_power(50, 0.08, effect, 0.10) == pytest.approx(0.8, abs=1e-4)
+
+
 def test_detectable_where_nothing_flipped_is_six_flips() -> None:
     effect = detectable(200, 0, 0, 0.05)
     assert effect is not None
@@ -142,6 +156,25 @@ def test_pairing_removes_what_the_maps_have_in_common() -> None:
     assert d.significant
     assert d.high - d.low < 1.0
     assert d.p is None
+
+
+# Student (1908), Biometrika 6, 1-25, illustration I: hours of sleep gained by ten patients with either of two drugs.
+FIRST = np.array([0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0])
+GAIN = np.array([1.2, 2.4, 1.3, 1.3, 0.0, 1.0, 1.8, 0.8, 4.6, 1.4])
+GAIN_SD = 1.17
+
+
+def test_a_paired_bootstrap_as_published() -> None:
+    d = between(FIRST, FIRST + GAIN, METRICS["mean_speed"], variants=1)
+    assert (d.a, d.value, d.significant) == (pytest.approx(0.75), pytest.approx(1.58), True)
+    # The bootstrap's standard error of a mean is Student's SD / sqrt(n): both divide by n, not n - 1.
+    assert d.low is not None
+    assert d.high is not None
+    assert d.high - d.low == pytest.approx(2 * 1.96 * GAIN_SD / 10**0.5, rel=0.06)
+    # Around 0 the difference proves nothing, and the effect that would have is 2.80 such errors.
+    centred = between(FIRST, FIRST + GAIN - 1.58, METRICS["mean_speed"], variants=1)
+    assert not centred.significant
+    assert centred.mde == pytest.approx(2.8016 * GAIN_SD / 10**0.5, rel=0.05)
 
 
 def test_mde_of_a_mean_is_2_8_standard_errors() -> None:
