@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from tsbench.metrics.outcome import Outcome
 from tsbench.planners.base import Observation
+from tsbench.planners.helpers import RoadAhead
 from tsbench.planners.route_speed import RouteSpeed
 
 
@@ -19,7 +20,8 @@ class RewardSpec:
     """Each soft penalty is a factor that falls from 1 at `*_free` to `least` at `*_most`.
 
     overspeed: m/s above the limit. offset: m beside the route. lateral: m/s2 sideways. brake: m/s2 of braking.
-    infraction: reward of a collision or of leaving the road; the whole route is worth 1.
+    approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision or
+    of leaving the road; the whole route is worth 1.
     """
 
     least: float = 0.4
@@ -31,6 +33,8 @@ class RewardSpec:
     lateral_most: float = 5.0
     brake_free: float = 4.0
     brake_most: float = 6.0
+    approach_free: float = 1.0 / 3.0
+    approach_most: float = 1.0
     infraction: float = -1.0
 
 
@@ -42,6 +46,7 @@ class RouteReward:
         self._whole = max(first.route.remaining, 1.0)
         self._left = first.route.remaining
         self._speed = RouteSpeed()
+        self._road = RoadAhead()
 
     def tick(self, o: Observation) -> float:
         """What the tick that led here has earned. Way that was lost is not earned twice."""
@@ -60,12 +65,16 @@ class RouteReward:
     def _factor(self, o: Observation) -> float:
         s, ego, route = self._spec, o.ego, o.route
         over = ego.speed - self._speed.limit(route)
+        # Three seconds ahead: what is farther does not count yet.
+        gap, lead = self._road.gap(o, 3.0 * ego.speed + 5.0)
+        approach = (ego.speed - lead) / max(gap, 0.1)
         return math.prod(
             (
                 _fall(over, s.overspeed_free, s.overspeed_most, s.least),
                 _fall(abs(route.d), s.offset_free, s.offset_most, s.least),
                 _fall(abs(ego.speed * ego.yaw_rate), s.lateral_free, s.lateral_most, s.least),
                 _fall(-ego.acceleration, s.brake_free, s.brake_most, s.least),
+                _fall(approach, s.approach_free, s.approach_most, s.least),
             )
         )
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+from tsbench.envs.reward import RewardSpec
 from tsbench.planners.learned_actions import HOLD_TICKS
 
 
@@ -60,4 +61,5 @@ class Job:
             "types": list(self.types),
             "split": "train",
             "hold_ticks": HOLD_TICKS,
+            "reward": asdict(RewardSpec()),
         }
