@@ -25,8 +25,8 @@ class Gains:
     speed_p: float = 1.5
     speed_d: float = 0.1
     yaw_d: float = 0.02
-    ahead_s: float = 0.45
-    ahead_m: float = 2.5
+    ahead_s: float = 0.4
+    ahead_m: float = 2.0
     most: float = 2.5
     least: float = -6.0
     halt: float = 0.4

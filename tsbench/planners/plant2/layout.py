@@ -66,3 +66,12 @@ SIGN_TOKENS = np.dtype(
     ],
     align=True,
 )
+# What the network answers: points in the ego's frame (m), and the wished speed (m/s).
+PLAN = np.dtype(
+    [
+        ("path", np.float32, (PATH_POINTS, 2)),
+        ("waypoints", np.float32, (WAYPOINTS, 2)),
+        ("speed", np.float64),
+    ],
+    align=True,
+)

@@ -4,70 +4,82 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.batched import Infer
 from tsbench.planners.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
-from tsbench.planners.plant2.layout import Records
+from tsbench.planners.plant2.layout import PLAN, TOKENS, Record, Records
 from tsbench.planners.plant2.tokens import Tokeniser
-
-if TYPE_CHECKING:
-    from tsbench.planners.plant2.inference import Inference
-
-WEIGHTS = "plant2"
 
 
 class Plant2:
-    """The planner. An observation gives the command; nothing of earlier ticks is kept."""
+    """The planner. An observation gives the command; nothing of earlier ticks is kept.
+
+    infer: who answers its records; folder: of the weights of its own network (None: tsbench's).
+    """
 
     privileged = False
     sign_access = False
+    weights: ClassVar[str] = "plant2"
+    inputs: ClassVar[np.dtype[Any]] = TOKENS
+    outputs: ClassVar[np.dtype[Any]] = PLAN
+    # Eight together cost a third of eight alone, on a CPU too.
+    served_on: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
 
-    def __init__(self, inference: Inference | None = None, folder: Path | None = None) -> None:
-        """`folder`: of the weights, None for those that come with tsbench."""
-        if inference is None:
-            from tsbench.planners.plant2.inference import Inference
-
-            inference = Inference.from_weights(WEIGHTS, folder)
-        self._inference = inference
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        self.infer = _load(self.weights, "cpu", folder) if infer is None else infer
         self._gains = Gains()
         self._tokeniser: Tokeniser | None = None
 
+    @classmethod
+    def network(cls, device: str) -> Infer:
+        """tsbench's own network on a device."""
+        return _load(cls.weights, device, None)
+
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode; what is drawn of a network is kept for the next episode on it."""
-        self._tokeniser = _tokeniser_for(context.network, self._tokeniser)
+        """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
+        if self._tokeniser is None or self._tokeniser.network is not context.network:
+            self._tokeniser = Tokeniser(context.network)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""
-        return self.act_batch([observation])[0]
+        return self._decide(observation, self.infer(self.encode(observation))[0])
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """Commands for several observations in one network of roads; each as it would be alone, to the bit."""
-        return self.decide(observations, np.concatenate([self.encode(o) for o in observations]))
+        """Commands for several observations on the present roads; each as it would be alone, to the bit."""
+        plans = self.infer(np.concatenate([self.encode(o) for o in observations]))
+        return [self._decide(o, plan) for o, plan in zip(observations, plans, strict=True)]
 
     def encode(self, observation: Observation) -> Records:
-        """(1,) of the network's inputs: all that an inference process needs to be sent."""
+        """(1,) record of the network's inputs."""
         assert self._tokeniser is not None, "act before reset"
         return self._tokeniser.tokens(observation)
 
-    def decide(self, observations: Sequence[Observation], tokens: Records) -> list[Control]:
-        """Commands from (b,) inputs, of whatever episodes."""
-        plans = self._inference.plans(tokens)
-        return [
-            control(p.path, p.speed, o.ego, self._gains) for p, o in zip(plans, observations, strict=True)
-        ]
+    def _decide(self, observation: Observation, plan: Record) -> Control:
+        return control(plan["path"], float(plan["speed"]), observation.ego, self._gains)
 
 
 class Plant2Expert(Expert):
-    """`plant2-e`."""
+    """`plant2-e`. Its base's network can be answered for from elsewhere, like `plant2`'s."""
 
-    def __init__(self) -> None:
-        super().__init__(Plant2())
+    inputs: ClassVar[np.dtype[Any]] = Plant2.inputs
+    outputs: ClassVar[np.dtype[Any]] = Plant2.outputs
+    served_on: ClassVar[tuple[str, ...]] = Plant2.served_on
+
+    def __init__(self, infer: Infer | None = None) -> None:
+        super().__init__(Plant2(infer))
+
+    @staticmethod
+    def network(device: str) -> Infer:
+        """The base's network on a device."""
+        return Plant2.network(device)
 
 
-def _tokeniser_for(network: RoadNetwork, last: Tokeniser | None) -> Tokeniser:
-    return last if last is not None and last.network is network else Tokeniser(network)
+def _load(name: str, device: str, folder: Path | None) -> Infer:
+    from tsbench.planners.plant2.inference import load
+
+    return load(name, device, folder)

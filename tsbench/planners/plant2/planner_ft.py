@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.batched import Infer
 from tsbench.planners.plant2.layout import SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
-
-if TYPE_CHECKING:
-    from tsbench.planners.plant2.inference import Inference
-
-WEIGHTS = "plant2-ft"
 
 
 class SignTokeniser:
@@ -44,13 +40,11 @@ class Plant2Ft(Plant2):
     """The planner. Of earlier ticks it keeps the sign that holds."""
 
     sign_access = True
+    weights: ClassVar[str] = "plant2-ft"
+    inputs: ClassVar[np.dtype[Any]] = SIGN_TOKENS
 
-    def __init__(self, inference: Inference | None = None, folder: Path | None = None) -> None:
-        if inference is None:
-            from tsbench.planners.plant2.inference import Inference
-
-            inference = Inference.from_weights(WEIGHTS, folder)
-        super().__init__(inference)
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        super().__init__(infer, folder)
         self._signs: SignTokeniser
 
     def reset(self, context: PlannerContext) -> None:
