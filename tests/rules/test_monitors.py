@@ -10,7 +10,6 @@ from labelled import CASES, network, play
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.foes import FoeFinder
 from tsbench.rules.paths import junction_paths
 from tsbench.rules.registry import MONITORS, make_monitor, make_monitors
 from tsbench.signs.catalog import load_catalog
@@ -199,24 +198,3 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params={})
     _, others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery)))
     assert [m.sign.id for m in others] == ["second"]
-
-
-def test_foes_are_found_from_upstream_edges_to_the_exit() -> None:
-    net = network("x")
-    paths = junction_paths(net, "w_in")
-    table = ActorTable()
-    table.add("f", ActorKind.CAR, 4.5, 1.8, ("fw_in", "w_in", "e_out"))
-    table.add("away", ActorKind.CAR, 4.5, 1.8, ("w_in",))
-
-    def place(lane: str, s: float, row: int = 0) -> object:
-        rows, lanes = np.array([row], dtype=np.int32), np.array([net.lane_index[lane]], dtype=np.int32)
-        actors = Actors(table, rows, np.zeros((1, 3)), np.zeros(1), lanes, np.array([s]))
-        found = FoeFinder(net, paths).find(actors)
-        return (net.lanes[paths[found[0].path].connection.from_lane].id, found[0].s) if found else None
-
-    assert place("fw_in_1", 36.75) == ("w_in_1", pytest.approx(36.75 - 100.0 - 89.6, abs=0.02))
-    assert place("w_in_0", 80.0) == ("w_in_0", pytest.approx(-9.6))
-    assert place(":C_15_1", 3.0) == ("w_in_1", pytest.approx(3.0))
-    assert place("e_out_1", 2.0) == ("w_in_1", pytest.approx(22.8))
-    assert place("n_in_0", 2.0) is None
-    assert place("w_in_0", 80.0, row=1) is None

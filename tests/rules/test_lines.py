@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from labelled import network
+
+from tsbench.maps.network import RoadNetwork
+from tsbench.rules.lines import ApproachLine, Road, reverse_edges
+from tsbench.sim.world import EGO_LENGTH_M, EgoState
+
+HALF = EGO_LENGTH_M / 2
+SIDEWAYS = math.radians(60)  # of the ego's half length, half is along the road
+
+
+def _on(net: RoadNetwork, lane: str, s: float, turn: float = 0.0) -> EgoState:
+    """An ego with its centre on a lane's middle, turned off its direction (rad)."""
+    index, line = net.lane_index[lane], net.lane(lane).line
+    x, y = line.point_at(s)
+    return EgoState(x, y, line.heading_at(s) + turn, 5.0, 0.0, 0.0, 0.0, index, s, 0.0, True)
+
+
+def _off(x: float, y: float, heading: float = 0.0) -> EgoState:
+    """An ego on no lane."""
+    return EgoState(x, y, heading, 5.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, False)
+
+
+def _about(value: float) -> Any:
+    return pytest.approx(value, abs=1e-6)
+
+
+def test_the_other_direction_of_a_road() -> None:
+    assert reverse_edges(network("corridor"), "ab") == ("ba",)
+    assert reverse_edges(network("corridor"), "ba") == ("ab",)
+    assert reverse_edges(network("contraflow"), "ab") == ()
+    assert reverse_edges(network("contraflow"), "bc") == ("cb",)
+    assert reverse_edges(network("forks"), "l33") == ("l33_in",)
+
+
+def test_places_along_a_road_over_a_junction() -> None:
+    net = network("corridor")
+    road = Road(net, ("bc", "cd"))
+    assert road.starts == {"bc": 0.0, "cd": _about(112.8 + 14.4)}
+    assert road.length == _about(112.8 + 14.4 + 112.8)
+    assert road.line.length == _about(road.length)
+    assert road.line.project(240.0, -4.8)[0] == _about(120.0)
+    for lane, s, place in (
+        ("bc_0", 10.0, 10.0),
+        ("bc_1", 10.0, 10.0),
+        ("cd_1", 10.0, 137.2),
+        (":P2_6_1", 4.0, 116.8),
+        ("cb_0", 30.0, 82.8),
+        ("dc_1", 30.0, 210.0),
+        ("ab_0", 110.0, -10.01),
+        (":P1_2_1", 0.004, -0.006),
+    ):
+        assert road.place(_on(net, lane, s)) == _about(place), lane
+    for lane in ("ba_0", "q_in_0", "q_out_0"):
+        assert road.place(_on(net, lane, 20.0)) is None
+    assert road.place(_off(150.0, -4.8)) is None
+
+
+def test_a_road_that_starts_behind_a_long_junction() -> None:
+    net = network("corridor")
+    road = Road(net, ("cd",))
+    assert road.place(_on(net, "bc_1", 100.0)) == _about(-27.2)
+    assert road.place(_on(net, ":P2_6_0", 4.0)) == _about(-10.4)
+    assert road.place(_on(net, "q_in_0", 20.0)) is not None
+    assert road.place(_on(net, "ab_0", 20.0)) is None
+
+
+def test_edges_that_nothing_joins_lie_end_to_end() -> None:
+    road = Road(network("corridor"), ("ab", "q_out"))
+    assert road.starts == {"ab": 0.0, "q_out": _about(120.0)}
+
+
+def test_only_who_drives_along_the_road_has_its_front_on_it() -> None:
+    net = network("corridor")
+    road = Road(net, ("ab", "bc"))
+    assert road.front(_on(net, "ab_1", 50.0)) == _about(50.0 + HALF)
+    assert road.front(_on(net, "ab_1", 50.0, SIDEWAYS)) == _about(50.0 + HALF / 2)
+    assert road.front(_on(net, "ab_1", 50.0, math.pi)) is None
+    assert road.front(_on(net, "ab_1", 50.0, 2 * SIDEWAYS)) is None
+    assert road.front(_on(net, "ba_0", 50.0, math.pi)) == _about(70.0 + HALF)
+    assert road.front(_on(net, "ba_0", 50.0, math.pi - SIDEWAYS)) == _about(70.0 + HALF / 2)
+    assert road.front(_on(net, "ba_0", 50.0)) is None
+    assert road.front(_on(net, "q_out_0", 20.0)) is None
+
+
+def test_off_every_lane_a_road_is_two_carriageways_wide() -> None:
+    road = Road(network("corridor"), ("ab", "bc"))
+    assert road.front(_off(50.0, -17.5)) == _about(50.0 + HALF)
+    assert road.front(_off(50.0, -17.7)) is None
+    assert road.front(_off(50.0, 7.9)) == _about(50.0 + HALF)
+    assert road.front(_off(50.0, 8.1)) is None
+    assert road.front(_off(50.0, -12.0, math.pi)) is None
+    assert road.front(_off(50.0, -12.0, 1.0)) == _about(50.0 + HALF * math.cos(1.0))
+    assert road.front(_off(50.0, -12.0, 2.0)) is None
+
+
+def test_the_lanes_of_a_bend_are_scaled_to_one() -> None:
+    net = network("curve")
+    inner, middle, outer = (net.lane(f"pr_{k}").line.length for k in (2, 1, 0))
+    for order, size in ((-1, outer), (0, outer), (1, middle), (2, inner), (7, inner)):
+        road = Road(net, ("pr",), order)
+        assert road.length == _about(size)
+        assert road.place(_on(net, "pr_2", inner / 4)) == _about(size / 4)
+        assert road.place(_on(net, "pr_0", outer / 4)) == _about(size / 4)
+        back = net.lane("rp_0").line.length
+        assert road.place(_on(net, "rp_0", back / 4)) == _about(size * 3 / 4)
+
+
+def test_the_line_at_the_end_of_an_approach() -> None:
+    net = network("t")
+    line = ApproachLine(net, "s_in")
+    assert line.lanes == {net.lane_index["s_in_0"]}
+    assert line.opposite == {net.lane_index["s_out_0"]}
+    assert line.to_go(_on(net, "s_in_0", 80.0)) == _about(12.8 - HALF)
+    assert line.to_go(_on(net, "s_in_0", 92.0)) == _about(0.8 - HALF)
+    assert line.to_go(_on(net, "s_in_0", 80.0, SIDEWAYS)) == _about(12.8 - HALF / 2)
+    assert line.to_go(_on(net, "s_in_0", 80.0, math.pi)) is None
+    assert line.to_go(_on(net, "s_out_0", 20.0, math.pi)) == _about(20.0 - HALF)
+    assert line.to_go(_on(net, "s_out_0", 20.0, math.pi - SIDEWAYS)) == _about(20.0 - HALF / 2)
+    assert line.to_go(_on(net, "s_out_0", 20.0)) is None
+    assert line.to_go(_on(net, "w_in_0", 20.0)) is None
+    assert line.to_go(_off(7.9, -50.0, math.pi / 2)) == _about(50.0 - 7.2 - HALF)
+    assert line.to_go(_off(8.1, -50.0, math.pi / 2)) is None
+    assert line.to_go(_off(-4.7, -50.0, math.pi / 2)) == _about(50.0 - 7.2 - HALF)
+    assert line.to_go(_off(5.0, -50.0, -math.pi / 2)) is None
+    assert line.to_go(_off(5.0, -50.0, -0.2)) is None
