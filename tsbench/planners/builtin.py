@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tsbench.planners.registry import PlannerEntry
+from tsbench.planners.weights import learned
 
 IDM = PlannerEntry(target="tsbench.planners.idm:Idm", kind="rules", sign_access=False)
 IDM_E = PlannerEntry(target="tsbench.planners.expert:IdmExpert", kind="expert", privileged=True)
@@ -14,3 +15,7 @@ IDM_S3 = PlannerEntry(target="tsbench.planners.styles:IdmS3", kind="rules", sign
 IDM_S3_E = PlannerEntry(target="tsbench.planners.expert:IdmS3Expert", kind="expert", privileged=True)
 IDM_S4 = PlannerEntry(target="tsbench.planners.styles:IdmS4", kind="rules", sign_access=False)
 IDM_S4_E = PlannerEntry(target="tsbench.planners.expert:IdmS4Expert", kind="expert", privileged=True)
+PPO = learned("ppo", "tsbench.planners.ppo.planner:Ppo")
+PPO_E = learned(
+    "ppo", "tsbench.planners.ppo.planner:PpoExpert", kind="expert", privileged=True, sign_access=True
+)

@@ -1,0 +1,36 @@
+"""Masked signs change no command of a planner that has learned to drive without them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tsbench.planners import registry
+from tsbench.run.episode import EpisodeRunner
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.sumo import Simulation
+
+BLIND = [n for n in registry.names() if registry.entry(n).weights and not registry.entry(n).sign_access]
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Iterator[Simulation]:
+    made = Simulation()
+    yield made
+    made.close()
+
+
+def test_there_are_some() -> None:
+    assert "ppo" in BLIND
+
+
+@pytest.mark.parametrize("name", BLIND)
+def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
+    row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
+    commands = [
+        EpisodeRunner(name, name, mask_signs=mask, simulation=simulation).run(row).commands.tobytes()
+        for mask in (False, True)
+    ]
+    assert len(commands[0]) > 16 * 20
+    assert commands[0] == commands[1]
