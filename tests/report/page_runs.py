@@ -29,7 +29,7 @@ def an_episode(violated: bool = True) -> EpisodeFacts:
     bus = made.straight(61, 80.0, -1.6, 0.0, 8.0)
     bus[20:30] = np.nan
     others = [
-        made.Track("car", made.straight(61, 160.0, 1.6, math.pi, 5.0)),
+        made.Track("car", made.straight(61, 125.0, 1.6, math.pi, 5.0)),
         made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5)),
         made.Track("walker", made.straight(61, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)),
     ]

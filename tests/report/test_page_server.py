@@ -108,7 +108,7 @@ def test_pages_and_data(one_port: int) -> None:
         "/../../etc/passwd", "/run/0/../../../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd",
         "/run/0/data/episode/..%2F..%2Frun.json", "/run/0/data/episode/%2Fetc%2Fpasswd",
         "/run/0/data/episode/-1", "/run/0/data/episode/1e3", "/run/0/data/episode/99999", "/run/0/data/episode/%D9%A3",
-        "/run/0/data/roads/..", "/run/0/data/roads/" + "0" * 64, "/run/0/run.json", "/run/0/traces/idm",
+        "/run/0/data/roads/..", "/run/0/data/roads/" + "f" * 64, "/run/0/run.json", "/run/0/traces/idm",
         "/run/0/data/plate/3.24%7Cx", "/run/0/data/plate/3.24%7Cnan", "/run/7/", "/run/1/", "/run/0", "/favicon.ico",
     ],
 )  # fmt: skip
