@@ -67,6 +67,12 @@ def _is_worker(pid: int) -> bool:
         return False
 
 
+def _hold_ctrl_c() -> None:
+    """In a new process: Ctrl-C waits until the driver lets it through; a shell's `&` would have it ignored."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Bench:
     """Runs the command line on the fake runner."""
 
@@ -87,7 +93,7 @@ class Bench:
         return subprocess.Popen(
             self.command(*arguments), cwd=self.folder, env={**self.env, **env}, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-            preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}),
+            preexec_fn=_hold_ctrl_c,
         )  # fmt: skip
 
     def start_paused(self, lines: int, *arguments: str) -> subprocess.Popen[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import socket
 import sys
 import time
 from collections import deque
@@ -37,6 +38,7 @@ except ImportError:
 
 _TICK_S = 0.25
 _FAREWELL_S = 5.0
+_KNOCK_S = 10.0
 # A cluster that grows by itself takes minutes to bring up a machine.
 _PATIENCE_S = 900.0
 _TRIES = 3
@@ -80,8 +82,9 @@ class RayExecutor:
         # What Ray says of its nodes by itself belongs beside the progress, not into our output.
         self._stack.enter_context(redirect_stdout(sys.stderr))
         try:
+            _knock(address)
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
-        except (ConnectionError, ValueError, RuntimeError, RayError) as problem:
+        except (OSError, ValueError, RuntimeError, RayError) as problem:
             self._stack.close()
             raise InputError(
                 f"--executor ray: no cluster at {address!r} ({' '.join(str(problem).split())[:200]}); "
@@ -235,6 +238,13 @@ class RayExecutor:
         error = f"its worker on the cluster ended {_TRIES} times"
         row = error_row(task.spec, who["name"], who["privileged"], Outcome.SIM_ERROR, error)
         return Record(row, [], lost_timing(task.spec, who["name"], 0.0), f"{error}\n\n{why}\n")
+
+
+def _knock(address: str) -> None:
+    """Is somebody there? Ray itself would ask for minutes. Raises OSError or ValueError."""
+    if address != "auto":
+        host, _, port = address.rpartition("/")[2].rpartition(":")
+        socket.create_connection((host, int(port)), timeout=_KNOCK_S).close()
 
 
 def _line(problem: BaseException) -> str:
