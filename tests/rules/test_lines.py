@@ -61,6 +61,17 @@ def test_places_along_a_road_over_a_junction() -> None:
     assert road.place(_off(150.0, -4.8)) is None
 
 
+def test_a_road_that_turns_at_a_junction() -> None:
+    net = network("x")
+    road = Road(net, ("w_in", "n_out"))
+    before, behind = (net.lane(name).line.length for name in (":C_17_0", ":C_21_0"))
+    assert road.starts["n_out"] == _about(89.6 + before + behind)
+    assert road.place(_on(net, ":C_17_0", 3.0)) == _about(92.6)
+    assert road.place(_on(net, ":C_21_0", 3.0)) == _about(92.6 + before)
+    assert road.front(_on(net, ":C_21_0", 3.0)) == _about(92.6 + before + HALF)
+    assert road.front(_on(net, "fw_in_1", 90.0)) == _about(HALF - 10.01)
+
+
 def test_a_road_that_starts_behind_a_long_junction() -> None:
     net = network("corridor")
     road = Road(net, ("cd",))
