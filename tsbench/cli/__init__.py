@@ -28,6 +28,7 @@ COMMANDS = {
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
     "train": ("tsbench.cli.train:train", "Train a learned planner."),
+    "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),
     "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
 }
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130

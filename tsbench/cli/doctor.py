@@ -1,0 +1,30 @@
+"""`tsbench doctor`."""
+
+from __future__ import annotations
+
+import click
+
+from tsbench.cli import EXIT_FAILED
+
+_COLOURS = {"ok": "green", "note": "yellow", "failed": "red"}
+
+
+@click.command()
+def doctor() -> None:
+    """Check this installation, its data and this machine; exit code 1 if something keeps tsbench from working.
+
+    A note is about what only some commands need.
+    """
+    from tsbench.run.doctor.examine import examine
+    from tsbench.run.doctor.finding import Status
+
+    failed = 0
+    for finding in examine():
+        failed += finding.status is Status.FAILED
+        word = click.style(f"{finding.status:<7}", fg=_COLOURS[finding.status])
+        click.echo(f"{word} {finding.name:<9} {finding.text}")
+        if finding.remedy:
+            click.echo(f"{'':<17} -> {finding.remedy}")
+    click.echo("nothing is in the way" if not failed else f"failed: {failed}")
+    if failed:
+        raise SystemExit(EXIT_FAILED)

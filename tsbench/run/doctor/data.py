@@ -1,0 +1,89 @@
+"""SUMO and the data: one simulation starts, and files are those that the tables name."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from tsbench.errors import InputError
+from tsbench.paths import data_root
+from tsbench.run.doctor.finding import Finding, Status, alone, installed
+
+SAMPLE = 200
+
+
+def check_sumo() -> Iterator[Finding]:
+    """Its three packages must be of one version, and a scene of the test split must start."""
+    there = installed(("eclipse-sumo", "libsumo", "sumolib"))
+    told = ", ".join(f"{name} {number}" for name, number in there.items())
+    if len(there) < 3 or len(set(there.values())) != 1:
+        yield Finding(Status.FAILED, "SUMO", f"its packages do not belong together: {told}", "make setup")
+        return
+    code, words = alone("from tsbench.run.doctor.data import simulate; simulate()")
+    if code:
+        yield Finding(Status.FAILED, "SUMO", f"{told}; a simulation does not start: {words}", "make setup")
+    else:
+        yield Finding(Status.OK, "SUMO", f"{told}; {words}")
+
+
+def simulate() -> None:
+    """Load the first scene of the test split and step it for a second; prints what it did."""
+    from tsbench.scenarios.load import load_scene
+    from tsbench.scenarios.table import read_table, table_path
+    from tsbench.sim.sumo import Simulation
+
+    try:
+        spec = read_table(table_path("test"))[0]
+        scene, sim = load_scene(spec), Simulation()
+        sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        for _ in range(10):
+            sim.step()
+        print(f"a simulation started ({spec.scenario_id}, {len(sim.fleet())} vehicles after 1 s)")
+    except InputError as problem:
+        sys.exit(str(problem))
+
+
+def check_data() -> Iterator[Finding]:
+    """Catalogue, pool and tables can be read; all scene files are there, and a sample has the hashes of its rows."""
+    from tsbench.maps.paths import pool_file
+    from tsbench.maps.pool import known_map_ids
+    from tsbench.scenarios.table import SPLITS, read_table, table_path
+    from tsbench.signs.catalog import load_catalog
+
+    root = data_root()
+    catalog, maps = load_catalog(), known_map_ids(pool_file())
+    signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
+    yield Finding(Status.OK, "data", f"{root}: {signs}")
+    for split in SPLITS:
+        path = table_path(split)
+        if not path.is_file():
+            yield Finding(Status.NOTE, "data", f"{path}: not there", f"needed for --split {split} only")
+            continue
+        rows = sorted(read_table(path), key=lambda row: row.scenario_id)
+        lost = [row for row in rows if row.map_id not in maps]
+        if lost:
+            text = f"{path}: map {lost[0].map_id} of {lost[0].scenario_id} is not in the pool"
+            yield Finding(Status.FAILED, "data", text, "fetch the repository's data again")
+            continue
+        nets = [(row.net, row.net_sha256) for row in rows]
+        yield _files(path, nets, [(row.additional, row.additional_sha256) for row in rows])
+
+
+def _files(table: Path, *columns: list[tuple[str, str]]) -> Finding:
+    """columns: (path below the table's folder, SHA-256 of its content) of each row."""
+    from tsbench.xmlfile import read_plain, sha256
+
+    named = [pair for column in columns for pair in dict.fromkeys(column)]
+    missing = [name for name, _ in named if not (table.parent / name).is_file()]
+    step = max(len(named) // SAMPLE, 1)
+    changed = [name for name, digest in named[::step] if name not in missing
+               and sha256(read_plain(table.parent / name, "scene file")) != digest]  # fmt: skip
+    if not missing and not changed:
+        there = f"all {len(named)} scene files there, {len(named[::step])} hashed"
+        text = f"{table.name}: {len(columns[0])} scenarios, {there}"
+        return Finding(Status.OK, "data", text)
+    first = (missing or changed)[0]
+    told = f"{len(missing)} scene files missing, {len(changed)} of {len(named[::step])} hashed ones changed"
+    remedy = "fetch the repository's data again; tsbench scenarios verify names every file"
+    return Finding(Status.FAILED, "data", f"{table.name}: {told}, first {table.parent / first}", remedy)
