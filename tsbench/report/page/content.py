@@ -19,13 +19,14 @@ from tsbench.report.page.comparison import comparison
 from tsbench.report.page.packing import pack_table
 from tsbench.report.page.stock import Stock
 from tsbench.report.page.svg import inline_svg
+from tsbench.report.page.traffic import traffic
 
 Section = dict[str, Any]
 # What a narrow screen leaves out of a heat map.
 _ROOM_FOR_SHARES = ("group", "figure")
 
 
-def sections(pool: Pool) -> Iterator[Section]:
+def sections(pool: Pool, stock: Stock) -> Iterator[Section]:
     """The report's analyses, in order: `id`, `head` and what `show` says."""
     yield {"id": "summary", "head": "Summary", **show(main_table(pool))}
     yield {"id": "intervals", "head": "How sure", **show(intervals(pool), fold=True)}
@@ -36,6 +37,9 @@ def sections(pool: Pool) -> Iterator[Section]:
     yield {"id": "failures", "head": "Failures", **show(failures(pool), fold=True)}
     if len(pool.planners) >= LEAST_PLANNERS:
         yield {"id": "correlations", "head": "What goes with SCD", **show(correlations(pool), fold=True)}
+    calibrated = traffic(pool, stock)
+    if calibrated is not None:
+        yield {"id": "traffic", "head": "Traffic against nuPlan", **show(calibrated)}
 
 
 def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: bool = False) -> Section:

@@ -78,7 +78,7 @@ class Fixed:
     def __init__(self, pool: Pool, stock: Stock) -> None:
         self._stock = stock
         self._heading = heading(pool)
-        self._sections = list(sections(pool))
+        self._sections = list(sections(pool, stock))
         self._about = about(pool)
 
     def page(self, players: Embedded, source: str | None = None) -> str:
