@@ -19,12 +19,13 @@ from tsbench.sim.scene import Scene
 def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, float]]:
     """The stretch of road in which the ego has arrived, and its middle."""
     s = scene.destination.s
+    lanes = scene.network.edge_lanes(scene.destination.edge)
     areas, middles = [], []
-    for lane in scene.network.edge_lanes(scene.destination.edge):
+    for lane in [lane for lane in lanes if lane.permits("passenger")] or lanes:
+        middles.append(lane.line.point_at(s))
         a, b = max(s - ARRIVAL_M, 0.0), min(s + ARRIVAL_M, lane.line.length)
-        if lane.permits("passenger") and b - a >= 0.1:
+        if b - a >= 0.1:
             areas.append(strip(lane.line.slice(a, b), lane.width))
-            middles.append(lane.line.point_at(s))
     x, y = np.mean(middles, axis=0).tolist()
     return shapely.union_all(areas), (x, y)
 
