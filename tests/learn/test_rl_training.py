@@ -7,16 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
 from safetensors.numpy import load_file
 from scipy import stats
+from stable_baselines3 import PPO
 
 from tsbench.errors import InputError
 from tsbench.learn import rl_train
-from tsbench.learn.rl_checkpoint import sitting_seed
+from tsbench.learn.rl_checkpoint import Progress, load_checkpoint, save_checkpoint, sitting_seed
 from tsbench.learn.rl_config import HYPER, Job
 from tsbench.learn.rl_policy import BetaActions, actor_tensors, policy_of
 from tsbench.planners.carl.planner import RECORD, Carl
@@ -90,6 +92,58 @@ def test_beta_actions_have_the_density_of_the_textbook() -> None:
 
 def test_no_sitting_draws_what_another_drew() -> None:
     assert len({sitting_seed(seed, k) for seed in range(5) for k in range(5)}) == 25
+
+
+class Still(gymnasium.Env[Any, Any]):
+    """Shows nothing, for ever."""
+
+    action_space = ACTIONS
+
+    def __init__(self, planner: str) -> None:
+        self.observation_space = SEEN[planner]
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        return self.observation_space.sample(), {}
+
+    def step(self, action: Any) -> Any:
+        return self.observation_space.sample(), float(action[0]), False, False, {}
+
+
+@pytest.mark.parametrize("planner", ["ppo", "carl"])
+def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path) -> None:
+    kind, arguments = policy_of(planner)
+
+    def fresh(seed: int) -> PPO:
+        return PPO(
+            kind,
+            Still(planner),
+            n_steps=8,
+            batch_size=4,
+            n_epochs=1,
+            policy_kwargs=arguments,
+            seed=seed,
+            device="cpu",
+        )
+
+    model = fresh(0)
+    model.learn(8)
+    save_checkpoint(tmp_path, model, Progress(8, 1.5, 1), {"seed": 0})
+    other = fresh(1)
+    assert load_checkpoint(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1)
+    assert other.num_timesteps == 8
+    for (name, a), (_, b) in zip(
+        model.policy.named_parameters(), other.policy.named_parameters(), strict=True
+    ):
+        assert torch.equal(a, b), name
+    one, two = (m.policy.optimizer.state_dict()["state"] for m in (model, other))
+    assert sorted(one) == sorted(two)
+    assert all(torch.equal(one[k][n], two[k][n]) for k in one for n in one[k])
+
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"nothing")
+    with pytest.raises(InputError, match="is no checkpoint") as caught:
+        load_checkpoint(tmp_path, other, {"seed": 0})
+    assert "\n" not in str(caught.value)
 
 
 def dying_once(learn: Any) -> Any:

@@ -30,7 +30,8 @@ class Progress:
 
 def save_checkpoint(out: Path, model: PPO, progress: Progress, job: dict[str, Any]) -> None:
     """Policy, optimiser and torch's generator; `job`: what a continued training must have in common with this one."""
-    tensors = {f"policy.{k}": v for k, v in model.policy.state_dict().items()}
+    # Parameters, not the state dict: Stable-Baselines3 lists a shared trunk there three times.
+    tensors: dict[str, torch.Tensor] = {f"policy.{k}": v for k, v in model.policy.named_parameters()}
     for index, state in model.policy.optimizer.state_dict()["state"].items():
         tensors |= {f"adam.{index}.{k}": v for k, v in state.items()}
     tensors["generator"] = torch.get_rng_state()
@@ -68,8 +69,9 @@ def load_checkpoint(out: Path, model: PPO, job: dict[str, Any]) -> Progress:
             raise InputError(
                 f"{path}: is of a training with {key} {facts['job'].get(key)}, not {job[key]}: take another --out"
             )
-        policy = {k.removeprefix("policy."): v for k, v in tensors.items() if k.startswith("policy.")}
-        model.policy.load_state_dict(policy)
+        with torch.no_grad():
+            for name, parameter in model.policy.named_parameters():
+                parameter.copy_(tensors[f"policy.{name}"])
         model.policy.optimizer.load_state_dict(
             {"state": _adam(tensors), "param_groups": model.policy.optimizer.state_dict()["param_groups"]}
         )
