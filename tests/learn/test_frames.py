@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -9,9 +12,9 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tsbench.errors import InputError
+from tsbench.errors import InputError, SimulationError
 from tsbench.learn.frames import FRAME, Sampling, Track, frames_of, observations
-from tsbench.learn.frames_store import Drive, FrameStore, make_chunk
+from tsbench.learn.frames_store import Drive, FrameStore, make_chunk, plan_hash
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.run.episode import EpisodeRunner
@@ -122,26 +125,63 @@ def test_a_chunk_that_was_dropped_is_made_the_same_again(row: ScenarioSpec, tmp_
     assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 
 
-def store(folder: Path, row: ScenarioSpec, bound: int) -> FrameStore:
+def store(root: Path, row: ScenarioSpec, bound: int) -> tuple[FrameStore, Path]:
+    """A store and its own folder."""
     drives = [Drive(row, "idm")] * 50
-    return FrameStore(
-        folder, drives, Sampling(), seed=0, bound_bytes=bound, workers=1, progress=lambda _: None
-    )
+    made = FrameStore(root, drives, Sampling(), seed=0, bound_bytes=bound, workers=1, progress=lambda _: None)
+    return made, root / made.plan
 
 
 def test_the_folder_keeps_to_its_bound(row: ScenarioSpec, tmp_path: Path) -> None:
+    blank = tmp_path / "blank.npy"
+    np.save(blank, np.zeros(4, dtype=FRAME))
+    made, folder = store(tmp_path, row, 2 * blank.stat().st_size)
     for number in range(3):
-        np.save(tmp_path / f"chunk-{number:05d}.npy", np.zeros(4, dtype=FRAME))
-    size = (tmp_path / "chunk-00000.npy").stat().st_size
-    found = store(tmp_path, row, 2 * size).load([2])
-    assert len(found) == 4
-    assert sorted(p.name for p in tmp_path.glob("*.npy")) == ["chunk-00001.npy", "chunk-00002.npy"]
+        (folder / f"chunk-{number:05d}.npy").write_bytes(blank.read_bytes())
+    assert len(made.load([2])) == 4
+    assert sorted(p.name for p in folder.glob("*.npy")) == ["chunk-00001.npy", "chunk-00002.npy"]
+
+
+def test_another_plan_has_another_folder(row: ScenarioSpec) -> None:
+    drives = [Drive(row, "idm")]
+    plans = {
+        plan_hash(drives, Sampling(), 0), plan_hash(drives, Sampling(), 1), plan_hash(drives * 2, Sampling(), 0),
+        plan_hash([Drive(row, "idm-s1")], Sampling(), 0), plan_hash(drives, Sampling(every=4), 0),
+        plan_hash([Drive(replace(row, additional_sha256="0"), "idm")], Sampling(), 0),
+    }  # fmt: skip
+    assert len(plans) == 6
 
 
 def test_foreign_frames_are_refused(row: ScenarioSpec, tmp_path: Path) -> None:
-    np.save(tmp_path / "chunk-00000.npy", np.zeros(4))
+    made, folder = store(tmp_path, row, 10**9)
+    np.save(folder / "chunk-00000.npy", np.zeros(4))
     with pytest.raises(InputError, match="frames of another tsbench"):
-        store(tmp_path, row, 10**9).load([0])
-    (tmp_path / "chunk-00000.npy").write_bytes(b"no")
+        made.load([0])
+    (folder / "chunk-00000.npy").write_bytes(b"no")
     with pytest.raises(InputError, match="no frames"):
-        store(tmp_path, row, 10**9).load([0])
+        made.load([0])
+
+
+class Died(Future[None]):
+    """What a pool says of a job whose process is gone."""
+
+    def result(self, timeout: float | None = None) -> None:
+        raise BrokenProcessPool
+
+
+def test_a_process_that_keeps_dying_is_told_in_one_line(
+    row: ScenarioSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def submit(self: ProcessPoolExecutor, *job: object) -> Future[None]:
+        tried.append(job)
+        future = Died()
+        future.set_result(None)
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", submit)
+    made, _ = store(tmp_path, row, 10**9)
+    with pytest.raises(SimulationError, match="died 3 times"):
+        made.load([0])
+    assert len(tried) == 3

@@ -13,6 +13,7 @@ import torch
 from tsbench.errors import InputError
 from tsbench.learn import imitation
 from tsbench.learn.frames import FRAME
+from tsbench.learn.frames_store import plan_hash
 from tsbench.learn.imitation import Trainer, batches_of, rate_at, train, trimmed
 from tsbench.learn.imitation_loss import losses, total, two_hot
 from tsbench.learn.imitation_recipe import Place, Recipe, drives_of, kept_for_validation, validation_rows
@@ -111,9 +112,10 @@ def prepared(
     told = iter(SKILLS)
     monkeypatch.setattr(imitation, "measure", lambda *_: next(told))
     recipe = Recipe(episodes=40, epochs=3, batch=16, validation=4)
-    (out / "frames").mkdir(parents=True, exist_ok=True)
+    folder = out / "frames" / plan_hash(drives_of(rows, recipe), recipe.sampling, recipe.seed)
+    folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
-        np.save(out / "frames" / f"chunk-{number:05d}.npy", made_up(64, number))
+        np.save(folder / f"chunk-{number:05d}.npy", made_up(64, number))
     return recipe, Place(out, "cpu", 1, 10**9), rows
 
 
@@ -162,6 +164,8 @@ def test_another_training_is_not_continued(
     train(recipe, place, rows, lambda _: None)
     with pytest.raises(InputError, match="of a training with batch 16, not 32"):
         train(replace(recipe, batch=32), place, rows, lambda _: None)
+    with pytest.raises(InputError, match="of a training with plan"):
+        train(recipe, place, rows[: len(rows) // 2], lambda _: None)
     (tmp_path / "checkpoint.safetensors").write_bytes(b"no")
     with pytest.raises(InputError, match="no checkpoint of this training"):
         train(recipe, place, rows, lambda _: None)

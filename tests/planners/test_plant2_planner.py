@@ -14,9 +14,10 @@ from learned_scenes import Recorder, record, with_signs
 from tsbench.planners.base import Control, Privilege
 from tsbench.planners.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
+from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.network_ft import Plant2FtNetwork
-from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.weights import save_weights
 from tsbench.signs.annotations import SignInstance
@@ -60,9 +61,33 @@ def test_same_episode_same_commands(drive: Recorder, folder: Path) -> None:
 
 def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
     planner = Plant2(folder=folder)
-    alone = commands(planner, drive, signs=False)[:8]
+    driven, fresh = commands(planner, drive, signs=False), drive.seen[: 8 * HOLD_TICKS : HOLD_TICKS]
     for size in range(1, 9):
-        assert planner.act_batch(drive.seen[:size]) == alone[:size]
+        assert planner.act_batch(fresh[:size]) == driven[: size * HOLD_TICKS : HOLD_TICKS]
+
+
+def test_between_two_plans_the_last_one_is_followed_from_where_the_ego_is(
+    drive: Recorder, folder: Path
+) -> None:
+    """A plan of a straight line at the ego's speed: no command swings, whenever it was made."""
+    asked = []
+
+    def infer(records: np.ndarray) -> np.ndarray:
+        asked.append(len(records))
+        answer = np.zeros(len(records), dtype=PLAN)
+        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
+        answer["speed"] = drive.seen[0].ego.speed
+        return answer
+
+    planner = Plant2(infer)
+    planner.reset(drive.context)
+    ahead = [o for o in drive.seen if abs(o.ego.yaw_rate) < 1e-6][:10]
+    given = [planner.act(o) for o in ahead]
+    assert sum(asked) == len(ahead) / HOLD_TICKS
+    assert all(abs(c.steering) < 1e-6 and abs(c.acceleration) < 1e-6 for c in given)
+    beside = replace(ahead[1], ego=replace(ahead[1].ego, heading=ahead[1].ego.heading + 0.1))
+    planner.act(ahead[0])
+    assert planner.act(beside).steering < -0.05
 
 
 def test_the_fine_tuned_one_heeds_signs_and_what_held_before(drive: Recorder, folder: Path) -> None:

@@ -6,15 +6,19 @@ folder never grows beyond its bound, whatever the number of drives.
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
-from tsbench.errors import InputError
+from tsbench.errors import InputError, SimulationError
 from tsbench.learn.frames import FRAME, Sampling, frames_of
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.tokens import Tokeniser
@@ -25,6 +29,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
 
 DRIVES_PER_CHUNK = 20
+_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +40,21 @@ class Drive:
     driver: str
 
 
+def plan_hash(drives: Sequence[Drive], sampling: Sampling, seed: int) -> str:
+    """12 hex digits over all that decides the content of the chunks."""
+    plan = {"drives": [asdict(drive) for drive in drives], "sampling": asdict(sampling), "seed": seed}
+    return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()[:12]
+
+
 class FrameStore:
-    """The chunks of a list of drives below `folder`; at most `bound_bytes` of them at a time.
+    """The chunks of a list of drives, in a folder of their own below `root`; at most `bound_bytes` of them at a time.
 
     workers: processes that drive. progress: called with the number of drives after each chunk that was made.
     """
 
     def __init__(
         self,
-        folder: Path,
+        root: Path,
         drives: Sequence[Drive],
         sampling: Sampling,
         *,
@@ -52,17 +63,18 @@ class FrameStore:
         workers: int,
         progress: Callable[[int], None],
     ) -> None:
-        self._folder, self._sampling, self._seed = folder, sampling, seed
+        self.plan = plan_hash(drives, sampling, seed)
+        self._folder, self._sampling, self._seed = root / self.plan, sampling, seed
         self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
         self._bound, self._workers, self._progress = bound_bytes, workers, progress
-        folder.mkdir(parents=True, exist_ok=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
 
     def __len__(self) -> int:
         return len(self._chunks)
 
     def load(self, numbers: Sequence[int]) -> Records:
         """All frames of some chunks, those that are missing made first."""
-        self._make([n for n in numbers if not self._path(n).is_file()])
+        self._make(numbers)
         frames = np.concatenate([self._read(n) for n in numbers])
         self._drop(keep=set(numbers))
         return frames
@@ -79,20 +91,29 @@ class FrameStore:
             raise InputError(f"{self._path(number)}: frames of another tsbench: delete {self._folder}")
         return frames
 
-    def _make(self, numbers: list[int]) -> None:
-        if not numbers:
-            return
-        # libsumo has one simulation per process, and a crash of SUMO must not end the training.
-        with ProcessPoolExecutor(self._workers, mp_context=get_context("spawn")) as pool:
-            jobs = {
-                pool.submit(
-                    make_chunk, self._path(n), list(self._chunks[n]), self._sampling, (self._seed, n)
-                ): n
-                for n in numbers
-            }
-            for job in as_completed(jobs):
-                job.result()
-                self._progress(len(self._chunks[jobs[job]]))
+    def _make(self, numbers: Sequence[int]) -> None:
+        for _ in range(_ATTEMPTS):
+            missing = self._missing(numbers)
+            if not missing:
+                return
+            # libsumo has one simulation per process, and a process that dies takes its pool along, not the training.
+            with (
+                suppress(BrokenProcessPool),
+                ProcessPoolExecutor(self._workers, mp_context=get_context("spawn")) as pool,
+            ):
+                jobs = {pool.submit(make_chunk, *self._job(n)): n for n in missing}
+                for job in as_completed(jobs):
+                    job.result()
+                    self._progress(len(self._chunks[jobs[job]]))
+        if missing := self._missing(numbers):
+            path = self._path(missing[0])
+            raise SimulationError(f"{path}: the process that drives for it died {_ATTEMPTS} times")
+
+    def _missing(self, numbers: Sequence[int]) -> list[int]:
+        return [n for n in numbers if not self._path(n).is_file()]
+
+    def _job(self, number: int) -> tuple[Path, list[Drive], Sampling, tuple[int, int]]:
+        return self._path(number), list(self._chunks[number]), self._sampling, (self._seed, number)
 
     def _drop(self, keep: set[int]) -> None:
         """Delete chunks until the rest keeps to the bound; those in use last."""

@@ -64,7 +64,6 @@ class Trainer:
         torch.manual_seed(seed_of("imitation", "network", recipe.seed))
         self._net = Plant2Network(recipe.size).to(place.device)
         self._optimiser = torch.optim.AdamW(_groups(self._net, recipe.decay), lr=recipe.rate)
-        self._progress = load_checkpoint(place.out, self._net, self._optimiser, recipe.facts())
         self._validation = validation_rows(rows, recipe)
         drives = drives_of(rows, recipe)
         if not drives or not self._validation:
@@ -74,6 +73,8 @@ class Trainer:
             place.out / "frames", drives, recipe.sampling, seed=recipe.seed, bound_bytes=place.cache_bytes,
             workers=place.workers, progress=self._driven,
         )  # fmt: skip
+        self._facts = {**recipe.facts(), "plan": self._store.plan}
+        self._progress = load_checkpoint(place.out, self._net, self._optimiser, self._facts)
         self._began, self._before = time.monotonic(), self._progress
 
     def run(self) -> Network:
@@ -135,7 +136,7 @@ class Trainer:
     def _keep(self, progress: Progress) -> None:
         seconds = self._before.seconds + time.monotonic() - self._began
         self._progress = replace(progress, seconds=seconds)
-        save_checkpoint(self._place.out, self._net, self._optimiser, self._progress, self._recipe.facts())
+        save_checkpoint(self._place.out, self._net, self._optimiser, self._progress, self._facts)
 
     def _validate(self, epoch: int, log: SummaryWriter) -> None:
         """Drive the network of now; it is exported if none before was better."""
@@ -164,7 +165,7 @@ class Trainer:
         arrays = {name: value.detach().cpu().numpy() for name, value in self._net.state_dict().items()}
         training = {
             "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-            **self._recipe.facts(),
+            **self._facts,
             "epoch": self._progress.epoch,
             "frames": self._progress.frames,
             "minutes": round(self._progress.seconds / 60.0, 1),

@@ -32,11 +32,15 @@ class Gains:
     halt: float = 0.4
 
 
-def control(path: Array, speed: float, ego: EgoState, gains: Gains) -> Control:
-    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a wished speed (m/s)."""
+def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: float = 0.0) -> Control:
+    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a wished speed (m/s).
+
+    driven: metres since the place that the path begins at.
+    """
     wish = 0.0 if speed < gains.halt else speed
     acceleration = gains.speed_p * (wish - ego.speed) - gains.speed_d * ego.acceleration
-    place = min(max(gains.ahead_m, gains.ahead_s * ego.speed), float(len(path))) - 1.0
+    ahead = max(gains.ahead_m, gains.ahead_s * ego.speed)
+    place = min(driven + ahead, float(len(path))) - 1.0
     k = min(int(place), len(path) - 2)
     share = place - k
     tx = float(path[k, 0] + share * (path[k + 1, 0] - path[k, 0]))

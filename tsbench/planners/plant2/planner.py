@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,11 +14,15 @@ from tsbench.planners.batched import Infer
 from tsbench.planners.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PLAN, TOKENS, Record, Records
-from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.planners.plant2.tokens import Tokeniser, to_frame
+from tsbench.sim.world import EgoState
+
+# Ticks that a plan is followed.
+HOLD_TICKS = 2
 
 
 class Plant2:
-    """The planner. An observation gives the command; nothing of earlier ticks is kept.
+    """The planner. Its network plans every second tick; each tick follows the last plan from where the ego is.
 
     infer: who answers its records; folder: of the weights of its own network (None: tsbench's).
     """
@@ -34,6 +39,8 @@ class Plant2:
         self.infer = _load(self.weights, "cpu", folder) if infer is None else infer
         self._gains = Gains()
         self._tokeniser: Tokeniser | None = None
+        self._plan: Record | None = None
+        self._since: EgoState
 
     @classmethod
     def network(cls, device: str) -> Infer:
@@ -42,15 +49,24 @@ class Plant2:
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
+        self._plan = None
         if self._tokeniser is None or self._tokeniser.network is not context.network:
             self._tokeniser = Tokeniser(context.network)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""
-        return self._decide(observation, self.infer(self.encode(observation))[0])
+        o = observation
+        if self._plan is None or o.step % HOLD_TICKS == 0:
+            self._plan, self._since = self.infer(self.encode(o))[0], o.ego
+            return self._decide(o, self._plan)
+        then, c, s = self._since, math.cos(self._since.heading), math.sin(self._since.heading)
+        points = self._plan["path"] @ np.array([[c, s], [-s, c]]) + (then.x, then.y)
+        seen = to_frame(points, (o.ego.x, o.ego.y, o.ego.heading))
+        driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
+        return control(seen, float(self._plan["speed"]), o.ego, self._gains, driven)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """Commands for several observations on the present roads; each as it would be alone, to the bit."""
+        """A fresh plan's command for each of several observations on the present roads; as it would be alone."""
         plans = self.infer(np.concatenate([self.encode(o) for o in observations]))
         return [self._decide(o, plan) for o, plan in zip(observations, plans, strict=True)]
 
