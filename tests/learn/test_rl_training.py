@@ -183,6 +183,7 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     curve = [json.loads(line) for line in (tmp_path / "curve.jsonl").read_text().splitlines()]
     assert [row["steps"] for row in curve] == [16, 32]
     assert list((tmp_path / "tensorboard").glob("events.*"))
+    assert (tmp_path / "curve.png").stat().st_size > 5_000
 
     # Every driving process dies once at its first step.
     monkeypatch.setattr(rl_train, "_learn", dying_once(rl_train._learn))

@@ -18,6 +18,7 @@ import tsbench.envs
 from tsbench.errors import InputError, SimulationError
 from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
 from tsbench.learn.rl_config import HYPER, Hyper, Job
+from tsbench.learn.rl_curve import draw_curve
 from tsbench.learn.rl_policy import actor_tensors, policy_of
 from tsbench.learn.rl_watch import Watch
 from tsbench.planners.learned_actions import HOLD_TICKS
@@ -125,6 +126,7 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
         "hyper": {name: getattr(hyper, name) for name in Hyper.__slots__},
         "torch": torch.__version__,
     }
+    draw_curve(job.out)
     return save_weights(job.planner, job.out, actor_tensors(job.planner, model.policy), training)
 
 
