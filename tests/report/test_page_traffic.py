@@ -11,8 +11,9 @@ import pytest
 
 from tsbench.report.analyses.pool import read_pool
 from tsbench.report.page.stock import take_stock
-from tsbench.report.page.traffic import background_speeds, traffic
+from tsbench.report.page.traffic import background_speeds, traffic, unjudged
 from tsbench.run.trace import read_trace, write_trace
+from tsbench.scenarios.calibration import calibrate
 
 
 def test_moving_background_cars_every_half_second(tmp_path: Path) -> None:
@@ -28,6 +29,15 @@ def test_moving_background_cars_every_half_second(tmp_path: Path) -> None:
     write_trace(tmp_path / "alone", alone)
     assert len(background_speeds([read_trace(tmp_path / "alone")])) == 0
     assert background_speeds([]).dtype == np.float64
+
+
+def test_a_part_of_a_split_is_not_judged() -> None:
+    values = np.linspace(1.0, 12.0, 40)
+    judged = calibrate(values, values, values / 10)
+    assert [fit.good is None for fit in judged] == [False, True, False]
+    plain = unjudged(judged)
+    assert [fit.good for fit in plain] == [None, None, None]
+    assert [fit.distance for fit in plain] == [fit.distance for fit in judged]
 
 
 def test_scenarios_of_another_contract_have_none(tmp_path: Path) -> None:

@@ -1,8 +1,8 @@
 """The ground that a scene's rule is about, for pictures: read from the target plate's own parameters.
 
-Source of the parameters: docs/rules.md, "Plate params" of each rule. Which area stands for a rule:
-a stretch of road (`zone_edges`; of reserved lanes only these), the ring of a roundabout, the zebra, the junction, the
-ground around the obstacle, or else the road behind the plate's line. Units: m.
+Source of the parameters: docs/rules.md, "Plate params" of each rule. Which area stands for a rule: a stretch of road
+(`zone_edges`; of reserved lanes only these, which may be those of the opposite direction), the ring of a roundabout, the
+zebra, the junction, the ground around the obstacle, or else the road behind the plate's line. Units: m.
 """
 
 from __future__ import annotations
@@ -23,9 +23,14 @@ def rule_zone(scene: Scene) -> shapely.Geometry | None:
     sign, network = scene.target_sign, scene.network
     named = {key: text.split() for key, text in sign.params.items()}
     if "zone_edges" in named:
-        return _stretch(scene, sign, named["zone_edges"], frozenset(named.get("lanes", ())))
+        edges, only = named["zone_edges"], frozenset(named.get("lanes", ()))
+        against = [network.lane(name) for name in sorted(only) if network.lane(name).edge not in edges]
+        return _against(network, sign, edges, against) if against else _stretch(scene, sign, edges, only)
     if "ring" in named:
-        return _union([strip(lane.line, lane.width) for e in named["ring"] for lane in network.edge_lanes(e)])
+        ring = named["ring"]
+        lanes = [lane for edge in ring for lane in network.edge_lanes(edge)]
+        lanes += [lane for a in ring for b in ring for lane in _between(network, a, b, frozenset())]
+        return _union([strip(lane.line, lane.width) for lane in lanes])
     if "crossing" in named:
         found = [network.crossings[name] for name in named["crossing"] if name in network.crossings]
         return _union([strip(c.line, c.width) for c in found])
@@ -59,6 +64,20 @@ def _stretch(
         if end is not None and edge == end.edge:
             break
         before = edge
+    return _union(areas)
+
+
+def _against(
+    network: RoadNetwork, sign: SignInstance, edges: list[str], lanes: list[Lane]
+) -> shapely.Geometry | None:
+    """Lanes of the opposite direction, as far as they run beside the edges behind the plate's line."""
+    first, last = network.edge_lanes(edges[0])[-1].line, network.edge_lanes(edges[-1])[-1].line
+    ends = (first.point_at(min(sign.position_m, first.length)), last.point_at(last.length))
+    areas = []
+    for lane in lanes:
+        a, b = sorted(lane.line.project(*end)[0] for end in ends)
+        if b - a > 0.1:
+            areas.append(strip(lane.line.slice(a, b), lane.width))
     return _union(areas)
 
 
