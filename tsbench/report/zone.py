@@ -1,7 +1,7 @@
 """The ground that a scene's rule is about, for pictures: read from the target plate's own parameters.
 
 Source of the parameters: docs/rules.md, "Plate params" of each rule. Which area stands for a rule: a stretch of road
-(`zone_edges`; of reserved lanes only these, which may be those of the opposite direction), the ring of a roundabout, the
+(`zone_edges`; of reserved lanes only these, perhaps those of the opposite direction), the ring of a roundabout, the
 zebra, the junction, the ground around the obstacle, or else the road behind the plate's line. Units: m.
 """
 
