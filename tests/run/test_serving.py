@@ -17,6 +17,7 @@ from tsbench.run.inference_main import Desk
 from tsbench.run.serving import InferenceServer, Line
 from tsbench.run.tables import read_table
 
+TSBENCH = str(Path(sys.executable).with_name("tsbench"))
 PLANNER = f"{Path(__file__).with_name('served_planner.py')}:Steady"
 
 
@@ -35,7 +36,7 @@ def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -
         "none",
     ]
     done = subprocess.run(
-        [str(Path(sys.executable).with_name("tsbench")), "run", *arguments, "--workers", str(workers), "--out", str(out)],
+        [TSBENCH, "run", *arguments, "--workers", str(workers), "--out", str(out)],
         env={**os.environ, "SERVED_LOG": str(tmp_path / f"{name}.log"), **more},
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip

@@ -96,7 +96,7 @@ def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
         assert encoder.stdin is not None
         try:
             for frame in frames:
-                encoder.stdin.write(frame)
+                encoder.stdin.write(frame.data)
         except BrokenPipeError:
             # It has given up; why is in what it says below.
             pass

@@ -23,7 +23,7 @@ def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
     A used map: id, x, y, lat, lon, road class, source, split, types.
     """
     table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", _COLUMNS)
-    column = {name: table[name].to_pylist() for name in _COLUMNS}
+    column: dict[str, list[Any]] = {name: table[name].to_pylist() for name in _COLUMNS}
     east, north = np.array(column["east"]), np.array(column["north"])
     middle = (float(np.median(east)), float(np.median(north)))
     reach = max(float(np.abs(east - middle[0]).max()), float(np.abs(north - middle[1]).max()))
