@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from click.testing import CliRunner
 
+from tsbench.cli.planners import planners
 from tsbench.errors import InputError
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.inference import inference, load, tensors, wished_speed
@@ -114,3 +116,10 @@ def test_naming_the_planner_does_not_import_torch() -> None:
         "sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_list_prints_counts_beside_the_published_ones() -> None:
+    printed = CliRunner().invoke(planners, ["list", "--parts"]).output
+    rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}
+    assert rows["plant2"][-3:] == ["37,238,660", "37.2", "M"]
+    assert rows["added by plant2-ft"][-2:] == ["147,976", "147,976"]
