@@ -20,8 +20,15 @@ def test_mutants_are_counted_by_file() -> None:
 def test_too_few_caught_and_untried_mutants_are_faults() -> None:
     assert faults(count(_results(17, 3))) == []
     assert faults(count(_results(16, 3, 1))) == []
-    assert faults(count(_results(84, 16))) == [
-        "tsbench.rules.stop: 84.0% of its mutants are caught, less than 85%"
-    ]
+    assert faults(count(_results(84, 16))) == ["all: 84.0% of the mutants are caught, less than 85%"]
     assert "2 mutants were not tried" in faults(count(_results(20, 0, untried=2)))[0]
     assert faults(count([])) == ["no mutants: run mutmut first"]
+
+
+def test_a_file_may_fall_behind_by_a_little_only() -> None:
+    zone = ["    tsbench.rules.zone.x_posted_kmh__mutmut_1: killed"] * 3
+    missed = "    tsbench.rules.zone.x_posted_kmh__mutmut_2: survived"
+    assert faults(count([*_results(40, 0), *zone, missed])) == []
+    assert faults(count([*_results(40, 0), *zone, missed, missed])) == [
+        "tsbench.rules.zone: 60.0% of the mutants are caught, less than 75%"
+    ]
