@@ -21,7 +21,8 @@ class RewardSpec:
 
     overspeed: m/s above the limit. offset: m beside the route. lateral: m/s2 sideways. brake: m/s2 of braking.
     approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision or
-    of leaving the road; the whole route is worth 1.
+    of leaving the road, timeout: of not arriving in time, for whoever stops has no collisions; the whole route is
+    worth 1.
     """
 
     least: float = 0.4
@@ -36,6 +37,7 @@ class RewardSpec:
     approach_free: float = 1.0 / 3.0
     approach_most: float = 1.0
     infraction: float = -1.0
+    timeout: float = -0.5
 
 
 class RouteReward:
@@ -60,6 +62,8 @@ class RouteReward:
         """What the end of the episode adds: the last metres on arrival, or an infraction."""
         if outcome is Outcome.ARRIVED:
             return self._left / self._whole
+        if outcome is Outcome.TIMEOUT:
+            return self._spec.timeout
         return self._spec.infraction if outcome in (Outcome.COLLISION, Outcome.OFF_ROAD) else 0.0
 
     def _factor(self, o: Observation) -> float:

@@ -18,6 +18,7 @@ from tsbench.planners.weights import Tensors
 
 # Beta densities with both parameters above 1 have their mode inside.
 _LEAST = 1.0
+_NARROW = 2.0
 
 
 class BetaActions(Distribution):
@@ -99,6 +100,8 @@ class BetaPolicy(ActorCriticPolicy):
         for layer, gain in ((actor, 0.01), (critic, 1.0)):
             nn.init.orthogonal_(layer.weight, gain)
             nn.init.zeros_(layer.bias)
+        # Begins with densities as narrow as those of `ppo`: nearly flat ones swerve into everything.
+        nn.init.constant_(actor.bias, _NARROW)
         self.action_net, self.value_net = actor, critic
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), eps=1e-5)
 
