@@ -19,6 +19,6 @@ def test_our_own_planners_are_hashed_with_all_that_they_use() -> None:
 
 
 def test_a_planner_of_ones_own_is_its_file(tmp_path: Path) -> None:
-    file = tmp_path / "mine.py"
+    file = tmp_path / "somebodys.py"
     file.write_text("from tsbench import Control\n\ndef drive(o):\n    return Control(0.0, 0.0)\n")
     assert describe(f"{file}:drive")["code_sha256"] == hashlib.sha256(file.read_bytes()).hexdigest()
