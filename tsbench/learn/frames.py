@@ -111,17 +111,17 @@ class Track:
         self.s: Array = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.xy, axis=0).T))))
         self._tick = np.arange(len(snapshots), dtype=np.float64)
 
-    def at(self, axis: Array, where: Array) -> Array:
+    def place_at(self, axis: Array, where: Array) -> Array:
         """(k, 2) places on the way, by ticks or by metres."""
         return np.column_stack([np.interp(where, axis, self.xy[:, i]) for i in (0, 1)])
 
     def targets(self, frame: at.Record, k: int, pose: Pose, speed_s: float) -> None:
         """Path, waypoints and wished speed after tick k, as seen from a pose."""
         metres: Array = self.s[k] + at.PATH_STEP_M * np.arange(1.0, at.PATH_POINTS + 1)
-        frame["path"] = to_frame(self.at(self.s, metres), pose)
+        frame["path"] = to_frame(self.place_at(self.s, metres), pose)
         frame["path_known"] = metres <= self.s[-1]
         ticks: Array = k + at.WAYPOINT_S / DT_S * np.arange(1.0, at.WAYPOINTS + 1)
-        frame["waypoints"] = to_frame(self.at(self._tick, ticks), pose)
+        frame["waypoints"] = to_frame(self.place_at(self._tick, ticks), pose)
         frame["waypoints_known"] = ticks <= self._tick[-1]
         frame["speed"] = np.interp(k + speed_s / DT_S, self._tick, self.speed)
 
