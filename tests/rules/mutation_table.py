@@ -33,10 +33,10 @@ def table(ends: dict[str, Counter[str]]) -> list[str]:
     total = sum(ends.values(), Counter[str]())
     for module, some in [*ends.items(), ("all", total)]:
         caught = sum(some[end] for end in CAUGHT)
+        survived = some.total() - caught - sum(some[end] for end in UNTRIED)
         name = module if module == "all" else module.replace(".", "/") + ".py"
         rows.append(
-            f"{name:32}{some.total():8}{caught:8}{some.total() - caught:9}{some['timeout']:9}"
-            f"{caught / some.total():8.1%}"
+            f"{name:32}{some.total():8}{caught:8}{survived:9}{some['timeout']:9}{caught / some.total():8.1%}"
         )
     return rows
 
