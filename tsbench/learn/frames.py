@@ -32,7 +32,7 @@ TARGETS = [
     ("forecast", np.float32, (at.OBJECTS, len(at.FORECAST_S), 2)),
     ("forecast_known", np.uint8, (at.OBJECTS, len(at.FORECAST_S))),
 ]
-FRAME = np.dtype([*((name, at.TOKENS[name]) for name in at.TOKENS.names or ()), *TARGETS], align=True)
+FRAME = np.dtype([*((name, at.TOKENS[name]) for name in at.TOKENS.names or ()), *TARGETS])
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,7 @@ POSITION_SCALE_M = 50.0
 SPEED_SCALE_MPS = 10.0
 LENGTH_SCALE_M, WIDTH_SCALE_M = 5.0, 2.0
 
+# Without padding, which would carry whatever lay in memory into files that have to be the same.
 TOKENS = np.dtype(
     [
         ("objects", np.float32, (OBJECTS, OBJECT_FEATURES)),
@@ -55,7 +56,6 @@ TOKENS = np.dtype(
         ("limits", np.float32, (len(LIMIT_AHEAD_M),)),
         ("patch", np.uint8, (PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS)),
     ],
-    align=True,
 )
 SIGN_TOKENS = np.dtype(
     [
@@ -64,7 +64,6 @@ SIGN_TOKENS = np.dtype(
         ("sign_classes", np.uint8, (SIGNS,)),
         ("sign_state", np.uint8),
     ],
-    align=True,
 )
 # What the network answers: points in the ego's frame (m), and the wished speed (m/s).
 PLAN = np.dtype(
@@ -73,5 +72,4 @@ PLAN = np.dtype(
         ("waypoints", np.float32, (WAYPOINTS, 2)),
         ("speed", np.float64),
     ],
-    align=True,
 )
