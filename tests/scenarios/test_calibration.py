@@ -11,11 +11,12 @@ from PIL import Image
 from simworld import CALM, SceneMaker, simulation, speed_plate
 
 from tsbench.errors import InputError
+from tsbench.report.analyses.calibration import calibration
+from tsbench.report.charts import save_chart
 from tsbench.scenarios.calibration import (
     GOAL,
     Quantiles,
     calibrate,
-    draw,
     driven_speeds,
     grid_speeds,
     ks_distance,
@@ -80,7 +81,9 @@ def test_the_three_comparisons_and_their_figure(tmp_path: Path) -> None:
     assert [f.quantiles.name for f in fits] == ["initial speed", "cruise speed", "density"]
     assert [f.good for f in fits] == [True, None, True]
     assert fits[1].distance < 0.01
-    draw(fits, tmp_path / "made" / "cdf.png")
+    analysis = calibration(fits, "test")
+    assert analysis.draw is not None
+    save_chart(analysis.draw, tmp_path / "made" / "cdf.png")
     with Image.open(tmp_path / "made" / "cdf.png") as picture:
         assert picture.width > 2.5 * picture.height
         assert len(picture.convert("RGB").getcolors(1_000_000) or ()) > 10

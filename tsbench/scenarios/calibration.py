@@ -1,4 +1,4 @@
-"""How near the built scenarios come to nuPlan's traffic: empirical CDFs, a figure, and KS distances.
+"""How near the built scenarios come to nuPlan's traffic: empirical CDFs and KS distances.
 
 Source: spec/simulation.md, "Traffic". The published nuPlan figures are quantiles; between them their CDF is taken as
 linear, beyond the outermost nothing is compared. Units: m/s, and moving cars per lane within 150 m.
@@ -148,29 +148,3 @@ def driven_speeds(
         progress(k + 1)
     speeds = np.array(found, dtype=np.float64)
     return speeds[(speeds >= MOVING_MPS[0]) & (speeds <= MOVING_MPS[1])]
-
-
-def draw(fits: Sequence[Fit], path: Path) -> None:
-    """The figure: one panel per quantity, built scenarios against nuPlan."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(4.2 * len(fits), 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    for axes, fit in zip(figure.subplots(1, len(fits), squeeze=False)[0], fits, strict=True):
-        q = fit.quantiles
-        share = np.arange(1, len(fit.sample) + 1) / len(fit.sample)
-        axes.step(
-            fit.sample, share, where="post", color="#d95f02", label=f"scenarios (n = {len(fit.sample)})"
-        )
-        axes.plot(q.value, q.share, "o-", color="#1b6ca8", markersize=4, label="nuPlan, published quantiles")
-        told = f"KS {fit.distance:.3f}"
-        if fit.good is not None:
-            told += f", at the grid's levels {fit.at_probes:.3f}"
-        axes.set_title(f"{q.name}: {told}", fontsize=9)
-        axes.set_xlabel(q.unit)
-        axes.set_ylim(0.0, 1.0)
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=7, loc="lower right")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150, metadata={"Software": "tsbench"})
