@@ -80,12 +80,7 @@ tsb.Bev = class {
   draw(moving) { this.moving = moving; this.redraw(); }
 
   resize() {
-    const ratio = devicePixelRatio || 1, box = this.canvas.getBoundingClientRect();
-    this.width = Math.max(box.width, 1);
-    this.height = Math.max(box.height, 1);
-    this.canvas.width = Math.round(this.width * ratio);
-    this.canvas.height = Math.round(this.height * ratio);
-    this.ratio = ratio;
+    tsb.sizeCanvas(this);
     this.onresize?.();
     this.redraw();
   }

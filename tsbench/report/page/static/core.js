@@ -26,6 +26,16 @@ tsb.colour = (name) => {
   return colour;
 };
 
+/* A view's `canvas` takes the pixels of its box; `width` and `height` are in CSS pixels, `ratio` device pixels to one. */
+tsb.sizeCanvas = (view) => {
+  const ratio = devicePixelRatio || 1, box = view.canvas.getBoundingClientRect();
+  view.width = Math.max(box.width, 1);
+  view.height = Math.max(box.height, 1);
+  view.canvas.width = Math.round(view.width * ratio);
+  view.canvas.height = Math.round(view.height * ratio);
+  view.ratio = ratio;
+};
+
 /* --- themes: as the system has it, or chosen -------------------------------------------------------------------- */
 tsb.themed = new Set(); // called when the colours change
 (() => {
