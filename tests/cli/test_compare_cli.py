@@ -7,10 +7,9 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import in_process, refused
 from made_runs import CONTRACT, episodes, failed, lost, make_run
 from PIL import Image
-
-from tsbench.cli import main
 
 
 @pytest.fixture
@@ -18,23 +17,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     """Runs the command in a folder of its own: (stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "160")
-
-    def command(*arguments: str, expect: int = 0) -> tuple[str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["compare", *arguments])
-        told = capsys.readouterr()
-        assert ended.value.code == expect, told
-        return told.out, told.err
-
-    return command
-
-
-def refused(run, *arguments: str) -> str:
-    out, err = run(*arguments, expect=2)
-    assert out == ""
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    return err
+    return in_process("compare", capsys)
 
 
 def two(folder: Path) -> None:
