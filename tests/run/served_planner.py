@@ -32,6 +32,8 @@ class Steady:
             asked += len(records)
             if os.environ.get("SERVED_DIES") and asked > 200:
                 os.kill(os.getpid(), 9)
+            if (records["state"][:, 1] < 0.0).any():
+                raise ArithmeticError("before the beginning")
             answers = np.empty(len(records), dtype=Steady.outputs)
             answers["acceleration"] = 8.0 - records["state"][:, 0].astype(float)
             return answers

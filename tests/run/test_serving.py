@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from multiprocessing import Pipe
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from tsbench.errors import InputError
 from tsbench.planners.batched import is_served
 from tsbench.planners.idm import Idm
-from tsbench.run.inference_main import Desk
+from tsbench.run.inference_main import FINE, PROBLEM, Desk
 from tsbench.run.serving import InferenceServer, Line
 from tsbench.run.tables import read_table
 
@@ -81,6 +82,30 @@ def test_a_line_answers_record_by_record(server: InferenceServer) -> None:
     records = np.zeros(3, dtype=Steady.inputs)
     records["state"][:, 0] = [1.0, 2.0, 3.0]
     assert line(records)["acceleration"].tolist() == [7.0, 6.0, 5.0]
+
+
+def test_a_record_that_breaks_the_network_costs_its_own_episode_only(server: InferenceServer) -> None:
+    from served_planner import Steady
+
+    one, other = (Line(server.address, PLANNER, Steady.outputs) for _ in range(2))
+    good, bad = (np.array([([4.0, t],)], dtype=Steady.inputs) for t in (0.0, -1.0))
+    with pytest.raises(InputError, match=r"its network broke: ArithmeticError: before the beginning"):
+        one(bad)
+    assert other(good)["acceleration"] == one(good)["acceleration"] == 4.0
+
+
+def test_of_a_batch_only_the_broken_record_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from served_planner import Steady
+
+    monkeypatch.setenv("SERVED_LOG", str(tmp_path / "log"))
+    records = np.array([([s, t],) for s, t in ((1.0, 0.0), (2.0, -1.0), (3.0, 0.0))], dtype=Steady.inputs)
+    ends = [Pipe() for _ in records]
+    Desk(PLANNER, "cpu").answer([(there, r.tobytes()) for (_, there), r in zip(ends, records, strict=True)])
+    answers = [here.recv_bytes() for here, _ in ends]
+    assert [answer[:1] for answer in answers] == [FINE, PROBLEM, FINE]
+    assert [np.frombuffer(answers[k][1:])[0] for k in (0, 2)] == [7.0, 5.0]
 
 
 def test_a_planner_without_network_is_refused(server: InferenceServer) -> None:

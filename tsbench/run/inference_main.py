@@ -2,13 +2,13 @@
 
 python -m tsbench.run.inference_main LISTENING_FD PARENT_PID DEVICE
 
-A worker connects, names its planner (JSON), and then sends records and gets records, as bytes of the planner's dtypes.
+A worker connects, names its planner, and then sends records and gets records, as bytes of the planner's dtypes. Every
+answer begins with `FINE` or, before a line of text, with `PROBLEM`.
 What has arrived while a batch was worked on makes the next batch: nobody waits for a clock.
 """
 
 from __future__ import annotations
 
-import json
 import socket
 import sys
 import traceback
@@ -22,6 +22,7 @@ from tsbench.planners.batched import Batched, Infer
 from tsbench.planners.registry import resolve
 from tsbench.run.worker_main import die_with
 
+FINE, PROBLEM = b"+", b"-"
 # Larger batches gain little more, and the first to ask waits for the last.
 _MOST = 16
 
@@ -33,6 +34,7 @@ class Desk:
         planner: Any = resolve(spec).factory
         if not isinstance(planner, Batched):
             raise InputError(f"planner {spec!r}: has no network that could be served")
+        self._spec = spec
         self.inputs: np.dtype[Any] = planner.inputs
         self._infer: Infer = planner.network(device)
 
@@ -40,10 +42,24 @@ class Desk:
         """Answer requests of one record each, in batches."""
         for first in range(0, len(asked), _MOST):
             some = asked[first : first + _MOST]
-            batch = np.frombuffer(b"".join(request for _, request in some), dtype=self.inputs)
-            answers = self._infer(batch)
-            for (line, _), answer in zip(some, answers, strict=True):
-                _send(line, answer.tobytes())
+            for (line, _), answer in zip(some, self._batch([request for _, request in some]), strict=True):
+                _send(line, answer)
+
+    def _batch(self, requests: list[bytes]) -> list[bytes]:
+        """One answer each: a request that the network breaks on costs none of the others theirs."""
+        try:
+            records = np.frombuffer(b"".join(requests), dtype=self.inputs)
+            answers = self._infer(records)
+            return [FINE + answers[k].tobytes() for k in range(len(requests))]
+        except Exception as problem:
+            # Somebody else's code: the episode that asked ends as an error with this cause.
+            if len(requests) > 1:
+                return [self._batch([request])[0] for request in requests]
+            traceback.print_exc()
+            return [
+                PROBLEM
+                + f"planner {self._spec!r}: its network broke: {type(problem).__name__}: {problem}".encode()
+            ]
 
 
 class Server:
@@ -79,8 +95,9 @@ class Server:
         if spec is not None:
             asked.setdefault(spec, []).append((line, message))
             return
-        self._lines[line] = spec = str(json.loads(message)["spec"])
-        _send(line, json.dumps({"problem": self._open(spec)}).encode())
+        self._lines[line] = spec = message.decode()
+        problem = self._open(spec)
+        _send(line, PROBLEM + problem.encode() if problem else FINE)
 
     def _open(self, spec: str) -> str:
         """Load a planner's network, if it is not yet; returns why that is impossible, or ""."""

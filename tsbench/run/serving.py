@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -20,6 +19,7 @@ import numpy as np
 from tsbench.errors import InputError
 from tsbench.planners.batched import Batched, Records
 from tsbench.run.episode import EpisodeRunner
+from tsbench.run.inference_main import PROBLEM
 from tsbench.run.process import ONE_THREAD
 
 _SERVER = "tsbench.run.inference_main"
@@ -76,12 +76,10 @@ class Line:
         there = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         there.connect(address)
         self._connection = Connection(there.detach())
-        problem = json.loads(self._ask(json.dumps({"spec": spec}).encode()))["problem"]
-        if problem:
-            raise InputError(problem)
+        self._ask(spec.encode())
 
     def __call__(self, records: Records) -> Records:
-        """(b,) answers to (b,) records."""
+        """(b,) answers to (b,) records. Raises InputError where the network breaks on one."""
         return np.array(
             [np.frombuffer(self._ask(r.tobytes()), self._outputs)[0] for r in records], self._outputs
         )
@@ -89,12 +87,15 @@ class Line:
     def _ask(self, request: bytes) -> bytes:
         try:
             self._connection.send_bytes(request)
-            return self._connection.recv_bytes()
+            answer = self._connection.recv_bytes()
         except (EOFError, OSError):
             # The inference process is gone, which is no fault of the planner: this worker ends as if it had been
             # ended from outside, and its episode is given to another.
             os.kill(os.getpid(), signal.SIGKILL)
             raise
+        if answer[:1] == PROBLEM:
+            raise InputError(answer[1:].decode())
+        return answer[1:]
 
 
 class ServedRunner(EpisodeRunner):
