@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -36,8 +37,15 @@ def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] 
     raise InputError(f"{path}: column {missing[0]!r} is missing")
 
 
-def save_table(table: pa.Table, path: Path) -> None:
-    """Write a table atomically: the same rows give the same bytes."""
+def save_table(table: pa.Table, path: Path, encodings: Mapping[str, str] | None = None) -> None:
+    """Write a table atomically: the same rows give the same bytes.
+
+    encodings: Parquet's, by leaf column; the flat columns without one are dictionaries.
+    """
     part = path.with_suffix(".part")
-    pq.write_table(table, part, compression="zstd", compression_level=9)
+    options: dict[str, Any] = {}
+    if encodings:
+        flat = [f.name for f in table.schema if not pa.types.is_nested(f.type) and f.name not in encodings]
+        options = {"use_dictionary": flat, "column_encoding": dict(encodings)}
+    pq.write_table(table, part, compression="zstd", compression_level=9, **options)
     part.replace(path)
