@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from tsbench.errors import InputError, SimulationError
-from tsbench.learn.frames import FRAME, Sampling, Track, frames_of, observations
-from tsbench.learn.frames_store import Drive, FrameStore, make_chunk, plan_hash
+from tsbench.learn.drives import Driven, PlannerDrive
+from tsbench.learn.frames import FRAME, Imitated, Sampling, Track, frames_of, observations
+from tsbench.learn.frames_store import FrameStore, ImitationSource, make_chunk, plan_hash
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.run.episode import EpisodeRunner
@@ -24,6 +25,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
+
+SOURCE = ImitationSource(Sampling())
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +45,9 @@ def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
 def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records:
     result, roads = drive
     assert result.facts is not None
-    return frames_of(result.facts, roads, Tokeniser(roads.network), sampling, np.random.default_rng(1))
+    driven, tokeniser = Driven(result.facts, roads), Tokeniser(roads.network)
+    teacher = Imitated(result.facts, sampling)
+    return frames_of(driven, tokeniser, teacher, sampling, np.random.default_rng(1), FRAME)
 
 
 def snapshots(places: np.ndarray, speeds: np.ndarray) -> list[WorldSnapshot]:
@@ -110,25 +115,23 @@ def test_forecast_follows_the_objects(drive: tuple[EpisodeResult, Roads]) -> Non
 def test_standing_is_thinned_out(drive: tuple[EpisodeResult, Roads]) -> None:
     places = np.column_stack((np.minimum(0.5 * np.arange(301), 50.0), np.zeros(301)))
     track = Track(snapshots(places, np.where(np.arange(301) < 100, 5.0, 0.0)))
-    from tsbench.learn.frames import _kept
-
     sampling = Sampling()
-    kept = [k for k in range(0, 300, sampling.every) if _kept(track, k, sampling)]
+    kept = [k for k in range(0, 300, sampling.every) if track.kept(k, sampling)]
     assert sum(k < 100 for k in kept) == 20
     assert sum(k >= 100 for k in kept) <= 40 / sampling.standing + 1
 
 
 def test_a_chunk_that_was_dropped_is_made_the_same_again(row: ScenarioSpec, tmp_path: Path) -> None:
-    drives = [Drive(row, "idm")]
+    drives = [PlannerDrive(row, "idm")]
     for name in ("a.npy", "b.npy"):
-        make_chunk(tmp_path / name, drives, Sampling(), (0, 0))
+        make_chunk(tmp_path / name, drives, SOURCE, (0, 0))
     assert (tmp_path / "a.npy").read_bytes() == (tmp_path / "b.npy").read_bytes()
 
 
 def store(root: Path, row: ScenarioSpec, bound: int) -> tuple[FrameStore, Path]:
     """A store and its own folder."""
-    drives = [Drive(row, "idm")] * 50
-    made = FrameStore(root, drives, Sampling(), seed=0, bound_bytes=bound, workers=1, progress=lambda _: None)
+    drives = [PlannerDrive(row, "idm")] * 50
+    made = FrameStore(root, drives, SOURCE, seed=0, bound_bytes=bound, workers=1, progress=lambda _: None)
     return made, root / made.plan
 
 
@@ -143,11 +146,11 @@ def test_the_folder_keeps_to_its_bound(row: ScenarioSpec, tmp_path: Path) -> Non
 
 
 def test_another_plan_has_another_folder(row: ScenarioSpec) -> None:
-    drives = [Drive(row, "idm")]
+    drives = [PlannerDrive(row, "idm")]
     plans = {
-        plan_hash(drives, Sampling(), 0), plan_hash(drives, Sampling(), 1), plan_hash(drives * 2, Sampling(), 0),
-        plan_hash([Drive(row, "idm-s1")], Sampling(), 0), plan_hash(drives, Sampling(every=4), 0),
-        plan_hash([Drive(replace(row, additional_sha256="0"), "idm")], Sampling(), 0),
+        plan_hash(drives, SOURCE, 0), plan_hash(drives, SOURCE, 1), plan_hash(drives * 2, SOURCE, 0),
+        plan_hash([PlannerDrive(row, "idm-s1")], SOURCE, 0), plan_hash(drives, ImitationSource(Sampling(every=4)), 0),
+        plan_hash([PlannerDrive(replace(row, additional_sha256="0"), "idm")], SOURCE, 0),
     }  # fmt: skip
     assert len(plans) == 6
 

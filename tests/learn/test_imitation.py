@@ -11,13 +11,14 @@ import pytest
 import torch
 
 from tsbench.errors import InputError
-from tsbench.learn import imitation
+from tsbench.learn import imitation, trainer
 from tsbench.learn.frames import FRAME
-from tsbench.learn.frames_store import plan_hash
-from tsbench.learn.imitation import Trainer, batches_of, rate_at, train, trimmed
+from tsbench.learn.frames_store import ImitationSource, plan_hash
+from tsbench.learn.imitation import Imitation, batches_of, rate_at
 from tsbench.learn.imitation_loss import losses, total, two_hot
-from tsbench.learn.imitation_recipe import Place, Recipe, drives_of, kept_for_validation, validation_rows
+from tsbench.learn.imitation_recipe import Recipe, drives_of, kept_for_validation, validation_rows
 from tsbench.learn.imitation_skill import Skill
+from tsbench.learn.trainer import Place, Trainer, train, trimmed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.weights import load_weights
@@ -83,7 +84,7 @@ def test_each_frame_is_in_one_batch_at_most_and_neighbours_are_alike() -> None:
 
 def test_rate_rises_then_falls_to_nothing() -> None:
     recipe = Recipe()
-    rates = [rate_at(share, recipe) for share in np.linspace(0.0, 1.0, 101)]
+    rates = [rate_at(share, recipe.rate, recipe.warm_up) for share in np.linspace(0.0, 1.0, 101)]
     assert max(rates) == pytest.approx(recipe.rate, rel=0.01)
     assert rates[0] < 0.02 * recipe.rate
     assert rates[-1] < 1e-9
@@ -104,33 +105,35 @@ def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
     assert [d.driver for d in two[:4]] == ["idm", "idm-s3", "idm", "idm-s3"]
 
 
-def prepared(
-    out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
-) -> tuple[Recipe, Place, list[ScenarioSpec]]:
+def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> tuple[Recipe, Place]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
-    monkeypatch.setattr(imitation, "_WINDOW_CHUNKS", 1)
+    monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
     told = iter(SKILLS)
     monkeypatch.setattr(imitation, "measure", lambda *_: next(told))
     recipe = Recipe(episodes=40, epochs=3, batch=16, validation=4)
-    folder = out / "frames" / plan_hash(drives_of(rows, recipe), recipe.sampling, recipe.seed)
+    folder = (
+        out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
+    )
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
         np.save(folder / f"chunk-{number:05d}.npy", made_up(64, number))
-    return recipe, Place(out, "cpu", 1, 10**9), rows
+    return recipe, Place(out, "cpu", 1, 10**9)
 
 
 def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
     said: list[str] = []
-    whole = train(*prepared(tmp_path / "whole", monkeypatch, rows), said.append)
+    recipe, place = prepared(tmp_path / "whole", monkeypatch, rows)
+    whole = train(Imitation(recipe, rows), place, said.append)
     assert whole.training["epoch"] == 2
     assert whole.training["validation_skill"]["arrived"] == 0.9
     assert any("best so far" in line for line in said)
     curve = (tmp_path / "whole" / "curve.jsonl").read_text().splitlines()
     assert [json.loads(line)["arrived"] for line in curve] == [0.5, 0.9, 0.7]
 
-    asked = prepared(tmp_path / "broken", monkeypatch, rows)
+    recipe, place = prepared(tmp_path / "broken", monkeypatch, rows)
+    task = Imitation(recipe, rows)
     window, calls = Trainer._window, []
 
     def breaks(self: Trainer, *arguments: object) -> None:
@@ -141,18 +144,18 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
 
     monkeypatch.setattr(Trainer, "_window", breaks)
     with pytest.raises(KeyboardInterrupt):
-        train(*asked, said.append)
+        train(task, place, said.append)
     monkeypatch.setattr(Trainer, "_window", window)
-    again = train(*asked, said.append)
+    again = train(task, place, said.append)
     ours, theirs = (load_weights("plant2", tmp_path / name) for name in ("broken", "whole"))
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
     assert again.training["sittings"] == 2
 
 
 def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> None:
-    recipe, place, _ = prepared(tmp_path, monkeypatch, rows)
+    recipe, place = prepared(tmp_path, monkeypatch, rows)
     said: list[str] = []
-    train(replace(recipe, rate=2e-3), place, rows, said.append)
+    train(Imitation(replace(recipe, rate=2e-3), rows), place, said.append)
     speeds = [float(line.split("speed ")[1].split()[0]) for line in said if "window" in line]
     assert speeds[-1] < 0.8 * speeds[0]
 
@@ -160,12 +163,12 @@ def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[S
 def test_another_training_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
-    recipe, place, _ = prepared(tmp_path, monkeypatch, rows)
-    train(recipe, place, rows, lambda _: None)
+    recipe, place = prepared(tmp_path, monkeypatch, rows)
+    train(Imitation(recipe, rows), place, lambda _: None)
     with pytest.raises(InputError, match="of a training with batch 16, not 32"):
-        train(replace(recipe, batch=32), place, rows, lambda _: None)
+        train(Imitation(replace(recipe, batch=32), rows), place, lambda _: None)
     with pytest.raises(InputError, match="of a training with plan"):
-        train(recipe, place, rows[: len(rows) // 2], lambda _: None)
+        train(Imitation(recipe, rows[: len(rows) // 2]), place, lambda _: None)
     (tmp_path / "checkpoint.safetensors").write_bytes(b"no")
     with pytest.raises(InputError, match="no checkpoint of this training"):
-        train(recipe, place, rows, lambda _: None)
+        train(Imitation(recipe, rows), place, lambda _: None)

@@ -53,8 +53,9 @@ def plant2(
     validation: int, seed: int, device: str, workers: int | None, cache_gb: float, out: Path,
 ) -> None:  # fmt: skip
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
-    from tsbench.learn.imitation import train  # brings torch
-    from tsbench.learn.imitation_recipe import Place, Recipe
+    from tsbench.learn.imitation import Imitation  # brings torch
+    from tsbench.learn.imitation_recipe import Recipe
+    from tsbench.learn.trainer import Place, train
     from tsbench.run.plan import choose_types
     from tsbench.scenarios.table import read_table, table_path
     from tsbench.signs.catalog import load_catalog
@@ -69,7 +70,7 @@ def plant2(
         validation=validation, seed=seed,
     )  # fmt: skip
     place = Place(out, device, workers or len(os.sched_getaffinity(0)), int(cache_gb * 1e9))
-    made = train(recipe, place, rows, click.echo)
+    made = train(Imitation(recipe, rows), place, click.echo)
     weights = f"{made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters"
     click.echo(f"weights   {out / made.weights.file} ({weights})")
     click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")

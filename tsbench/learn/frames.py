@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from tsbench.geometry.polyline import Array
+from tsbench.learn.drives import Driven
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
@@ -61,32 +62,54 @@ class Encoder(Protocol):
         """Tokens as seen from a pose; the actor's row for each object slot, -1 for an obstacle."""
 
 
+class Teacher(Protocol):
+    """Says which ticks of a drive become frames, and what each should be answered with."""
+
+    def ticks(self) -> list[int]:
+        """The ticks, in order."""
+
+    def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
+        """Write the targets of tick k as seen from a pose; origins: as `Encoder.fill` gave them."""
+
+
+class Imitated:
+    """Every few ticks, with what the driver did next: targets of `plant2`."""
+
+    def __init__(self, facts: EpisodeFacts, sampling: Sampling) -> None:
+        self._snapshots, self._sampling = facts.snapshots, sampling
+        self._track = Track(facts.snapshots)
+
+    def ticks(self) -> list[int]:
+        """Standing is thinned out."""
+        every = range(0, len(self._snapshots) - 1, self._sampling.every)
+        return [k for k in every if self._track.kept(k, self._sampling)]
+
+    def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
+        """Path, waypoints, wished speed and forecasts."""
+        del o
+        self._track.targets(frame, k, pose, self._sampling.speed_s)
+        _forecast(frame, self._snapshots, k, origins)
+
+
 def frames_of(
-    facts: EpisodeFacts,
-    roads: Roads,
+    driven: Driven,
     encoder: Encoder,
+    teacher: Teacher,
     sampling: Sampling,
     rng: np.random.Generator,
-    frame: np.dtype[np.void] = FRAME,
+    dtype: np.dtype[np.void],
 ) -> at.Records:
-    """(n,) of `frame`: every kept tick as it was seen, and as it would be from a pose beside it.
-
-    frame: FRAME, or a type with more fields, which the encoder fills.
-    """
-    track = Track(facts.snapshots)
-    count = len(facts.snapshots) - 1
-    chosen = {k for k in range(0, count, sampling.every) if _kept(track, k, sampling)}
-    frames: at.Records = np.zeros(2 * len(chosen), dtype=frame)
+    """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it."""
+    chosen = set(teacher.ticks())
+    frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)
     row = 0
-    for k, o in enumerate(observations(facts, roads)):
+    for k, o in enumerate(observations(driven.facts, driven.roads)):
         encoder.watch(o)
         if k not in chosen:
             continue
         pose = (o.ego.x, o.ego.y, o.ego.heading)
         for here in (pose, _beside(pose, sampling, rng)):
-            origins = encoder.fill(frames[row], o, here)
-            track.targets(frames[row], k, here, sampling.speed_s)
-            _forecast(frames[row], facts.snapshots, k, origins)
+            teacher.fill(frames[row], k, o, here, encoder.fill(frames[row], o, here))
             row += 1
     return frames
 
@@ -125,11 +148,11 @@ class Track:
         frame["waypoints_known"] = ticks <= self._tick[-1]
         frame["speed"] = np.interp(k + speed_s / DT_S, self._tick, self.speed)
 
-
-def _kept(track: Track, k: int, sampling: Sampling) -> bool:
-    later = track.s[min(k + round(2.0 / DT_S), len(track.s) - 1)]
-    stands = track.speed[k] < 0.1 and later - track.s[k] < 0.1
-    return not stands or (k // sampling.every) % sampling.standing == 0
+    def kept(self, k: int, sampling: Sampling) -> bool:
+        """Is it not one of the many ticks in which the ego stands and stays?"""
+        later = self.s[min(k + round(2.0 / DT_S), len(self.s) - 1)]
+        stands = self.speed[k] < 0.1 and later - self.s[k] < 0.1
+        return not stands or (k // sampling.every) % sampling.standing == 0
 
 
 def _beside(pose: Pose, sampling: Sampling, rng: np.random.Generator) -> Pose:

@@ -15,34 +15,58 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from tsbench.errors import InputError, SimulationError
-from tsbench.learn.frames import FRAME, Sampling, frames_of
+from tsbench.learn.drives import Drive, Driven, Drivers
+from tsbench.learn.frames import FRAME, Imitated, Sampling, frames_of
 from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.tokens import Tokeniser
-from tsbench.run.episode import EpisodeRunner
-from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.seeds import rng_of
-from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.sumo import Simulation
 
 DRIVES_PER_CHUNK = 20
 _ATTEMPTS = 3
 
 
+class Source(Protocol):
+    """How frames are made of a drive; sent to the processes that drive. dtype: what a frame holds."""
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """What a frame holds."""
+
+    def facts(self) -> dict[str, Any]:
+        """All that decides the frames of a drive, for JSON."""
+
+    def frames(self, driven: Driven, drivers: Drivers, rng: np.random.Generator) -> Records:
+        """The frames of a drive; none where it teaches nothing."""
+
+
 @dataclass(frozen=True, slots=True)
-class Drive:
-    """An episode to take frames from: a scenario and who drives it."""
+class ImitationSource:
+    """Frames of `plant2`, which sees no signs."""
 
-    spec: ScenarioSpec
-    driver: str
+    sampling: Sampling
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Tokens and targets."""
+        return FRAME
+
+    def facts(self) -> dict[str, Any]:
+        """The sampling."""
+        return {"sampling": asdict(self.sampling)}
+
+    def frames(self, driven: Driven, drivers: Drivers, rng: np.random.Generator) -> Records:
+        """Every kept tick, whatever became of the drive."""
+        teacher = Imitated(driven.facts, self.sampling)
+        return frames_of(driven, drivers.tokeniser(driven.roads), teacher, self.sampling, rng, FRAME)
 
 
-def plan_hash(drives: Sequence[Drive], sampling: Sampling, seed: int) -> str:
+def plan_hash(drives: Sequence[Drive], source: Source, seed: int) -> str:
     """12 hex digits over all that decides the content of the chunks."""
-    plan = {"drives": [asdict(drive) for drive in drives], "sampling": asdict(sampling), "seed": seed}
+    plan = {"drives": [drive.facts() for drive in drives], "source": source.facts(), "seed": seed}
     return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()[:12]
 
 
@@ -56,15 +80,15 @@ class FrameStore:
         self,
         root: Path,
         drives: Sequence[Drive],
-        sampling: Sampling,
+        source: Source,
         *,
         seed: int,
         bound_bytes: int,
         workers: int,
         progress: Callable[[int], None],
     ) -> None:
-        self.plan = plan_hash(drives, sampling, seed)
-        self._folder, self._sampling, self._seed = root / self.plan, sampling, seed
+        self.plan = plan_hash(drives, source, seed)
+        self._folder, self._source, self._seed = root / self.plan, source, seed
         self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
         self._bound, self._workers, self._progress = bound_bytes, workers, progress
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -87,7 +111,7 @@ class FrameStore:
             frames: Records = np.load(self._path(number), allow_pickle=False)
         except (OSError, ValueError) as error:
             raise InputError(f"{self._path(number)}: no frames ({error}): delete it") from None
-        if frames.dtype != FRAME:
+        if frames.dtype != self._source.dtype:
             raise InputError(f"{self._path(number)}: frames of another tsbench: delete {self._folder}")
         return frames
 
@@ -112,8 +136,8 @@ class FrameStore:
     def _missing(self, numbers: Sequence[int]) -> list[int]:
         return [n for n in numbers if not self._path(n).is_file()]
 
-    def _job(self, number: int) -> tuple[Path, list[Drive], Sampling, tuple[int, int]]:
-        return self._path(number), list(self._chunks[number]), self._sampling, (self._seed, number)
+    def _job(self, number: int) -> tuple[Path, list[Drive], Source, tuple[int, int]]:
+        return self._path(number), list(self._chunks[number]), self._source, (self._seed, number)
 
     def _drop(self, keep: set[int]) -> None:
         """Delete chunks until the rest keeps to the bound; those in use last."""
@@ -126,26 +150,15 @@ class FrameStore:
             paths[number].unlink()
 
 
-def make_chunk(path: Path, drives: list[Drive], sampling: Sampling, seed: tuple[int, int]) -> None:
+def make_chunk(path: Path, drives: Sequence[Drive], source: Source, seed: tuple[int, int]) -> None:
     """Drive and write the frames, all or nothing. Drives that end in an error of the simulation give none."""
-    loader, simulation = SceneLoader(), Simulation()
-    runners: dict[str, EpisodeRunner] = {}
-    tokeniser: Tokeniser | None = None
-    found: list[Records] = [np.zeros(0, dtype=FRAME)]
+    drivers = Drivers()
+    found: list[Records] = [np.zeros(0, dtype=source.dtype)]
     for drive in drives:
-        if drive.driver not in runners:
-            runners[drive.driver] = EpisodeRunner(
-                drive.driver, drive.driver, simulation=simulation, loader=loader
-            )
-        facts = runners[drive.driver].run(drive.spec).facts
-        if facts is None:
-            continue
-        roads = loader.load(drive.spec)[1]
-        if tokeniser is None or tokeniser.network is not roads.network:
-            tokeniser = Tokeniser(roads.network)
-        rng = rng_of("frames", *seed, drive.spec.scenario_id, drive.driver)
-        found.append(frames_of(facts, roads, tokeniser, sampling, rng))
-    simulation.close()
+        driven = drive.run(drivers)
+        if driven is not None:
+            found.append(source.frames(driven, drivers, rng_of("frames", *seed, *drive.names)))
+    drivers.close()
     part = path.with_suffix(".part")
     with part.open("wb") as file:
         np.save(file, np.concatenate(found), allow_pickle=False)

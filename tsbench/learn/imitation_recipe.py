@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
+from tsbench.learn.drives import PlannerDrive
 from tsbench.learn.frames import Sampling
-from tsbench.learn.frames_store import Drive
 from tsbench.scenarios.seeds import rng_of, seed_of
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -45,28 +44,15 @@ class Recipe:
         return {**found, "split": "train"}
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where and with what a training runs.
-
-    workers: processes that drive, threads that learn. cache_bytes: bound of the frames on disk.
-    """
-
-    out: Path
-    device: str
-    workers: int
-    cache_bytes: int
-
-
 def kept_for_validation(spec: ScenarioSpec) -> bool:
     """Is the row's map one of those that checkpoints are chosen on?"""
     return seed_of("imitation", "validation", spec.map_id) % _VALIDATION_SHARE == 0
 
 
-def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[Drive]:
+def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[PlannerDrive]:
     """The drives to learn from: types in turn, drawn rows of each, drivers in turn."""
     chosen = _in_turn([r for r in rows if not kept_for_validation(r)], recipe.episodes, recipe.seed, "drives")
-    return [Drive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
+    return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
 
 
 def validation_rows(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[ScenarioSpec]:

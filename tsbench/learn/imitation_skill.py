@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import ClassVar
 
 from tsbench.errors import SimulationError
 from tsbench.metrics.outcome import Outcome
 from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.run.episode import EpisodeRunner
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -26,29 +28,38 @@ class Skill:
     timeout: float
     scd: float
 
-    @property
-    def score(self) -> float:
-        """What the best checkpoint has most of: arrivals without contacts."""
-        return self.arrived - self.collision
-
 
 class Student(Plant2):
     """The planner with weights from a folder, which hangs on the class: episode runners make planners by name."""
 
-    folder: Path
+    folder: ClassVar[Path]
 
     def __init__(self) -> None:
         super().__init__(folder=self.folder)
 
 
-def measure(folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
-    """Drive the weights below `folder` through `rows`.
+class StudentFt(Plant2Ft):
+    """The same for the one that reads signs."""
+
+    folder: ClassVar[Path]
+
+    def __init__(self) -> None:
+        super().__init__(folder=self.folder)
+
+
+STUDENTS: Mapping[str, type[Student | StudentFt]] = {"plant2": Student, "plant2-ft": StudentFt}
+
+
+def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
+    """Drive the weights of a planner (of STUDENTS) below `folder` through `rows`.
 
     Raises SimulationError where an episode ends in an error: no skill is averaged over a hole.
     """
     shares = [list(rows[k::workers]) for k in range(workers)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        ends = [end for part in pool.map(_drive, [folder] * workers, shares) for end in part]
+        ends = [
+            end for part in pool.map(_drive, [planner] * workers, [folder] * workers, shares) for end in part
+        ]
     broken = [error for _, _, error in ends if error]
     if broken:
         raise SimulationError(f"validation: {len(broken)} episodes broke off, the first by: {broken[0]}")
@@ -61,13 +72,14 @@ def measure(folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
     )  # fmt: skip
 
 
-def _drive(folder: Path, rows: list[ScenarioSpec]) -> list[tuple[Outcome, bool, str]]:
+def _drive(planner: str, folder: Path, rows: list[ScenarioSpec]) -> list[tuple[Outcome, bool, str]]:
     """In a process of its own: outcome, compliance and error of each episode."""
     import torch
 
     torch.set_num_threads(1)
-    Student.folder = folder
-    runner = EpisodeRunner(f"{__name__}:Student", "plant2")
+    student = STUDENTS[planner]
+    student.folder = folder
+    runner = EpisodeRunner(f"{__name__}:{student.__name__}", planner)
     ends = []
     for row in rows:
         result = runner.run(row)

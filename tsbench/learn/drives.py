@@ -1,0 +1,85 @@
+"""Drives to take frames from, driven again whenever they are asked for: deterministic simulation gives the same."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+from tsbench.metrics.outcome import EpisodeFacts
+from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.run.episode import EpisodeRunner
+from tsbench.scenarios.load import Roads, SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What a drive gave. since: first tick that may become a frame."""
+
+    facts: EpisodeFacts
+    roads: Roads
+    since: int = 0
+
+
+class Drive(Protocol):
+    """One episode, and who drives it; sent to the process that drives."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What tells it from other drives: draws for its frames hang on them."""
+
+    def facts(self) -> dict[str, Any]:
+        """All that decides how it goes, for JSON."""
+
+    def run(self, drivers: Drivers) -> Driven | None:
+        """Drive; None where it gives no frames."""
+
+
+class Drivers:
+    """The simulation of a process, and all that is made once and used for many drives."""
+
+    def __init__(self) -> None:
+        self._loader, self._simulation = SceneLoader(), Simulation()
+        self._runners: dict[str, EpisodeRunner] = {}
+        self._tokeniser: Tokeniser | None = None
+
+    def drive(self, spec: ScenarioSpec, planner: str) -> Driven | None:
+        """An episode by a planner that is named as for `tsbench run`; None where it ended in an error at once."""
+        if planner not in self._runners:
+            self._runners[planner] = EpisodeRunner(
+                planner, planner, simulation=self._simulation, loader=self._loader
+            )
+        facts = self._runners[planner].run(spec).facts
+        return None if facts is None else Driven(facts, self._loader.load(spec)[1])
+
+    def tokeniser(self, roads: Roads) -> Tokeniser:
+        """Of these roads; the last one is kept."""
+        if self._tokeniser is None or self._tokeniser.network is not roads.network:
+            self._tokeniser = Tokeniser(roads.network)
+        return self._tokeniser
+
+    def close(self) -> None:
+        """End SUMO."""
+        self._simulation.close()
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerDrive:
+    """A scenario driven by a planner."""
+
+    spec: ScenarioSpec
+    driver: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Scenario and driver."""
+        return self.spec.scenario_id, self.driver
+
+    def facts(self) -> dict[str, Any]:
+        """The row and the driver."""
+        return asdict(self)
+
+    def run(self, drivers: Drivers) -> Driven | None:
+        """The whole episode, however it ends."""
+        return drivers.drive(self.spec, self.driver)
