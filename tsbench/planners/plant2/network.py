@@ -18,7 +18,7 @@ from tsbench.planners.plant2 import layout as at
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """Extents of a network. patch: channels of the patch encoder's stages; () = tiles."""
+    """Extents of a network. patch: channels of the patch encoder's stages; () = tiles. dropout: of the encoder."""
 
     layers: int
     width: int
@@ -26,11 +26,13 @@ class Size:
     feedforward: int
     patch: tuple[int, ...]
     hidden: int
+    dropout: float
 
 
 SIZES: Mapping[str, Size] = {
-    "medium": Size(8, 512, 8, 2048, (64, 128, 256, 512), 128),
-    "mini": Size(4, 128, 4, 512, (), 128),
+    "medium": Size(8, 512, 8, 2048, (64, 128, 256, 512), 128, 0.1),
+    # A million parameters learn far fewer frames by heart than they are shown; drawing masks is a fifth of a step.
+    "mini": Size(4, 128, 4, 512, (), 128, 0.0),
 }
 # What is asked of the encoder: a learned query each, in this order, before all other tokens.
 PATH, WAYPOINT, SPEED, QUERIES = 0, 1, 2, 3
@@ -124,7 +126,12 @@ class Head(nn.Module):
 
 
 def per_sample(linear: nn.Linear, x: Tensor) -> Tensor:
-    """`linear` on (b, k, in) by one product of fixed shape a sample: rows of several samples are never mixed."""
+    """`linear` on (b, k, in) by one product of fixed shape a sample: rows of several samples are never mixed.
+
+    In training they may be, which spares a gradient of the weights for each sample.
+    """
+    if linear.training:
+        return cast(Tensor, linear(x))
     weight = linear.weight.t().expand(len(x), -1, -1)
     return torch.baddbmm(linear.bias, x, weight)
 
@@ -144,7 +151,8 @@ class ClassProjection(nn.Module):
         chosen = nn.functional.one_hot(kinds, self.classes)[..., 1:].to(features.dtype)
         spread = (chosen[..., None] * features[..., None, :]).flatten(2)
         table = torch.cat([self.weight.flatten(0, 1), self.bias])
-        return torch.bmm(torch.cat([spread, chosen], dim=2), table.expand(len(kinds), -1, -1))
+        rows = torch.cat([spread, chosen], dim=2)
+        return rows @ table if self.training else torch.bmm(rows, table.expand(len(kinds), -1, -1))
 
 
 class Plant2Network(nn.Module):
@@ -166,7 +174,7 @@ class Plant2Network(nn.Module):
             ResidualPatch(s.width, s.patch) if s.patch else TiledPatch(s.width, TILE, TILE_FEATURES)
         )
         layer = nn.TransformerEncoderLayer(
-            s.width, s.heads, s.feedforward, dropout=0.1, activation="gelu", batch_first=True
+            s.width, s.heads, s.feedforward, s.dropout, activation="gelu", batch_first=True
         )
         self.encoder = nn.TransformerEncoder(layer, s.layers, enable_nested_tensor=False)
         self.path_head = Head(s.width, s.hidden, 2 * at.PATH_POINTS)
