@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -10,6 +10,7 @@ from gymnasium import spaces
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.type_aliases import PyTorchObs
 from torch import nn
 from torch.nn.functional import softplus
 
@@ -72,7 +73,7 @@ class BetaActions(Distribution):
 
 
 class CarlFeatures(BaseFeaturesExtractor):
-    """`carl`'s trunk; Stable-Baselines3 hands the raster over as 0..1."""
+    """`carl`'s trunk."""
 
     def __init__(self, observation_space: spaces.Dict) -> None:
         super().__init__(observation_space, features_dim=LATENT)
@@ -88,8 +89,16 @@ class BetaPolicy(ActorCriticPolicy):
     """Actor and critic as linear heads on a shared trunk, with Beta actions."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        kwargs["net_arch"] = []
+        # The trunk scales: not every way through Stable-Baselines3 comes by `extract_features`.
+        kwargs |= {"net_arch": [], "normalize_images": False}
         super().__init__(*args, **kwargs)
+
+    def extract_features(
+        self, obs: PyTorchObs, features_extractor: BaseFeaturesExtractor | None = None
+    ) -> torch.Tensor:
+        """Features of observations as they are: the trunk scales the raster, and bytes are moved, not floats."""
+        extract = self.features_extractor if features_extractor is None else features_extractor
+        return cast(torch.Tensor, extract(obs))
 
     def _build(self, lr_schedule: Any) -> None:
         size = int(np.prod(self.action_space.shape or (1,)))

@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
 from tsbench.errors import InputError, SimulationError
+from tsbench.learn.allocator import keep_freed_memory
 from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
 from tsbench.learn.rl_config import HYPER, Hyper, Job
 from tsbench.learn.rl_curve import draw_curve
@@ -44,6 +45,7 @@ def train(job: Job, tell: Callable[[str], None]) -> Network:
         raise InputError("--device cuda: torch sees no CUDA device here")
     job.out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(HYPER[job.planner].threads)
+    keep_freed_memory()
     for deaths in range(_DEATHS):
         try:
             return _sitting(job, HYPER[job.planner], deaths, tell)

@@ -13,7 +13,7 @@ _MEASURED = 64
 
 
 class CarlTrunk(nn.Module):
-    """Raster (n, 9, 128, 128) in 0..1 and measurements (n, 10) to (n, LATENT)."""
+    """Raster (n, 9, 128, 128) in 0..255 and measurements (n, 10) to (n, LATENT)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -23,6 +23,8 @@ class CarlTrunk(nn.Module):
             nn.Conv2d(32, 64, 3, stride=2), nn.ReLU(),
             nn.Flatten(),
         )  # fmt: skip
+        # Channels last: on a CPU the convolutions then take a third of the time.
+        self.image = self.image.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         with torch.no_grad():
             size = int(self.image(torch.zeros(1, CHANNELS, PIXELS, PIXELS)).shape[1])
         self.wide = nn.Sequential(nn.Linear(size, _WIDE), nn.ReLU())
@@ -31,7 +33,8 @@ class CarlTrunk(nn.Module):
 
     def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
         """The latent that actor and critic share."""
-        seen = self.wide(self.image(raster))
+        shades = raster.to(torch.float32, memory_format=torch.channels_last) / 255.0
+        seen = self.wide(self.image(shades))
         latent: torch.Tensor = self.joint(torch.cat((seen, self.measured(measurements)), dim=1))
         return latent
 
@@ -46,7 +49,7 @@ class CarlActor(nn.Module):
 
     def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
         """(n, 2) actions in -1..1 from a uint8 raster and measurements."""
-        excess = nn.functional.softplus(self.action(self.trunk(raster.float() / 255.0, measurements)))
+        excess = nn.functional.softplus(self.action(self.trunk(raster, measurements)))
         a, b = excess.chunk(2, dim=1)
         mode: torch.Tensor = 2.0 * a / (a + b).clamp(min=1e-6) - 1.0
         return mode
