@@ -40,7 +40,7 @@ class Driven(EpisodeRunner):
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         super().__init__("idm-s4-e", "idm-s4-e", simulation=simulation, loader=loader)
-        self.rounded = Rounded(IdmS4Expert(), privileged=True)
+        self.rounded = Rounded(IdmS4Expert)
         self._planner = self.rounded
 
 

@@ -27,6 +27,7 @@ COMMANDS = {
     "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
+    "oracle": ("tsbench.cli.oracle:oracle", "Collect and choose the drives that plant2-ft learns from."),
     "train": ("tsbench.cli.train:train", "Train a learned planner."),
     "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),
     "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),

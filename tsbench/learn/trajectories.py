@@ -7,7 +7,7 @@ Units: m/s2, rad.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
@@ -93,11 +93,12 @@ class Recorded:
 class Rounded:
     """A planner whose commands are rounded to what is stored, and its intents kept.
 
-    attempt: above 0, the planner draws another driver from its seed.
+    make: makes the planner, for the first episode. attempt: above 0, it draws another driver from its seed.
     """
 
-    def __init__(self, inner: Planner, privileged: bool) -> None:
-        self._inner, self.privileged = inner, privileged
+    def __init__(self, make: Callable[[], Planner]) -> None:
+        self._make = make
+        self._inner: Planner | None = None
         self.attempt = 0
         self.intents: list[tuple[int, tuple[str, ...]]] = []
 
@@ -105,10 +106,13 @@ class Rounded:
         """Start an episode."""
         self._network = context.network
         self.intents = []
+        if self._inner is None:
+            self._inner = self._make()
         self._inner.reset(replace(context, seed=retry_seed(context.seed, self.attempt)))
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """The inner planner's command, rounded; what cannot be driven is passed on for the episode to judge."""
+        assert self._inner is not None
         output = self._inner.act(observation)
         e = observation.ego
         motion = Motion(e.x, e.y, e.heading, e.speed, e.acceleration, e.steering, e.yaw_rate)

@@ -36,15 +36,18 @@ class Journal:
     """
 
     def __init__(
-        self, path: Path, keys: Collection[Key], run: str, aside: SetAside, sound: Callable[[Content], bool]
-    ) -> None:
+        self, path: Path, keys: Collection[Key], run: str, aside: SetAside, sound: Callable[[Content], bool],
+        whole: Callable[[Any], bool] | None = None, unsound: str = _NO_TRACE,
+    ) -> None:  # fmt: skip
         """Open for appending; lines that cannot be trusted are set aside, and their episodes are not `done`.
 
         keys: the episodes of this run. run: its identity. sound: is all there that an episode's line speaks of?
+        unsound: what one is whose is not. whole: has a line all that it must have? None = what the tables want.
         """
         self.path = path
         self.done: dict[Key, int] = {}
-        self._keys, self._sound = frozenset(keys), sound
+        self._keys, self._sound, self._unsound = frozenset(keys), sound, unsound
+        self._whole = whole or _has_all
         self._head = encode({"run": run})
         with told_plainly(path):
             self._fd = _open(path, os.O_CREAT)
@@ -130,11 +133,11 @@ class Journal:
         """Why a line is not to be trusted, "" if it is."""
         if content is None:
             return _TORN
-        if not _has_all(content) or _key(content) not in self._keys:
+        if not self._whole(content) or _key(content) not in self._keys:
             return _FOREIGN
         if _key(content) in self.done:
             return _TWICE
-        return "" if self._sound(content) else _NO_TRACE
+        return "" if self._sound(content) else self._unsound
 
     def _rewrite(self, good: list[tuple[int, int]]) -> None:
         """Keep only these (position, length) of the file, below our own first line."""

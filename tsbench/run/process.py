@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from multiprocessing import Pipe
 from typing import Any
 
@@ -39,6 +39,7 @@ class Setup:
     runner: module:Class of the episode runner. planners: what `contestant.describe` says of each, in order.
     out: the run folder, for traces. trace: none, violations, all. split, contract: what a worker on another machine
     must have too. inference: where the inference process listens, "" = each worker has networks of its own.
+    recorder: module:function from an episode's result to its record. options: what else the runner is made with.
     """
 
     runner: str
@@ -50,6 +51,8 @@ class Setup:
     split: str
     contract: str
     inference: str = ""
+    recorder: str = "tsbench.run.score:make_record"
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 class WorkerProcess:

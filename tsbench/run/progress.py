@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -24,7 +24,8 @@ class ProgressWatcher:
         self._bars: dict[str, TaskID] = {}
         self._count: dict[str, int] = {}
         self._success: dict[str, int] = {}
-        self._scenarios = self._total = 0
+        self._asked: dict[str, int] = {}
+        self._total = 0
         self._began = self._said = time.monotonic()
         self._fresh = 0
         self._progress = Progress(
@@ -45,21 +46,21 @@ class ProgressWatcher:
         """A remark, outside the bars."""
         self._console.print(f"note: {line}", markup=False, highlight=False, soft_wrap=True)
 
-    def begin(self, planners: Sequence[str], scenarios: int, done: Iterable[Row]) -> None:
+    def begin(self, asked: Mapping[str, int], done: Iterable[Row]) -> None:
         """Draw the bars."""
-        self._scenarios = scenarios
-        self._total = len(planners) * scenarios
-        self._count = dict.fromkeys(planners, 0)
-        self._success = dict.fromkeys(planners, 0)
+        self._asked = dict(asked)
+        self._total = sum(asked.values())
+        self._count = dict.fromkeys(asked, 0)
+        self._success = dict.fromkeys(asked, 0)
         for row in done:
             self._take(row)
         there = sum(self._count.values())
         if there:
             self.notice(f"continuing: {there} of {self._total} episodes are already there")
         self._began = self._said = time.monotonic()
-        for name in planners:
+        for name, count in asked.items():
             self._bars[name] = self._progress.add_task(
-                name, total=scenarios, completed=self._count[name], start=False, scd=self._scd(name), pace=""
+                name, total=count, completed=self._count[name], start=False, scd=self._scd(name), pace=""
             )
         self._progress.start()
 
@@ -73,7 +74,7 @@ class ProgressWatcher:
         if not self._console.is_terminal:
             self._say(now)
             return
-        if now - self._said < 1 / _REFRESH_PER_S and self._count[name] < self._scenarios:
+        if now - self._said < 1 / _REFRESH_PER_S and self._count[name] < self._asked[name]:
             return
         self._said = now
         task = self._progress.tasks[bar]

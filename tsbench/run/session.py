@@ -60,8 +60,8 @@ class Watcher(Protocol):
     def notice(self, line: str) -> None:
         """Something about the folder that its owner should know."""
 
-    def begin(self, planners: Sequence[str], scenarios: int, done: Iterable[Row]) -> None:
-        """The run starts: `scenarios` for each planner; `done`: rows of episodes finished earlier."""
+    def begin(self, asked: Mapping[str, int], done: Iterable[Row]) -> None:
+        """The run starts: so many episodes for each planner; `done`: rows of those finished earlier."""
 
     def episode(self, row: Row) -> None:
         """An episode is finished."""
@@ -100,7 +100,7 @@ def run(options: Options, watcher: Watcher) -> Ending:
     episodes = len(plan.scenarios) * len(options.request.planners)
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
         planners = pool.probe(plan.request.planners)
-        _check_names(planners)
+        check_names(planners)
         names = [str(planner["name"]) for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, _asked(options), effective, planners)
@@ -142,7 +142,8 @@ def _drive(
     journal = folder.journal
     assert journal is not None
     names = [str(planner["name"]) for planner in planners]
-    watcher.begin(names, len(plan.scenarios), (journal.read(key)["row"] for key in journal.done))
+    asked = dict.fromkeys(names, len(plan.scenarios))
+    watcher.begin(asked, (journal.read(key)["row"] for key in journal.done))
     todo = [
         (planner, spec)
         for planner, name in enumerate(names)
@@ -217,7 +218,8 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def _check_names(planners: Sequence[Mapping[str, Any]]) -> None:
+def check_names(planners: Sequence[Mapping[str, Any]]) -> None:
+    """Raises InputError where two planners would be one in records."""
     seen: dict[str, str] = {}
     for planner in planners:
         other = seen.setdefault(planner["name"], planner["spec"])

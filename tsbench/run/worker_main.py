@@ -24,7 +24,6 @@ from tsbench.run.contestant import describe
 from tsbench.run.pulse import IDLE, PLANNING, SCORING, Pulse
 from tsbench.run.record import Record, error_row, last_seconds, lost_timing, make_timing
 from tsbench.run.result import EpisodeResult
-from tsbench.run.score import make_record
 from tsbench.run.trace import trace_path, write_trace
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -105,7 +104,7 @@ class Worker:
         result = runner.run(spec)
         self._pulse.beat(SCORING)
         try:
-            record = make_record(result, privileged)
+            record = _load(self._setup["recorder"])(result, privileged)
         except Exception as problem:
             # A defect in a metric is an error outcome with its traceback, never a figure.
             row = error_row(spec, name, privileged, Outcome.SIM_ERROR, f"internal error: {_cause(problem)}")
@@ -128,9 +127,9 @@ class Worker:
             self.close()
             who = self._setup["planners"][planner]
             self._pulse.beat(PLANNING)
-            kind, more = self._setup["runner"], {}
+            kind, more = self._setup["runner"], dict(self._setup["options"])
             if self._setup["inference"] and self._setup["device"] in who["served_on"]:
-                kind, more = _SERVED, {"inference": self._setup["inference"]}
+                kind, more = _SERVED, {"inference": self._setup["inference"], **more}
             self._runner = _load(kind)(
                 who["spec"],
                 who["name"],
@@ -156,9 +155,9 @@ def _cause(problem: Exception) -> str:
     return f"{type(problem).__name__}: {problem}"
 
 
-def _load(name: str) -> Callable[..., Runner]:
+def _load(name: str) -> Callable[..., Any]:
     module, _, attribute = name.partition(":")
-    made: Callable[..., Runner] = getattr(importlib.import_module(module), attribute)
+    made: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
     return made
 
 

@@ -1,0 +1,204 @@
+"""A collection on disk: what each expert did on each scenario, kept as it comes.
+
+DIR/run.json        what it was made with; experts and scenarios may be added later
+DIR/journal.jsonl   a checked line for each expert and scenario: all tries, the commands of the success
+DIR/tries.parquet   one row per try, the same bytes whatever the workers, the order or the interruptions
+DIR/errors/         stories of drives that broke off
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from tsbench.errors import InputError
+from tsbench.learn.oracle_runner import FIGURES, lost_try, unpack
+from tsbench.learn.trajectories import Commands, Intents
+from tsbench.parquet import VERSION_KEY, open_table, save_table
+from tsbench.run.files import told_plainly, write_atomic, write_json
+from tsbench.run.folder import error_path
+from tsbench.run.journal import Content, Journal, Key, decode
+from tsbench.run.manifest import NAME, Manifest, difference, read_manifest, timestamp
+from tsbench.run.record import Record, Row
+from tsbench.run.set_aside import SetAside
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.world import DT_S
+
+KIND = "oracle"
+RULES, LEARNED = "rules", "learned"
+_JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
+_PARTS = {"row", "events", "timing", "trace"}
+_ROW = {
+    "planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code",
+}  # fmt: skip
+_OUTDATED = "of a scenario or an expert that has changed"
+
+
+def _columns(kind: pa.DataType, *names: str, null: bool = False) -> list[Any]:
+    return [pa.field(name, kind, nullable=null) for name in names]
+
+
+SCHEMA = pa.schema(
+    [
+        *_columns(pa.string(), "planner", "kind", "scenario_id", "scenario_type", "group", "map_id"),
+        *_columns(pa.int16(), "attempt"),
+        *_columns(pa.string(), "outcome"),
+        *_columns(pa.string(), "error", null=True),
+        *_columns(pa.bool_(), "scd"),
+        *_columns(pa.bool_(), "compliant", "engaged", null=True),
+        *_columns(pa.int32(), "steps", null=True),
+        *_columns(pa.float64(), "duration_s", "comfort", "mean_speed", null=True),
+        *_columns(pa.string(), "ego", "others", null=True),
+        *_columns(pa.string(), "scenario"),
+    ]
+).with_metadata({VERSION_KEY: "1"})
+
+
+def fingerprint(spec: ScenarioSpec) -> str:
+    """12 hex digits over a scenario row."""
+    return hashlib.sha256(json.dumps(asdict(spec), sort_keys=True).encode()).hexdigest()[:12]
+
+
+def kind_of(planner: Mapping[str, Any]) -> str:
+    """RULES or LEARNED, by what `contestant.describe` says of a planner."""
+    return RULES if planner["weights_sha256"] is None else LEARNED
+
+
+class Collection:
+    """A folder that this process collects into; to be closed.
+
+    notices: lines about what was found there and is not trusted; it is set aside.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        manifest: Manifest,
+        table: Sequence[ScenarioSpec],
+        planners: Sequence[Mapping[str, Any]],
+    ) -> None:
+        """Open or continue `path`. table: all rows of the split. planners: those that are asked for now.
+
+        Raises InputError: the folder holds something else, is in use, or cannot be written.
+        """
+        self.path = path
+        self._rows = {spec.scenario_id: spec for spec in table}
+        self._marks = {spec.scenario_id: fingerprint(spec) for spec in table}
+        self._codes = {str(p["name"]): _code(p) for p in planners}
+        aside = SetAside(path)
+        with told_plainly(path):
+            path.mkdir(parents=True, exist_ok=True)
+            old = check_folder(path, manifest)
+            known = {} if old is None else {p["name"]: p for p in old["planners"]}
+            self._planners = known | {p["name"]: dict(p) for p in planners}
+            self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
+            self._save("running", finished=None)
+        keys = [(name, scenario) for name in self._planners for scenario in self._rows]
+        self.journal = Journal(
+            path / _JOURNAL, keys, f"{KIND} {manifest['contract']}", aside, self._sound, _whole, _OUTDATED
+        )
+        self.notices = aside.notices()
+
+    def keep(self, record: Record) -> Row:
+        """Write down what an expert did on a scenario; returns the row."""
+        row = record.row
+        if "tries" not in row:
+            row = {name: row[name] for name in ("planner", "scenario_id", "outcome", "error", "scd")}
+            row |= {"tries": [lost_try(row["outcome"], row["error"])], "commands": None, "intents": None}
+        row = {**row, "scenario": self._marks[row["scenario_id"]], "code": self._codes[row["planner"]]}
+        if record.detail:
+            path = error_path(self.path, row["planner"], row["scenario_id"])
+            with told_plainly(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomic(path, f"{record.detail.rstrip()}\n".encode(errors="replace"))
+        self.journal.append(Record(row, [], {}, ""))
+        return row
+
+    def end(self, complete: bool) -> None:
+        """Write the table of tries, and how it ended."""
+        columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+        for key in sorted(self.journal.done):
+            for line in self._lines(key):
+                for name, column in columns.items():
+                    column.append(line[name])
+        with told_plainly(self.path):
+            save_table(pa.table(columns, schema=SCHEMA), self.path / _TRIES)
+            self._save("complete" if complete else "interrupted", finished=timestamp())
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self.journal.close()
+
+    def _lines(self, key: Key) -> Iterator[Row]:
+        row = self.journal.read(key)["row"]
+        spec = self._rows[row["scenario_id"]]
+        head = {name: getattr(spec, name) for name in ("scenario_id", "scenario_type", "group", "map_id")}
+        head |= {"planner": row["planner"], "kind": kind_of(self._planners[row["planner"]])}
+        for one in row["tries"]:
+            seconds = None if one["steps"] is None else round(one["steps"] * DT_S, 6)
+            yield {**head, **one, "duration_s": seconds, "scenario": row["scenario"]}
+
+    def _save(self, status: str, finished: str | None) -> None:
+        planners = [self._planners[name] for name in sorted(self._planners)]
+        self.manifest = {**self.manifest, "planners": planners, "status": status, "finished": finished}
+        write_json(self.path / NAME, self.manifest)
+
+    def _sound(self, content: Content) -> bool:
+        """Is it of the scenario as it stands, and of the expert that would drive now?"""
+        row = content["row"]
+        same_code = self._codes.get(row["planner"], row["code"]) == row["code"]
+        return bool(same_code and row["scenario"] == self._marks[row["scenario_id"]])
+
+
+def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
+    """The manifest of a collection that may be continued, None if there is none. Raises InputError for another thing.
+
+    new: `contract` and `effective` of the collection that is wanted; experts may differ.
+    """
+    old = read_manifest(path)
+    if old is None:
+        if path.is_dir() and any(path.iterdir()):
+            raise InputError(f"{path}: is neither empty nor a collection; choose another with --out")
+        return None
+    differs = difference(old, {"contract": new["contract"], "effective": new["effective"]})
+    if differs is not None:
+        raise InputError(f"{path}: holds another collection: {differs}; choose another folder with --out")
+    return old
+
+
+def read_tries(folder: Path) -> list[Row]:
+    """Rows of the table of tries. Raises InputError for a missing, broken or foreign one."""
+    rows: list[Row] = open_table(folder / _TRIES, SCHEMA, "tsbench oracle collect makes it").to_pylist()
+    return rows
+
+
+def read_drives(folder: Path, wanted: set[Key]) -> Iterator[tuple[Key, Commands, Intents]]:
+    """The successful drives of chosen experts and scenarios, in the journal's order."""
+    path = folder / _JOURNAL
+    with told_plainly(path), path.open("rb") as file:
+        for line in file:
+            row = (decode(line) or {}).get("row")
+            if row is None or (row["planner"], row["scenario_id"]) not in wanted or row["commands"] is None:
+                continue
+            intents = tuple((tick, tuple(edges)) for tick, edges in row["intents"])
+            yield (row["planner"], row["scenario_id"]), unpack(row["commands"]), intents
+
+
+def _code(planner: Mapping[str, Any]) -> str:
+    both = f"{planner['code_sha256']} {planner['weights_sha256']}"
+    return hashlib.sha256(both.encode()).hexdigest()[:12]
+
+
+def _whole(content: Any) -> bool:
+    """Is this a line with all that it must have?"""
+    if not isinstance(content, dict) or set(content) != _PARTS or not isinstance(content["row"], dict):
+        return False
+    row = content["row"]
+    wanted = {"attempt", "outcome", "error", "scd", *FIGURES}
+    return set(row) == _ROW and all(isinstance(t, dict) and set(t) == wanted for t in row["tries"])
