@@ -16,7 +16,7 @@ class Hyper:
     """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
-    torch; an MLP this small only loses by sharing its work out, the more so on a busy machine.
+    torch: more wait for each other as soon as anything else runs, and the driving processes do.
     """
 
     observation: str
@@ -36,7 +36,7 @@ class Hyper:
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
         "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1),
-        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=2),
+        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1),
     }
 )
 
