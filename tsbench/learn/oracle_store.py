@@ -12,6 +12,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,7 @@ SCHEMA = pa.schema(
 ).with_metadata({VERSION_KEY: "1"})
 
 
+@cache
 def fingerprint(spec: ScenarioSpec) -> str:
     """12 hex digits over a scenario row."""
     return hashlib.sha256(json.dumps(asdict(spec), sort_keys=True).encode()).hexdigest()[:12]
@@ -89,7 +91,6 @@ class Collection:
         """
         self.path = path
         self._rows = {spec.scenario_id: spec for spec in table}
-        self._marks = {spec.scenario_id: fingerprint(spec) for spec in table}
         self._codes = {str(p["name"]): _code(p) for p in planners}
         aside = SetAside(path)
         with told_plainly(path):
@@ -111,7 +112,11 @@ class Collection:
         if "tries" not in row:
             row = {name: row[name] for name in ("planner", "scenario_id", "outcome", "error", "scd")}
             row |= {"tries": [lost_try(row["outcome"], row["error"])], "commands": None, "intents": None}
-        row = {**row, "scenario": self._marks[row["scenario_id"]], "code": self._codes[row["planner"]]}
+        row = {
+            **row,
+            "scenario": fingerprint(self._rows[row["scenario_id"]]),
+            "code": self._codes[row["planner"]],
+        }
         if record.detail:
             path = error_path(self.path, row["planner"], row["scenario_id"])
             with told_plainly(path):
@@ -153,7 +158,7 @@ class Collection:
         """Is it of the scenario as it stands, and of the expert that would drive now?"""
         row = content["row"]
         same_code = self._codes.get(row["planner"], row["code"]) == row["code"]
-        return bool(same_code and row["scenario"] == self._marks[row["scenario_id"]])
+        return bool(same_code and row["scenario"] == fingerprint(self._rows[row["scenario_id"]]))
 
 
 def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:

@@ -1,0 +1,232 @@
+"""The choice among successful drives, and what the table then holds."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsbench.errors import InputError
+from tsbench.learn.imitation_recipe import kept_for_validation
+from tsbench.learn.oracle_runner import FIGURES, pack, unpack
+from tsbench.learn.oracle_select import Candidate, f_score, part_of, rank, select
+from tsbench.learn.oracle_stats import stats
+from tsbench.learn.oracle_store import KIND, Collection, read_tries
+from tsbench.learn.trajectories import read_trajectories
+from tsbench.report.analyses.output import to_csv, write_analysis
+from tsbench.run.contract import contract_hash
+from tsbench.run.manifest import new_manifest
+from tsbench.run.record import Record, Row
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+shares = st.floats(0.0, 1.0)
+candidates = st.lists(
+    st.builds(
+        Candidate, st.sampled_from([f"expert-{k}" for k in range(8)]), st.booleans(), st.integers(20, 600), shares,
+        st.just({}),
+    ),
+    max_size=8, unique_by=lambda c: c.planner,
+)  # fmt: skip
+
+
+def test_f_score_by_hand() -> None:
+    """b = 0.25: (1 + 1/16) v s / (v/16 + s)."""
+    assert f_score(1.0, 1.0) == pytest.approx(1.0)
+    assert f_score(0.5, 0.8) == pytest.approx(1.0625 * 0.4 / (0.03125 + 0.8))
+    assert f_score(0.0, 0.0) == 0.0
+
+
+@given(shares, shares, shares)
+def test_f_score_lies_between_and_grows(v: float, s: float, more: float) -> None:
+    """Between the two shares, more of either is never worse, and speed weighs more than comfort."""
+    q = f_score(v, s)
+    assert min(v, s) - 1e-9 <= q <= max(v, s) + 1e-9
+    assert f_score(max(v, more), s) >= q - 1e-9
+    assert f_score(v, max(s, more)) >= q - 1e-9
+    high, low = max(v, s), min(v, s)
+    assert f_score(high, low) >= f_score(low, high) - 1e-9
+
+
+@given(candidates, st.randoms(use_true_random=False))
+def test_the_best_two_of_each_scenario(found: list[Candidate], random: Any) -> None:
+    """Whatever the order: at most two, best first, at most one of the IDM kind, and that the fastest of them."""
+    best = rank(found)
+    assert len(best) == min(2, sum(not c.rules for c in found) + any(c.rules for c in found))
+    assert [q for _, q in best] == sorted((q for _, q in best), reverse=True)
+    rules = [c for c, _ in best if c.rules]
+    assert len(rules) <= 1
+    for c in rules:
+        assert c.steps == min(other.steps for other in found if other.rules)
+    left_out = [c for c in found if not c.rules and c not in [kept for kept, _ in best]]
+    fastest = min((c.steps for c in found), default=0)
+    assert all(f_score(fastest / c.steps, c.comfort) <= best[-1][1] for c in left_out)
+    shuffled = list(found)
+    random.shuffle(shuffled)
+    assert rank(shuffled) == best
+
+
+@given(st.lists(st.tuples(st.integers(-6000, 3000), st.integers(-6981, 6981)), min_size=1, max_size=50))
+def test_commands_come_back_from_a_line(pairs: list[tuple[int, int]]) -> None:
+    """Packed into the journal and read again."""
+    commands = np.array(pairs, dtype=np.int16)
+    assert unpack(pack(commands)).tolist() == commands.tolist()
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[ScenarioSpec]:
+    return read_table(table_path("train"))
+
+
+def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None:
+    """By map, and never to learn from what a base planner was validated on."""
+    maps = {row.map_id: row for row in rows}
+    parts = {name: part_of(row) for name, row in maps.items()}
+    assert {part_of(row) == parts[row.map_id] for row in rows} == {True}
+    assert all(parts[name] == "validation" for name, row in maps.items() if kept_for_validation(row))
+    share = sum(part == "validation" for part in parts.values()) / len(parts)
+    assert share == pytest.approx(0.2, abs=4 * (0.16 / len(parts)) ** 0.5)
+
+
+PLANNERS: list[dict[str, Any]] = [
+    {"name": "idm-e", "code_sha256": "c", "weights_sha256": None},
+    {"name": "idm-s4-e", "code_sha256": "c", "weights_sha256": None},
+    {"name": "net-e", "code_sha256": "c", "weights_sha256": "w"},
+]
+
+
+def collection(
+    folder: Path, table: list[ScenarioSpec], planners: list[dict[str, Any]] = PLANNERS
+) -> Collection:
+    effective = {"collection": KIND, "split": "train", "tries": 4}
+    manifest = new_manifest(contract_hash((), load_catalog()), {}, effective, planners)
+    return Collection(folder, manifest, table, planners)
+
+
+def line(planner: str, spec: ScenarioSpec, *steps: int, comfort: float = 0.5) -> Record:
+    """Tries of an expert on a scenario; the last one succeeded, unless it took 0 steps."""
+    tries: list[Row] = []
+    for number, count in enumerate(steps):
+        last = number == len(steps) - 1 and count > 0
+        figures: Row = dict.fromkeys(FIGURES) | {"compliant": last, "engaged": True, "mean_speed": 5.0}
+        figures |= {"steps": count, "comfort": comfort, "ego": f"{count:016x}", "others": f"{number:016x}"}
+        outcome = "arrived" if last else "timeout"
+        tries.append({"attempt": number, "outcome": outcome, "error": None, "scd": last, **figures})
+    done = tries[-1]["scd"]
+    row = {
+        "planner": planner, "scenario_id": spec.scenario_id, "outcome": tries[-1]["outcome"], "error": None,
+        "scd": done, "tries": tries,
+        "commands": pack(np.full((steps[-1], 2), len(planner), dtype=np.int16)) if done else None,
+        "intents": [[3, ["a", "b"]], [7, []]] if done else None,
+    }  # fmt: skip
+    return Record(row, [], {}, "")
+
+
+@pytest.fixture
+def full(tmp_path: Path, rows: list[ScenarioSpec]) -> Path:
+    """Three scenarios: two experts of the IDM kind and a network; the network's own; nobody's."""
+    table = rows[:3]
+    with closing(collection(tmp_path / "c", table)) as made:
+        for record in (
+            line("net-e", table[0], 100, comfort=0.9), line("idm-e", table[0], 120, comfort=0.9),
+            line("idm-s4-e", table[0], 0, 90, comfort=0.8), line("net-e", table[1], 200), line("idm-e", table[1], 0),
+            line("idm-s4-e", table[1], 0, 0), line("idm-e", table[2], 0), line("idm-s4-e", table[2], 0, 0),
+            line("net-e", table[2], 0),
+        ):  # fmt: skip
+            made.keep(record)
+        made.end(complete=True)
+    return tmp_path
+
+
+def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> None:
+    """With rank, quality, the attempt that succeeded, and its commands."""
+    found = select(full / "c", full / "oracle.parquet", allow_partial=False)
+    assert (found.scenarios, found.covered, found.drives) == (3, 2, 3)
+    assert found.uncovered == {rows[2].scenario_type: 1}
+    first, second, third = read_trajectories(full / "oracle.parquet")
+    assert (first.planner, first.rank, first.attempt) == ("idm-s4-e", 1, 1)
+    assert first.quality == pytest.approx(f_score(1.0, 0.8))
+    assert (second.planner, second.rank) == ("net-e", 2)
+    assert second.quality == pytest.approx(f_score(0.9, 0.9))
+    assert (third.planner, third.rank, third.scenario_id) == ("net-e", 1, rows[1].scenario_id)
+    assert third.commands.tolist() == [[5, 5]] * 200
+    assert third.intents == ((3, ("a", "b")), (7, ()))
+    assert first.part == part_of(rows[0])
+
+
+def test_tries_are_one_row_each_in_order(full: Path) -> None:
+    """Failed ones too; sorted by expert and scenario."""
+    tries = read_tries(full / "c")
+    assert len(tries) == 12
+    keys = [(t["planner"], t["scenario_id"], t["attempt"]) for t in tries]
+    assert keys == sorted(keys)
+    assert [t["kind"] for t in tries if t["planner"] == "net-e"] == ["learned"] * 3
+    assert tries[0]["duration_s"] == 12.0
+
+
+def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[ScenarioSpec]) -> None:
+    """Another scenario and an expert more: the rest stays. A scenario or an expert that has changed is driven anew."""
+    newer = {**PLANNERS[2], "weights_sha256": "other weights"}
+    table = [replace(rows[0], seed=rows[0].seed + 1), *rows[1:5]]
+    more = [PLANNERS[0], {**newer, "name": "carl-e"}, newer]
+    with closing(collection(full / "c", table, more)) as made:
+        kept = set(made.journal.done)
+        assert kept == {(p, r.scenario_id) for r in rows[1:3] for p in ("idm-e", "idm-s4-e")}
+        assert len(made.notices) == 1
+        assert "5 of a scenario or an expert that has changed" in made.notices[0]
+        made.keep(line("carl-e", rows[4], 50))
+        made.end(complete=False)
+    assert {p["name"] for p in made.manifest["planners"]} == {"idm-e", "idm-s4-e", "net-e", "carl-e"}
+    assert len(read_tries(full / "c")) == 7
+
+
+@pytest.mark.parametrize("what", ["unfinished", "contract", "rows", "journal", "nothing", "run"])
+def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: str) -> None:
+    """What cannot be trusted is not chosen from."""
+    folder, told = full / "c", ""
+    manifest = folder / "run.json"
+    text = manifest.read_text()
+    if what == "unfinished":
+        manifest.write_text(text.replace('"complete"', '"interrupted"'))
+        told = "is not finished"
+    elif what == "contract":
+        manifest.write_text(text.replace(contract_hash((), load_catalog()), "0" * 64))
+        told = "was collected with other rules, code or SUMO"
+    elif what == "rows":
+        with closing(collection(folder, [replace(rows[0], seed=1)])) as made:
+            made.keep(line("idm-e", rows[0], 9))
+            made.end(complete=True)
+        told = f"scenario {rows[0].scenario_id} has changed since"
+    elif what == "journal":
+        (folder / "journal.jsonl").write_bytes(b"")
+        told = "3 drives of its table are not in its journal"
+    elif what == "nothing":
+        folder, told = full / "none", "no collection"
+    else:
+        manifest.write_text(text.replace('"collection"', '"other"'))
+        told = "no collection"
+    with pytest.raises(InputError, match=told):
+        select(folder, full / "oracle.parquet", allow_partial=False)
+
+
+def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> None:
+    """Coverage over the whole split, shares by expert, all four files."""
+    select(full / "c", full / "oracle.parquet", allow_partial=False)
+    analysis = stats(full / "oracle.parquet", "train")
+    cells = {row.cells[:2]: row.cells[2:] for row in analysis.table.rows}
+    drives, share, first, hours, scenarios, covered, coverage, per = cells["all types", "all experts"]
+    assert (drives, share, first, scenarios, covered) == (3, 100.0, 2, len(rows), 2)
+    assert hours == pytest.approx((90 + 100 + 200) / 36000)
+    assert coverage == pytest.approx(200 / len(rows))
+    assert per == pytest.approx(3 / len(rows))
+    assert list(cells["all types", "net-e"][:3]) == [2, pytest.approx(200 / 3), 1]
+    assert cells["all types", "published"][0] == 36828
+    assert to_csv(analysis).startswith("group,planner,drives,share,")
+    assert [p.suffix for p in write_analysis(analysis, full)] == [".csv", ".tex", ".png", ".svg"]
