@@ -93,7 +93,7 @@ def test_rate_rises_then_falls_to_nothing() -> None:
 def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
     recipe = Recipe(episodes=600, validation=40)
     drives = drives_of(rows, recipe)
-    chosen = validation_rows(rows, recipe)
+    chosen = validation_rows(rows, 40, 0)
     assert len(drives) == 600
     assert len({d.spec.scenario_id for d in drives}) == 600
     assert not {d.spec.map_id for d in drives} & {r.map_id for r in chosen}

@@ -11,6 +11,8 @@ COMMANDS = {
     "ppo": ("tsbench.cli.train_rl:ppo", "PPO on 275 numbers: ego, navigation, neighbours, lidar."),
     "carl": ("tsbench.cli.train_rl:carl", "PPO on a bird's-eye raster, with the reward of CaRL."),
     "plant2": ("tsbench.cli.train_plant2:plant2", "Imitation of sign-blind driving by a transformer."),
+    "plant2-ft": ("tsbench.cli.train_plant2_ft:plant2_ft", "Fine-tuning of plant2 on obedient drives."),
+    "frames": ("tsbench.cli.train_plant2_ft:frames", "Look at what plant2-ft is shown."),
 }
 
 

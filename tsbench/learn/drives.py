@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar, cast
 
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.planners.plant2.tokens import Tokeniser
@@ -11,6 +12,8 @@ from tsbench.run.episode import EpisodeRunner
 from tsbench.scenarios.load import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
+
+R = TypeVar("R", bound=EpisodeRunner)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +27,10 @@ class Driven:
 
 class Drive(Protocol):
     """One episode, and who drives it; sent to the process that drives."""
+
+    @property
+    def spec(self) -> ScenarioSpec:
+        """The scenario."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -41,17 +48,27 @@ class Drivers:
 
     def __init__(self) -> None:
         self._loader, self._simulation = SceneLoader(), Simulation()
-        self._runners: dict[str, EpisodeRunner] = {}
+        self._runners: dict[Hashable, EpisodeRunner] = {}
         self._tokeniser: Tokeniser | None = None
 
     def drive(self, spec: ScenarioSpec, planner: str) -> Driven | None:
         """An episode by a planner that is named as for `tsbench run`; None where it ended in an error at once."""
-        if planner not in self._runners:
-            self._runners[planner] = EpisodeRunner(
-                planner, planner, simulation=self._simulation, loader=self._loader
-            )
-        facts = self._runners[planner].run(spec).facts
-        return None if facts is None else Driven(facts, self._loader.load(spec)[1])
+        runner = self.kept(
+            planner,
+            lambda simulation, loader: EpisodeRunner(planner, planner, simulation=simulation, loader=loader),
+        )
+        facts = runner.run(spec).facts
+        return None if facts is None else Driven(facts, self.roads(spec))
+
+    def kept(self, key: Hashable, make: Callable[[Simulation, SceneLoader], R]) -> R:
+        """The runner of a key, always of one class; made in this process's simulation when first asked for."""
+        if key not in self._runners:
+            self._runners[key] = make(self._simulation, self._loader)
+        return cast(R, self._runners[key])
+
+    def roads(self, spec: ScenarioSpec) -> Roads:
+        """Of a scenario."""
+        return self._loader.load(spec)[1]
 
     def tokeniser(self, roads: Roads) -> Tokeniser:
         """Of these roads; the last one is kept."""

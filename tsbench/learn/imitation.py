@@ -31,7 +31,8 @@ class Imitation:
     def __init__(self, recipe: Recipe, rows: Sequence[ScenarioSpec]) -> None:
         self._recipe = recipe
         self.epochs, self.seed, self.clip = recipe.epochs, recipe.seed, recipe.clip
-        self._drives, self._validation = drives_of(rows, recipe), validation_rows(rows, recipe)
+        self._drives = drives_of(rows, recipe)
+        self._validation = validation_rows(rows, recipe.validation, recipe.seed)
         if not self._drives or not self._validation:
             raise InputError("the train split has no scenarios of these types to learn from and to choose by")
 

@@ -29,14 +29,15 @@ def two_hot(speed: Tensor) -> Tensor:
 
 
 def losses(plan: Plan, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Each term, unweighted; means over what is known."""
-    assert plan.forecast is not None
-    return {
+    """Each term, unweighted; means over what is known. Forecasts only where the plan has them."""
+    terms = {
         "path": _l1(plan.path, frames["path"], frames["path_known"]),
         "waypoints": _l1(plan.waypoints, frames["waypoints"], frames["waypoints_known"]),
         "speed": functional.cross_entropy(plan.speed, two_hot(frames["speed"])),
-        "forecast": _l1(plan.forecast, frames["forecast"], frames["forecast_known"]),
     }
+    if plan.forecast is not None:
+        terms["forecast"] = _l1(plan.forecast, frames["forecast"], frames["forecast_known"])
+    return terms
 
 
 def total(terms: Mapping[str, Tensor]) -> Tensor:

@@ -51,16 +51,16 @@ def kept_for_validation(spec: ScenarioSpec) -> bool:
 
 def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[PlannerDrive]:
     """The drives to learn from: types in turn, drawn rows of each, drivers in turn."""
-    chosen = _in_turn([r for r in rows if not kept_for_validation(r)], recipe.episodes, recipe.seed, "drives")
+    chosen = in_turn([r for r in rows if not kept_for_validation(r)], recipe.episodes, recipe.seed, "drives")
     return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
 
 
-def validation_rows(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[ScenarioSpec]:
+def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list[ScenarioSpec]:
     """The episodes that checkpoints are chosen on."""
-    return _in_turn([r for r in rows if kept_for_validation(r)], recipe.validation, recipe.seed, "validation")
+    return in_turn([r for r in rows if kept_for_validation(r)], count, seed, "validation")
 
 
-def _in_turn(rows: list[ScenarioSpec], count: int, seed: int, what: str) -> list[ScenarioSpec]:
+def in_turn(rows: Sequence[ScenarioSpec], count: int, seed: int, what: str) -> list[ScenarioSpec]:
     """`count` rows: one drawn of each type, then again, until there are enough or no more."""
     by_type: dict[str, list[ScenarioSpec]] = {}
     for row in sorted(rows, key=lambda r: r.scenario_id):

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer
 from tsbench.planners.plant2.layout import SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
@@ -23,7 +23,7 @@ class SignTokeniser:
         self._memory = SignMemory()
 
     def watch(self, o: Observation) -> None:
-        """Remember the sign that holds: once per tick, in order."""
+        """Remember the sign that holds: at every tick, in order; twice is as good as once."""
         self._memory.update(o)
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
@@ -53,8 +53,13 @@ class Plant2Ft(Plant2):
         assert self._tokeniser is not None
         self._signs = SignTokeniser(self._tokeniser)
 
+    def act(self, observation: Observation) -> Control:
+        """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
+        self._signs.watch(observation)
+        return super().act(observation)
+
     def encode(self, observation: Observation) -> Records:
-        """(1,) of the network's inputs; once per tick, in order."""
+        """(1,) of the network's inputs; in order."""
         record: Records = np.zeros(1, dtype=SIGN_TOKENS)
         self._signs.watch(observation)
         self._signs.fill(record[0], observation)

@@ -12,10 +12,14 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.sim.lanegraph import RoutePath
+from tsbench.sim.world import EGO_LENGTH_M
 
 _KMH_PER_MPS = 3.6
 # A plate is read by those whom it faces.
 _FACING_RAD = math.radians(60.0)
+# A stop before the line, well within what the rule asks for: this near to the line with the front, and to the plate,
+# which stands a little before it; this slow.
+_LINE_M, _PLATE_M, STOPPED_MPS = 4.5, 6.0, 0.15
 
 # Codes that share a projection stand in one row: a side road from the right or from the left acts alike.
 CLASSES: tuple[tuple[str, ...], ...] = (
@@ -41,6 +45,9 @@ def _vocabulary() -> Iterator[str]:
 # State 0 is "none or unknown".
 VOCABULARY: tuple[str, ...] = tuple(_vocabulary())
 _STATE = {word: k + 1 for k, word in enumerate(VOCABULARY)}
+_STOP, _GIVE_WAY = "2.5", "2.4"
+# Plates that close a zone.
+_ENDS = frozenset({"3.25", "5.22", "5.32"})
 _CLASS = {code: k + 1 for k, row in enumerate(CLASSES) for code in row}
 
 
@@ -53,22 +60,51 @@ def state_of(sign: SignView) -> int:
 
 
 class SignMemory:
-    """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one."""
+    """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one.
+
+    A plate that ends a zone holds from where it is passed. Once the ego has stood before the line, what is left of a
+    stop sign is to give way, and its state is that of 2.4: nothing else tells a planner that it may go on.
+    """
 
     def __init__(self) -> None:
         self.state = 0
         self._path: RoutePath | None = None
         self._edges: frozenset[str] = frozenset()
+        self._stood: set[tuple[str, float]] = set()
 
     def update(self, o: Observation) -> int:
         """The state as of this tick."""
         if o.route.path is not self._path:
             self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
         for sign in o.signs:
-            if sign.edge in self._edges and faces(sign, o.ego.heading):
-                self.state = state_of(sign)
-                break
+            if sign.edge not in self._edges or not faces(sign, o.ego.heading):
+                continue
+            if sign.code in _ENDS and _ahead(sign, o) > 0.0:
+                continue
+            self.state = self._of(sign, o)
+            break
         return self.state
+
+    def _of(self, sign: SignView, o: Observation) -> int:
+        if sign.code != _STOP:
+            return state_of(sign)
+        place = sign.edge, sign.position_m
+        if o.ego.speed <= STOPPED_MPS and _ahead(sign, o) <= _PLATE_M and _to_line(o) <= _LINE_M:
+            self._stood.add(place)
+        return _STATE[_GIVE_WAY if place in self._stood else _STOP]
+
+
+def _ahead(sign: SignView, o: Observation) -> float:
+    """Metres from the ego's centre on to where it is abeam of the plate."""
+    ego = o.ego
+    return (sign.x - ego.x) * math.cos(ego.heading) + (sign.y - ego.y) * math.sin(ego.heading)
+
+
+def _to_line(o: Observation) -> float:
+    """Metres from the ego's front to the end of the lane that the route is on."""
+    s = o.route.s
+    end = next((piece.s1 for piece in o.route.path.pieces if s <= piece.s1), s)
+    return end - s - EGO_LENGTH_M / 2
 
 
 def faces(sign: SignView, heading: float) -> bool:
