@@ -50,8 +50,8 @@ def verify(path: Path, split: str, limit: int | None) -> int:
 
 
 def _read(path: Path, split: str) -> tuple[dict[str, ScenarioSpec], list[Recorded]]:
-    rows = {row.scenario_id: row for row in read_table(table_path(split))}
     drives = read_trajectories(path)
+    rows = {row.scenario_id: row for row in read_table(table_path(split))}
     unknown = next((d.scenario_id for d in drives if d.scenario_id not in rows), None)
     if unknown is not None:
         raise InputError(f"{path}: scenario {unknown} is not in {table_path(split)}")
