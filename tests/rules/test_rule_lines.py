@@ -97,6 +97,9 @@ def test_only_who_drives_along_the_road_has_its_front_on_it() -> None:
     assert road.front(_on(net, "ba_0", 50.0, math.pi - SIDEWAYS)) == _about(70.0 + HALF / 2)
     assert road.front(_on(net, "ba_0", 50.0)) is None
     assert road.front(_on(net, "q_out_0", 20.0)) is None
+    # The first lane of the net: the other direction's way through the junction, here driven the wrong way.
+    assert net.lane_index[":P1_0_0"] == 0
+    assert road.front(_on(net, ":P1_0_0", 0.05, math.pi)) is None
 
 
 def test_off_every_lane_a_road_is_two_carriageways_wide() -> None:
@@ -134,9 +137,19 @@ def test_the_line_at_the_end_of_an_approach() -> None:
     assert line.to_go(_on(net, "s_out_0", 20.0, math.pi)) == _about(20.0 - HALF)
     assert line.to_go(_on(net, "s_out_0", 20.0, math.pi - SIDEWAYS)) == _about(20.0 - HALF / 2)
     assert line.to_go(_on(net, "s_out_0", 20.0)) is None
+    assert line.to_go(_on(net, "s_out_0", 20.0, SIDEWAYS)) is None
     assert line.to_go(_on(net, "w_in_0", 20.0)) is None
     assert line.to_go(_off(7.9, -50.0, math.pi / 2)) == _about(50.0 - 7.2 - HALF)
     assert line.to_go(_off(8.1, -50.0, math.pi / 2)) is None
     assert line.to_go(_off(-4.7, -50.0, math.pi / 2)) == _about(50.0 - 7.2 - HALF)
     assert line.to_go(_off(5.0, -50.0, -math.pi / 2)) is None
     assert line.to_go(_off(5.0, -50.0, -0.2)) is None
+
+
+def test_who_is_in_the_junction_has_no_line_to_go_to() -> None:
+    net = network("forks")
+    line = ApproachLine(net, "l33_in")
+    assert line.to_go(_on(net, "l33_in_0", 80.0)) == _about(net.lane("l33_in_0").line.length - 80.0 - HALF)
+    for way in (":J1_0_0", ":J1_1_0", ":J1_2_0"):
+        assert line.to_go(_on(net, way, 0.5)) is None
+    assert net.lane_index[":J1_0_0"] == 0
