@@ -37,6 +37,7 @@ def pytest_collection_finish() -> None:
     for namespace in _namespaces():
         for name, switch in list(vars(namespace).items()):
             plain = getattr(switch, "__wrapped__", None)
-            ours = isinstance(plain, FunctionType) and plain.__module__.startswith(RULES)
-            if ours and _mangled(plain) != mutated:
+            if not isinstance(plain, FunctionType) or not plain.__module__.startswith(RULES):
+                continue
+            if _mangled(plain) != mutated:
                 setattr(namespace, name, plain)
