@@ -19,10 +19,11 @@ from tsbench.learn.oracle_select import Candidate, f_score, part_of, rank, selec
 from tsbench.learn.oracle_stats import stats
 from tsbench.learn.oracle_store import KIND, Collection, read_tries
 from tsbench.learn.trajectories import read_trajectories
+from tsbench.metrics.outcome import Outcome
 from tsbench.report.analyses.output import to_csv, write_analysis
 from tsbench.run.contract import contract_hash
 from tsbench.run.manifest import new_manifest
-from tsbench.run.record import Record, Row
+from tsbench.run.record import Record, Row, error_row
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -230,3 +231,17 @@ def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> Non
     assert cells["all types", "published"][0] == 36828
     assert to_csv(analysis).startswith("group,planner,drives,share,")
     assert [p.suffix for p in write_analysis(analysis, full)] == [".csv", ".tex", ".png", ".svg"]
+
+
+def test_a_drive_that_took_its_worker_along_is_a_try(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
+    """Without figures, with its cause in the table and its story in a file."""
+    row = error_row(rows[0], "idm-e", True, Outcome.SIM_ERROR, "the worker process ended: SIGSEGV")
+    with closing(collection(tmp_path / "c", rows[:1])) as made:
+        made.keep(Record(row, [], {}, "the whole story"))
+        made.end(complete=True)
+    (one,) = read_tries(tmp_path / "c")
+    assert (one["scd"], one["outcome"], one["steps"]) == (False, "sim_error", None)
+    assert one["error"] == "the worker process ended: SIGSEGV"
+    (story,) = (tmp_path / "c" / "errors").rglob("*.txt")
+    assert story.read_text() == "the whole story\n"
+    assert select(tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False).covered == 0
