@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from tsbench.envs.pilot import course
+from tsbench.envs.pilot import Turn, course
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.seen import KINDS
 from tsbench.errors import InputError, SimulationError
@@ -30,7 +30,8 @@ from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
-_ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD)
+# Not arriving in time is a failure with its price, and no arbitrary cut.
+_ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 
 
 class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
@@ -73,7 +74,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._hold, self._mask = hold, mask_signs
         self._reward_spec = RewardSpec() if reward is None else reward
         self._reward: RouteReward
-        self._last: Observation | None = None
+        self._turn: Turn | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
@@ -92,14 +93,14 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)
-        self._last = turn.observation
+        self._turn = turn
         self._reward = RouteReward(turn.observation, self._reward_spec)
         info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type}
         return self._seen.encode(turn.observation), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` ticks with one action, or fewer up to the episode's end."""
-        if self._last is None or course().driver is not self:
+        if self._turn is None or course().driver is not self:
             raise gymnasium.error.ResetNeeded(
                 "no episode: reset first (libsumo has one simulation per process, which another environment of this "
                 "process may have taken; AsyncVectorEnv and SubprocVecEnv give each its own)"
@@ -109,18 +110,25 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             raise ValueError(f"action {first}, {second} is not finite")
         earned = 0.0
         for _ in range(self._hold):
-            turn = course().drive(self._act(first, second, self._last))
+            turn = course().drive(self._act(first, second, self._turn.observation))
             if isinstance(turn, EpisodeResult):
-                return self._over(turn, self._last, earned)
-            self._last = turn.observation
+                return self._over(turn, self._turn.observation, earned)
+            self._turn = turn
             earned += self._reward.tick(turn.observation)
-        return self._seen.encode(self._last), earned, False, False, {}
+        return self._seen.encode(self._turn.observation), earned, False, False, {}
+
+    @property
+    def turn(self) -> Turn:
+        """What a planner would be shown now. Raises ResetNeeded between episodes."""
+        if self._turn is None:
+            raise gymnasium.error.ResetNeeded("no episode: reset first")
+        return self._turn
 
     def _over(
         self, result: EpisodeResult, before: Observation, earned: float
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """The end: a simulation that broke off counts as cut short, and says why in `info`."""
-        self._last = None
+        self._turn = None
         last, info = before, {"outcome": str(result.outcome), "error": result.error}
         if result.facts is not None:
             last = _last_view(before, result)
@@ -131,7 +139,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     def close(self) -> None:
         """End the episode, and SUMO with it."""
-        self._last = None
+        self._turn = None
         if course().driver is self:
             course().close()
 

@@ -16,7 +16,8 @@ class Hyper:
     """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
-    torch: more wait for each other as soon as anything else runs, and the driving processes do.
+    torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation: rollouts
+    of `rl_warm` before all that. gamma: so near to 1 that what standing still costs at the end of an episode counts.
     """
 
     observation: str
@@ -25,7 +26,8 @@ class Hyper:
     epochs: int
     rate: float
     threads: int
-    gamma: float = 0.99
+    imitation: int
+    gamma: float = 0.999
     trace: float = 0.95
     clip: float = 0.2
     entropy: float = 0.002
@@ -35,8 +37,8 @@ class Hyper:
 
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
-        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1),
-        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1),
+        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=10),
+        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=10),
     }
 )
 

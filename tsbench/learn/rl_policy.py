@@ -19,7 +19,7 @@ from tsbench.planners.weights import Tensors
 
 # Beta densities with both parameters above 1 have their mode inside.
 _LEAST = 1.0
-_NARROW = 2.0
+_NARROW = 6.0
 
 
 class BetaActions(Distribution):
@@ -125,7 +125,7 @@ def policy_of(planner: str) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
         return ActorCriticPolicy, {
             "net_arch": {"pi": [256, 256], "vf": [256, 256]},
             "activation_fn": nn.Tanh,
-            "log_std_init": -1.0,
+            "log_std_init": -1.4,
         }
     return BetaPolicy, {"features_extractor_class": CarlFeatures}
 

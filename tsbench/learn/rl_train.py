@@ -21,6 +21,7 @@ from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoin
 from tsbench.learn.rl_config import HYPER, Hyper, Job
 from tsbench.learn.rl_curve import draw_curve
 from tsbench.learn.rl_policy import actor_tensors, policy_of
+from tsbench.learn.rl_warm import Taught, warm_up
 from tsbench.learn.rl_watch import Watch
 from tsbench.planners.learned_actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
@@ -58,12 +59,15 @@ def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
     """From the last checkpoint to the end."""
     processes = _processes(job, hyper)
     try:
-        model = _model(job, hyper, VecMonitor(processes))
+        environments = VecMonitor(processes)
+        model = _model(job, hyper, environments)
         before = Progress(0, 0.0, 0)
         if has_checkpoint(job.out):
             before = load_checkpoint(job.out, model, job.facts())
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
         processes.seed(sitting_seed(job.seed, before.sittings, deaths))
+        if before.sittings == 0:
+            warm_up(model, environments, hyper.imitation, job.seed, tell)
         watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
         if before.steps < job.steps:
             _learn(model, watch, job.steps - before.steps)
@@ -92,8 +96,14 @@ def _learn(model: PPO, watch: Watch, steps: int) -> None:
 
 def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
     def make() -> gymnasium.Env[Any, Any]:
-        return gymnasium.make(
-            tsbench.envs.DRIVE, split="train", types=job.types, observation=hyper.observation, hold=HOLD_TICKS
+        return Taught(
+            gymnasium.make(
+                tsbench.envs.DRIVE,
+                split="train",
+                types=job.types,
+                observation=hyper.observation,
+                hold=HOLD_TICKS,
+            )
         )
 
     return SubprocVecEnv([make] * job.workers, start_method="forkserver")

@@ -10,6 +10,7 @@ is computed at each tick.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from tsbench.planners.base import Control, Observation
@@ -35,6 +36,13 @@ def accelerate(value: float) -> float:
     """
     value = min(max(value, -1.0), 1.0)
     return _ACCEL_MPS2 * value if value >= 0.0 else -_BRAKE_MPS2 * value * value
+
+
+def action_for(acceleration: float) -> tuple[float, float]:
+    """The numbers with which `aim` comes closest to an acceleration (m/s2) along the route."""
+    if acceleration >= 0.0:
+        return min(acceleration / _ACCEL_MPS2, 1.0), 0.0
+    return -math.sqrt(min(-acceleration / _BRAKE_MPS2, 1.0)), 0.0
 
 
 def aim(first: float, second: float, observation: Observation) -> Control:

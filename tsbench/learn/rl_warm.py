@@ -1,0 +1,105 @@
+"""How a training begins: the policy imitates `idm`, and the critic learns what that earns.
+
+What this spares are the hours in which a fresh policy finds out that one stops behind a leader; PPO goes on from there.
+Noise is added to what is driven and not to what is learned, so that the teacher also shows how to come back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.utils import obs_as_tensor
+from stable_baselines3.common.vec_env import VecEnv
+from torch.nn.functional import mse_loss
+
+from tsbench.envs.drive import DriveEnv
+from tsbench.planners.idm import Idm
+from tsbench.planners.learned_actions import action_for
+
+_NOISE = 0.3
+_EPOCHS = 4
+_RATE = 5e-4
+
+
+class Taught(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDArray[np.float32]]):
+    """A driving environment that also says what `idm` would do."""
+
+    def __init__(self, env: gymnasium.Env[Any, npt.NDArray[np.float32]]) -> None:
+        super().__init__(env)
+        self._teacher = Idm()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """As the environment's."""
+        found = self.env.reset(seed=seed, options=options)
+        self._teacher.reset(self._drive.turn.context)
+        return found
+
+    def advise(self) -> npt.NDArray[np.float32]:
+        """(2,) the action that comes closest to what `idm` does now; once per step."""
+        command = self._teacher.act(self._drive.turn.observation)
+        return np.array(action_for(command.acceleration), dtype=np.float32)
+
+    @property
+    def _drive(self) -> DriveEnv:
+        return cast("DriveEnv", self.env.unwrapped)
+
+
+def warm_up(model: PPO, environments: VecEnv, rollouts: int, seed: int, tell: Callable[[str], None]) -> None:
+    """Imitate over some rollouts of the model's size; its optimiser stays fresh."""
+    rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
+    optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    seen, starts = environments.reset(), np.ones(environments.num_envs, dtype=bool)
+    for rollout in range(rollouts):
+        seen, starts = _drive(model, environments, seen, starts, rng)
+        wrong, missed = _learn(model, optimiser)
+        tell(f"imitation {rollout + 1}/{rollouts}  action {wrong:.4f}  return {missed:.3f} (mean squares)")
+
+
+def _drive(model: PPO, environments: VecEnv, seen: Any, starts: Any, rng: np.random.Generator) -> Any:
+    """Fill the model's buffer with what the teacher advises."""
+    buffer = model.rollout_buffer
+    buffer.reset()
+    model.policy.set_training_mode(False)
+    none = torch.zeros(environments.num_envs)
+    for _ in range(model.n_steps):
+        advised = np.stack(environments.env_method("advise"))
+        driven = advised + rng.normal(0.0, _NOISE, advised.shape).astype(np.float32)
+        after, earned, ends, _ = environments.step(np.clip(driven, -1.0, 1.0))
+        buffer.add(seen, advised, earned, starts, _worth(model, seen), none)
+        seen, starts = after, ends
+    buffer.compute_returns_and_advantage(_worth(model, seen), starts)
+    return seen, starts
+
+
+def _worth(model: PPO, seen: Any) -> torch.Tensor:
+    with torch.no_grad():
+        return model.policy.predict_values(obs_as_tensor(seen, model.device))
+
+
+def _learn(model: PPO, optimiser: torch.optim.Optimizer) -> tuple[float, float]:
+    """Some passes over the buffer; mean squares of the last one: of the actions, and of the returns."""
+    policy = model.policy
+    policy.set_training_mode(True)
+    sums, count = np.zeros(2), 0
+    for epoch in range(_EPOCHS):
+        for part in model.rollout_buffer.get(model.batch_size):
+            for_actor, for_critic = policy.mlp_extractor(policy.extract_features(part.observations))
+            action = policy._get_action_dist_from_latent(for_actor).mode()
+            wrong = mse_loss(action, part.actions)
+            missed = mse_loss(policy.value_net(for_critic).flatten(), part.returns)
+            optimiser.zero_grad()
+            (wrong + model.vf_coef * missed).backward()  # type: ignore[no-untyped-call]
+            torch.nn.utils.clip_grad_norm_(policy.parameters(), model.max_grad_norm)
+            optimiser.step()
+            if epoch == _EPOCHS - 1:
+                sums += (wrong.item(), missed.item())
+                count += 1
+    return float(sums[0] / count), float(sums[1] / count)
