@@ -15,6 +15,7 @@ from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.signs import CLASSES, VALUES_KMH, VOCABULARY, SignMemory, state_of
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import EGO_LENGTH_M
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +138,28 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
     assert record_["signs"][0, 0] == pytest.approx([0.2, 0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-6)
     for name in at.TOKENS.names:
         assert record_[name].tobytes() == tokeniser.tokens(o)[name].tobytes()
+
+
+def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
+    o = drive.seen[0]
+    memory = SignMemory()
+    begin, end = plate(o, "5.31", 20.0, ahead=-15.0), plate(o, "5.32", 20.0, ahead=10.0)
+    assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.31@20"
+    end = plate(o, "5.32", 20.0, ahead=-1.0)
+    assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.32@20"
+
+
+def test_after_a_full_stop_what_is_left_is_to_give_way(drive: Recorder) -> None:
+    o = drive.seen[0]
+    memory, stop = SignMemory(), plate(o, "2.5", ahead=2.0)
+    line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
+
+    def state(to_line: float, speed: float) -> str:
+        route = replace(o.route, s=line - to_line - EGO_LENGTH_M / 2)
+        seen = replace(o, route=route, ego=replace(o.ego, speed=speed), signs=(stop,))
+        return VOCABULARY[memory.update(seen) - 1]
+
+    assert state(2.0, 1.0) == "2.5"
+    assert state(9.0, 0.0) == "2.5"
+    assert state(2.0, 0.1) == "2.4"
+    assert state(1.0, 3.0) == "2.4"

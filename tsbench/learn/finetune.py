@@ -37,8 +37,8 @@ class Obedience:
     def __init__(self, recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> None:
         self._recipe = recipe
         self.epochs, self.seed, self.clip = recipe.epochs, recipe.seed, recipe.clip
-        self._facts = recipe.facts()
         self._drives = lessons_of(rows, recipe)
+        self._facts = recipe.facts()
         self._validation = validation_rows(rows, recipe.validation, recipe.seed)
         if not self._drives or not self._validation:
             raise InputError("the train split has no scenarios of these types to learn from and to choose by")
