@@ -23,6 +23,7 @@ torture: setup
 
 # Are the rules' tests strict enough? Mutants of tsbench/rules against tests/rules; goes on where it was stopped.
 mutation: $(BIN)/mutmut
+	rm -rf mutants/tests mutants/sign_catalog  # copies, to which mutmut only adds
 	$(BIN)/mutmut run --max-children $(WORKERS)
 	$(BIN)/mutmut results --all true | $(BIN)/python tests/rules/mutation_table.py
 
