@@ -59,11 +59,12 @@ def test_the_vector_has_its_layout(drive: Recorder, vectors: VectorEncoder) -> N
     assert v[0] == pytest.approx(SPEED / 22.2, abs=1e-5)
     # The leader's front is 25 m ahead of the ego's centre, and has moved for one tick.
     assert 50.0 * v[SIZE - 240] == pytest.approx(25.8 - 4.5, abs=0.05)
-    # The walker comes closest soonest, then the leader, who keeps his distance; nobody else is there.
-    walker, leader, nobody = v[vector.EGO + vector.NAVIGATION :][:12].reshape(3, 4)
+    # The walker comes closest soonest, then the first of the cones, then the leader, who keeps his distance.
+    walker, cone, leader, nobody = v[vector.EGO + vector.NAVIGATION :][:16].reshape(4, 4)
     assert 50.0 * walker[0] == pytest.approx(15.0 - 0.2, abs=0.05)
     assert 50.0 * walker[1] == pytest.approx(-4.0, abs=0.05)
     assert 20.0 * walker[2] == pytest.approx(-SPEED, abs=0.05)
+    assert (50.0 * cone[:2]).tolist() == pytest.approx([37.75, 0.0], abs=0.05)
     assert 50.0 * leader[0] == pytest.approx(25.8 - 2.25, abs=0.05)
     assert np.abs(leader[1:]).max() < 0.02
     assert nobody.tolist() == [1.0, 0.0, 0.0, 0.0]

@@ -5,7 +5,8 @@ Source: spec/planners.md; MetaDrive (Li et al., arXiv 2109.12674) for the layout
 * ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the
   right, speed that bends and the road's own limits allow
 * navigation: four points of the route (forward, left) each over its distance ahead; way to go (over 100 m); limit
-* neighbours: the four that come closest: place (forward, left, over 50 m), speed against the ego (over 20 m/s)
+* neighbours: the four that come closest, the first obstacle among them: place (forward, left, over 50 m), speed
+  against the ego (over 20 m/s)
 * lidar: 240 distances over 50 m from the ego's centre, ray 0 ahead, counter-clockwise
 """
 
@@ -23,7 +24,6 @@ from tsbench.planners.measurements import ahead, clip, motion, on_route, pace
 from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
 from tsbench.planners.road_area import road_edges
 from tsbench.planners.route_speed import RouteSpeed
-from tsbench.sim.world import Actors, EgoState
 
 Vector = npt.NDArray[np.float32]
 
@@ -70,7 +70,7 @@ class VectorEncoder:
             min(left / _ROOM_M, 1.0), min(right / _ROOM_M, 1.0), allowed,
             *(value for distance in _AHEAD_M for value in ahead(observation, distance)),
             way, limit,
-            *_neighbours(observation.actors, observation.ego),
+            *_neighbours(observation),
         ]  # fmt: skip
         out = np.empty(SIZE, dtype=np.float32)
         out[:-RAYS] = numbers
@@ -78,22 +78,28 @@ class VectorEncoder:
         return out
 
 
-def _neighbours(actors: Actors, ego: EgoState) -> list[float]:
-    """Those first whose nearest distance within four seconds, both going straight on, is small and soon."""
-    found: list[tuple[float, float, float, float, float]] = []
+def _neighbours(o: Observation) -> list[float]:
+    """Those first whose nearest distance within four seconds, both going straight on, is small and soon.
+
+    Of obstacles the first alone, which a row of cones and the lidar's gaps make worth a place.
+    """
+    ego = o.ego
     c, s = math.cos(ego.heading), math.sin(ego.heading)
-    for (x, y, heading, _, _), speed in zip(actors.boxes, actors.speed.tolist(), strict=True):
-        dx, dy = x - ego.x, y - ego.y
-        far = dx * dx + dy * dy
-        if far > REACH_M * REACH_M:
-            continue
-        ux, uy = speed * math.cos(heading) - ego.speed * c, speed * math.sin(heading) - ego.speed * s
+
+    def seen(x: float, y: float, vx: float, vy: float) -> tuple[float, float, float, float, float]:
+        dx, dy, ux, uy = x - ego.x, y - ego.y, vx - ego.speed * c, vy - ego.speed * s
         fast = ux * ux + uy * uy
         soon = min(max(-(dx * ux + dy * uy) / fast, 0.0), _FORESIGHT_S) if fast > 1e-6 else 0.0
         rank = math.hypot(dx + ux * soon, dy + uy * soon) + _PER_SECOND_M * soon
-        found.append((rank, c * dx + s * dy, c * dy - s * dx, c * ux + s * uy, c * uy - s * ux))
-    found.sort()
+        return rank, c * dx + s * dy, c * dy - s * dx, c * ux + s * uy, c * uy - s * ux
+
+    bodies = [
+        seen(x, y, speed * math.cos(heading), speed * math.sin(heading))
+        for (x, y, heading, _, _), speed in zip(o.actors.boxes, o.actors.speed.tolist(), strict=True)
+    ]
+    bodies += sorted(seen(thing.x, thing.y, 0.0, 0.0) for thing in o.obstacles)[:1]
+    near = sorted(body for body in bodies if math.hypot(body[1], body[2]) <= REACH_M)
     out: list[float] = []
-    for _, dx, dy, ux, uy in found[:_NEIGHBOURS]:
+    for _, dx, dy, ux, uy in near[:_NEIGHBOURS]:
         out += [dx / REACH_M, dy / REACH_M, clip(ux / _PASSING_MPS), clip(uy / _PASSING_MPS)]
-    return out + list(_NOBODY) * (_NEIGHBOURS - min(len(found), _NEIGHBOURS))
+    return out + list(_NOBODY) * (_NEIGHBOURS - min(len(near), _NEIGHBOURS))
