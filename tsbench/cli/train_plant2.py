@@ -26,7 +26,7 @@ from tsbench.planners.batched import DEVICES
 @click.option("--batch", default=256, show_default=True, type=click.IntRange(min=1))
 @click.option("--rate", default=6e-4, show_default=True, type=click.FloatRange(min=0.0, min_open=True))
 @click.option(
-    "--validation", default=48, show_default=True, type=click.IntRange(min=1),
+    "--validation", default=160, show_default=True, type=click.IntRange(min=1),
     help="Episodes driven after each epoch; the best network is kept.",
 )  # fmt: skip
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))

@@ -33,7 +33,7 @@ class Recipe:
     decay: float = 0.05
     clip: float = 1.0
     warm_up: float = 0.02
-    validation: int = 48
+    validation: int = 160
     seed: int = 0
     sampling: Sampling = field(default_factory=Sampling)
 
