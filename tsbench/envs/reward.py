@@ -20,9 +20,8 @@ class RewardSpec:
     """Each soft penalty is a factor that falls from 1 at `*_free` to `least` at `*_most`.
 
     overspeed: m/s above the limit. offset: m beside the route. lateral: m/s2 sideways. brake: m/s2 of braking.
-    approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision or
-    of leaving the road, timeout: of not arriving in time, for whoever stops has no collisions; the whole route is
-    worth 1.
+    approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision, of
+    leaving the road and of not arriving in time; the whole route is worth 1.
     """
 
     least: float = 0.4
@@ -37,7 +36,6 @@ class RewardSpec:
     approach_free: float = 1.0 / 3.0
     approach_most: float = 1.0
     infraction: float = -1.0
-    timeout: float = -0.5
 
 
 class RouteReward:
@@ -62,9 +60,7 @@ class RouteReward:
         """What the end of the episode adds: the last metres on arrival, or an infraction."""
         if outcome is Outcome.ARRIVED:
             return self._left / self._whole
-        if outcome is Outcome.TIMEOUT:
-            return self._spec.timeout
-        return self._spec.infraction if outcome in (Outcome.COLLISION, Outcome.OFF_ROAD) else 0.0
+        return 0.0 if outcome.is_error else self._spec.infraction
 
     def _factor(self, o: Observation) -> float:
         s, ego, route = self._spec, o.ego, o.route

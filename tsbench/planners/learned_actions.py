@@ -32,17 +32,21 @@ _LEAST_SWERVE_M, _SWERVE_S = 5.0, 0.9
 def accelerate(value: float) -> float:
     """Acceleration (m/s2): up to 2.4 forwards (nuPlan's comfort bound), up to 5 in braking.
 
-    Braking enters squared: gentle braking is fine to choose, and random actions neither race nor stand still.
+    Around 0 both ways are alike, so that what is learned with noise is what is driven without; hard braking is steeper.
     """
     value = min(max(value, -1.0), 1.0)
-    return _ACCEL_MPS2 * value if value >= 0.0 else -_BRAKE_MPS2 * value * value
+    return (
+        _ACCEL_MPS2 * value if value >= 0.0 else value * (_ACCEL_MPS2 - (_BRAKE_MPS2 - _ACCEL_MPS2) * value)
+    )
 
 
 def action_for(acceleration: float) -> tuple[float, float]:
     """The numbers with which `aim` comes closest to an acceleration (m/s2) along the route."""
     if acceleration >= 0.0:
         return min(acceleration / _ACCEL_MPS2, 1.0), 0.0
-    return -math.sqrt(min(-acceleration / _BRAKE_MPS2, 1.0)), 0.0
+    steeper = _BRAKE_MPS2 - _ACCEL_MPS2
+    root = math.sqrt(_ACCEL_MPS2 * _ACCEL_MPS2 - 4.0 * steeper * acceleration)
+    return max((_ACCEL_MPS2 - root) / (2.0 * steeper), -1.0), 0.0
 
 
 def aim(first: float, second: float, observation: Observation) -> Control:
