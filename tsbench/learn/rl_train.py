@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,14 +13,14 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
-from tsbench.errors import InputError, SimulationError
-from tsbench.learn.allocator import keep_freed_memory
+from tsbench.errors import SimulationError
 from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
 from tsbench.learn.rl_config import HYPER, Hyper, Job
 from tsbench.learn.rl_curve import draw_curve
 from tsbench.learn.rl_policy import actor_tensors, policy_of
 from tsbench.learn.rl_warm import Taught, warm_up
 from tsbench.learn.rl_watch import Watch
+from tsbench.learn.start import command_line, keep_freed_memory, prepare
 from tsbench.planners.learned_actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
 
@@ -42,10 +40,7 @@ def train(job: Job, tell: Callable[[str], None]) -> Network:
     A driving process that dies (SUMO can) costs what was learned since the last checkpoint, no more.
     Raises KeyboardInterrupt when it is interrupted or terminated: the same call continues.
     """
-    if job.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: torch sees no CUDA device here")
-    job.out.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(HYPER[job.planner].threads)
+    prepare(job.out, job.device, HYPER[job.planner].threads)
     keep_freed_memory()
     for deaths in range(_DEATHS):
         try:
@@ -128,7 +123,7 @@ def _model(job: Job, hyper: Hyper, environments: VecMonitor) -> PPO:
 
 def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
     training = {
-        "command": command_of(sys.argv),
+        "command": command_line(),
         **job.facts(),
         "steps": progress.steps,
         "minutes": round(progress.seconds / 60.0, 1),
@@ -140,8 +135,3 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
     }
     draw_curve(job.out)
     return save_weights(job.planner, job.out, actor_tensors(job.planner, model.policy), training)
-
-
-def command_of(arguments: list[str]) -> str:
-    """The command line as a user would type it."""
-    return " ".join([Path(arguments[0]).name, *arguments[1:]])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -22,11 +21,11 @@ import torch
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
-from tsbench.errors import InputError
 from tsbench.learn.frames_store import FrameStore
 from tsbench.learn.imitation_checkpoint import Progress, load_checkpoint, save_checkpoint
 from tsbench.learn.imitation_loss import total
 from tsbench.learn.imitation_skill import Skill
+from tsbench.learn.start import command_line, prepare
 from tsbench.planners.plant2.inference import tensors
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
@@ -105,10 +104,7 @@ def train(task: Task, place: Place, tell: Callable[[str], None]) -> Network:
 
     Returns the best network's facts.
     """
-    if place.device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: torch sees no CUDA device here")
-    place.out.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(place.workers)
+    prepare(place.out, place.device, place.workers)
     if place.device == "cuda":
         # Products in TF32: several times faster, and a step's own noise is larger than its rounding.
         torch.set_float32_matmul_precision("high")
@@ -216,7 +212,7 @@ class Trainer:
     def _export(self, folder: Path, skill: Skill | None) -> Network:
         arrays = {name: value.detach().cpu().numpy() for name, value in self._net.state_dict().items()}
         training = {
-            "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+            "command": command_line(),
             **self._facts,
             "epoch": self._progress.epoch,
             "frames": self._progress.frames,
