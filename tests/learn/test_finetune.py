@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from training_helpers import break_off, fresh_weights
 
 from tsbench.errors import InputError
 from tsbench.learn import finetune, trainer
@@ -20,7 +21,7 @@ from tsbench.learn.finetune_targets import FAMILIES
 from tsbench.learn.frames_store import plan_hash
 from tsbench.learn.imitation_recipe import kept_for_validation
 from tsbench.learn.imitation_skill import Skill
-from tsbench.learn.trainer import Place, Trainer, train
+from tsbench.learn.trainer import Place, train
 from tsbench.learn.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
@@ -45,11 +46,7 @@ def rows() -> list[ScenarioSpec]:
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder: Path = tmp_path_factory.mktemp("base")
-    torch.manual_seed(1)
-    arrays = {key: value.numpy() for key, value in Plant2Network("mini").state_dict().items()}
-    save_weights("plant2", folder, arrays, {"size": "mini"})
-    return folder
+    return fresh_weights(tmp_path_factory.mktemp("base"), "plant2", Plant2Network)
 
 
 def made_up(count: int, seed: int = 0) -> at.Records:
@@ -183,18 +180,7 @@ def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     assert speeds[-1] < 0.8 * speeds[0]
 
     task, place = prepared(tmp_path / "broken", monkeypatch, rows, base)
-    window, calls = Trainer._window, []
-
-    def breaks(self: Trainer, *arguments: object) -> None:
-        calls.append(arguments)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        window(self, *arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Trainer, "_window", breaks)
-    with pytest.raises(KeyboardInterrupt):
-        train(task, place, said.append)
-    monkeypatch.setattr(Trainer, "_window", window)
+    break_off(monkeypatch, lambda: train(task, place, said.append))
     train(task, place, said.append)
     ours, theirs = (load_weights("plant2-ft", tmp_path / name) for name in ("broken", "whole"))
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)

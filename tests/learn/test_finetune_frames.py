@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
+from training_helpers import fresh_weights
 
 from tsbench.learn.drives import Drivers, PlannerDrive
 from tsbench.learn.finetune_frames import LessonSource, RecordedDrive, TakeoverDrive, succeeded
@@ -20,7 +20,6 @@ from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.signs import VOCABULARY
-from tsbench.planners.weights import save_weights
 from tsbench.run.episode import EpisodeRunner
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -54,11 +53,7 @@ def drivers() -> Iterator[Drivers]:
 
 @pytest.fixture(scope="module")
 def student(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder: Path = tmp_path_factory.mktemp("student")
-    torch.manual_seed(1)
-    arrays = {key: value.numpy() for key, value in Plant2FtNetwork("mini").state_dict().items()}
-    save_weights("plant2-ft", folder, arrays, {"size": "mini"})
-    return folder
+    return fresh_weights(tmp_path_factory.mktemp("student"), "plant2-ft", Plant2FtNetwork)
 
 
 def words(frames: at.Records) -> list[str]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from training_helpers import break_off
 
 from tsbench.errors import InputError
 from tsbench.learn import imitation, trainer
@@ -18,7 +19,7 @@ from tsbench.learn.imitation import Imitation, batches_of, rate_at
 from tsbench.learn.imitation_loss import losses, total, two_hot
 from tsbench.learn.imitation_recipe import Recipe, drives_of, kept_for_validation, validation_rows
 from tsbench.learn.imitation_skill import Skill
-from tsbench.learn.trainer import Place, Trainer, train, trimmed
+from tsbench.learn.trainer import Place, train, trimmed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.weights import load_weights
@@ -134,18 +135,7 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
 
     recipe, place = prepared(tmp_path / "broken", monkeypatch, rows)
     task = Imitation(recipe, rows)
-    window, calls = Trainer._window, []
-
-    def breaks(self: Trainer, *arguments: object) -> None:
-        calls.append(arguments)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        window(self, *arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Trainer, "_window", breaks)
-    with pytest.raises(KeyboardInterrupt):
-        train(task, place, said.append)
-    monkeypatch.setattr(Trainer, "_window", window)
+    break_off(monkeypatch, lambda: train(task, place, said.append))
     again = train(task, place, said.append)
     ours, theirs = (load_weights("plant2", tmp_path / name) for name in ("broken", "whole"))
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
