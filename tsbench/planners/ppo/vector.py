@@ -96,10 +96,12 @@ def _neighbours(o: Observation) -> list[float]:
     bodies = [
         seen(x, y, speed * math.cos(heading), speed * math.sin(heading))
         for (x, y, heading, _, _), speed in zip(o.actors.boxes, o.actors.speed.tolist(), strict=True)
+        if (x - ego.x) ** 2 + (y - ego.y) ** 2 <= REACH_M * REACH_M
     ]
-    bodies += sorted(seen(thing.x, thing.y, 0.0, 0.0) for thing in o.obstacles)[:1]
-    near = sorted(body for body in bodies if math.hypot(body[1], body[2]) <= REACH_M)
+    first = sorted(seen(thing.x, thing.y, 0.0, 0.0) for thing in o.obstacles)[:1]
+    bodies += [body for body in first if math.hypot(body[1], body[2]) <= REACH_M]
+    bodies.sort()
     out: list[float] = []
-    for _, dx, dy, ux, uy in near[:_NEIGHBOURS]:
+    for _, dx, dy, ux, uy in bodies[:_NEIGHBOURS]:
         out += [dx / REACH_M, dy / REACH_M, clip(ux / _PASSING_MPS), clip(uy / _PASSING_MPS)]
-    return out + list(_NOBODY) * (_NEIGHBOURS - min(len(near), _NEIGHBOURS))
+    return out + list(_NOBODY) * (_NEIGHBOURS - min(len(bodies), _NEIGHBOURS))
