@@ -53,11 +53,14 @@ def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     made = policy("ppo")
     save_weights("ppo", tmp_path, actor_tensors("ppo", made), {})
     seen = np.random.default_rng(0).uniform(-1, 1, (5, SIZE)).astype(np.float32)
-    wanted, _ = made.predict(seen, deterministic=True)
     records = np.zeros(5, dtype=VECTOR)
     records["vector"] = seen
-    assert np.allclose(np.clip(Ppo(tmp_path).infer(records)["action"], -1, 1), wanted, atol=1e-5)
-    assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2
+    records["draw"] = np.random.default_rng(1).random((5, 2))
+    with torch.no_grad():
+        trained = made.get_distribution(torch.from_numpy(seen)).distribution
+    wanted = stats.norm(trained.mean.numpy(), trained.stddev.numpy()).ppf(records["draw"])
+    assert np.allclose(Ppo(tmp_path).infer(records)["action"], wanted, atol=1e-5)
+    assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2 + 2
 
 
 def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
@@ -67,7 +70,15 @@ def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     records["bev"] = rng.integers(0, 256, records["bev"].shape)
     records["measurements"] = rng.uniform(-1, 1, records["measurements"].shape)
-    wanted, _ = made.predict({k: records[k] for k in ("bev", "measurements")}, deterministic=True)
+    records["draw"] = rng.random((4, 2))
+    with torch.no_grad():
+        trained = made.get_distribution(
+            {k: torch.from_numpy(records[k]) for k in ("bev", "measurements")}
+        )._beta
+    densities = stats.beta(
+        trained.concentration1.numpy(), trained.concentration0.numpy(), loc=-1.0, scale=2.0
+    )
+    wanted = densities.ppf(records["draw"])
     assert np.ptp(wanted) > 0.01
     assert np.allclose(Carl(folder=tmp_path).infer(records)["action"], wanted, atol=1e-4)
 
@@ -171,7 +182,9 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     first = rl_train.train(job, told.append)
     before = load_file(tmp_path / "checkpoint.safetensors")
     assert first.training["steps"] == 16
-    assert np.isfinite(Ppo(tmp_path).infer(np.zeros(1, dtype=VECTOR))["action"]).all()
+    record = np.zeros(1, dtype=VECTOR)
+    record["draw"] = 0.5
+    assert np.isfinite(Ppo(tmp_path).infer(record)["action"]).all()
 
     second = rl_train.train(replace(job, steps=32), told.append)
     after = load_file(tmp_path / "checkpoint.safetensors")

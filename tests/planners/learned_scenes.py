@@ -63,7 +63,8 @@ def ppo_tensors(seed: int = 0) -> Tensors:
     rng = np.random.default_rng(seed)
     sizes = {"hidden.0": (256, SIZE), "hidden.1": (256, 256), "action": (2, 256)}
     tensors = {f"{n}.weight": rng.normal(0, 0.1, s).astype(np.float32) for n, s in sizes.items()}
-    return tensors | {f"{n}.bias": np.zeros(s[0], dtype=np.float32) for n, s in sizes.items()}
+    tensors |= {f"{n}.bias": np.zeros(s[0], dtype=np.float32) for n, s in sizes.items()}
+    return tensors | {"action.log_std": np.full(2, -1.4, dtype=np.float32)}
 
 
 def save_ppo(folder: Path) -> Path:

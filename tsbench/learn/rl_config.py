@@ -37,8 +37,8 @@ class Hyper:
 
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
-        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=10),
-        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=10),
+        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40),
+        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=60),
     }
 )
 

@@ -139,9 +139,12 @@ def actor_tensors(planner: str, policy: ActorCriticPolicy) -> Tensors:
         }
     else:
         names = {"features_extractor.trunk": "trunk", "action_net": "action"}
-    return {
+    tensors = {
         new + key.removeprefix(old): value.detach().cpu().numpy()
         for old, new in names.items()
         for key, value in state.items()
         if key.startswith(f"{old}.")
     }
+    if planner == "ppo":
+        tensors["action.log_std"] = state["log_std"].detach().cpu().numpy()
+    return tensors

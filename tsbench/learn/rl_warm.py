@@ -1,7 +1,9 @@
 """How a training begins: the policy imitates `idm`, and the critic learns what that earns.
 
 What this spares are the hours in which a fresh policy finds out that one stops behind a leader; PPO goes on from there.
-Noise is added to what is driven and not to what is learned, so that the teacher also shows how to come back.
+The teacher says in each state what it would do; who drives is the teacher at first and more and more the policy, whose
+own mistakes are then what it is taught on (DAgger, Ross et al., arXiv 1011.0686). Noise is added to what is driven and
+not to what is learned.
 """
 
 from __future__ import annotations
@@ -22,9 +24,9 @@ from tsbench.envs.drive import DriveEnv
 from tsbench.planners.idm import Idm
 from tsbench.planners.learned_actions import action_for
 
-_NOISE = 0.3
+_NOISE = 0.25
 _EPOCHS = 4
-_RATE = 5e-4
+_RATE, _LAST_RATE = 1e-3, 1e-4
 
 
 class Taught(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDArray[np.float32]]):
@@ -58,20 +60,33 @@ def warm_up(model: PPO, environments: VecEnv, rollouts: int, seed: int, tell: Ca
     optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
     seen, starts = environments.reset(), np.ones(environments.num_envs, dtype=bool)
     for rollout in range(rollouts):
-        seen, starts = _drive(model, environments, seen, starts, rng)
+        through = rollout / max(rollouts - 1, 1)
+        optimiser.param_groups[0]["lr"] = _RATE * (_LAST_RATE / _RATE) ** through
+        # The first few environments are the policy's: all of them in the second half.
+        own = np.arange(environments.num_envs) < 2.0 * through * environments.num_envs
+        seen, starts = _drive(model, environments, seen, starts, own, rng)
         wrong, missed = _learn(model, optimiser)
         tell(f"imitation {rollout + 1}/{rollouts}  action {wrong:.4f}  return {missed:.3f} (mean squares)")
 
 
-def _drive(model: PPO, environments: VecEnv, seen: Any, starts: Any, rng: np.random.Generator) -> Any:
-    """Fill the model's buffer with what the teacher advises."""
+def _drive(
+    model: PPO,
+    environments: VecEnv,
+    seen: Any,
+    starts: Any,
+    own: npt.NDArray[np.bool_],
+    rng: np.random.Generator,
+) -> Any:
+    """Fill the model's buffer with what the teacher advises. own: (environments,) where the policy drives."""
     buffer = model.rollout_buffer
     buffer.reset()
     model.policy.set_training_mode(False)
     none = torch.zeros(environments.num_envs)
     for _ in range(model.n_steps):
         advised = np.stack(environments.env_method("advise"))
-        driven = advised + rng.normal(0.0, _NOISE, advised.shape).astype(np.float32)
+        wished, _ = model.predict(seen, deterministic=True)
+        noise = rng.normal(0.0, _NOISE, advised.shape).astype(np.float32)
+        driven = np.where(own[:, None], wished, advised) + noise
         after, earned, ends, _ = environments.step(np.clip(driven, -1.0, 1.0))
         buffer.add(seen, advised, earned, starts, _worth(model, seen), none)
         seen, starts = after, ends

@@ -1,4 +1,8 @@
-"""What `ppo` and `carl` have in common: an encoder, a network of two actions, and actions that hold for 0.3 s."""
+"""What `ppo` and `carl` have in common: an encoder, a network of two actions, and actions that hold for 0.3 s.
+
+Both drive as they learned to: by draws from their densities, not by mean or mode, which hesitate where the density
+leans to neither side. The draws come from the scenario's seed, one pair for each decision.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer, Records
 from tsbench.planners.learned_actions import HOLD_TICKS, aim
 
 # What the networks answer: two numbers of -1..1.
 ACTIONS = np.dtype([("action", np.float64, (2,))])
+# What they are asked besides what is seen: which quantile of each density to answer with.
+DRAW = ("draw", np.float64, (2,))
+# More decisions than an episode has.
+_DECISIONS = 1024
 
 
 class LearnedPlanner(ABC):
@@ -25,15 +34,18 @@ class LearnedPlanner(ABC):
     privileged = False
     sign_access = False
     follows_route = False
+    inputs: ClassVar[np.dtype[Any]]
     outputs: ClassVar[np.dtype[Any]] = ACTIONS
 
     def __init__(self, infer: Infer) -> None:
         self.infer = infer
         self._action: tuple[float, float] = (0.0, 0.0)
+        self._draws: Array
 
-    def reset(self, context: PlannerContext) -> None:  # noqa: ARG002
+    def reset(self, context: PlannerContext) -> None:
         """Start an episode."""
         self._action = (0.0, 0.0)
+        self._draws = np.random.default_rng(np.random.SeedSequence(context.seed)).random((_DECISIONS, 2))
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""
@@ -47,6 +59,13 @@ class LearnedPlanner(ABC):
         actions = self.infer(np.concatenate([self.encode(o) for o in observations]))["action"].tolist()
         return [aim(first, second, o) for (first, second), o in zip(actions, observations, strict=True)]
 
-    @abstractmethod
     def encode(self, observation: Observation) -> Records:
-        """(1,) record of the network's inputs."""
+        """(1,) record of `inputs`."""
+        record: Records = np.empty(1, dtype=self.inputs)
+        record["draw"][0] = self._draws[observation.step // HOLD_TICKS % _DECISIONS]
+        self.fill(record, observation)
+        return record
+
+    @abstractmethod
+    def fill(self, record: Records, observation: Observation) -> None:
+        """Put what is seen into a (1,) record."""

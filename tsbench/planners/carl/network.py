@@ -40,7 +40,7 @@ class CarlTrunk(nn.Module):
 
 
 class CarlActor(nn.Module):
-    """The actor alone: the likeliest action of its Beta densities."""
+    """The actor alone: the Beta densities of its two actions."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -48,8 +48,6 @@ class CarlActor(nn.Module):
         self.action = nn.Linear(LATENT, 4)
 
     def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
-        """(n, 2) actions in -1..1 from a uint8 raster and measurements."""
-        excess = nn.functional.softplus(self.action(self.trunk(raster, measurements)))
-        a, b = excess.chunk(2, dim=1)
-        mode: torch.Tensor = 2.0 * a / (a + b).clamp(min=1e-6) - 1.0
-        return mode
+        """(n, 2, 2) both parameters, each above 1, of each action's density, which lies over -1..1."""
+        raw: torch.Tensor = 1.0 + nn.functional.softplus(self.action(self.trunk(raster, measurements)))
+        return raw.reshape(-1, 2, 2)

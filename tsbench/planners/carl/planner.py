@@ -1,4 +1,4 @@
-"""`carl`: the raster through a small CNN; the mode of its Beta densities is the action. Sign-blind.
+"""`carl`: the raster through a small CNN; its Beta densities are drawn from. Sign-blind.
 
 Torch is imported when the planner is made, not before.
 """
@@ -9,18 +9,20 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.special import betaincinv
 
 from tsbench.errors import InputError
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.batched import Infer, Records
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.expert import Expert
-from tsbench.planners.learned import ACTIONS, LearnedPlanner
+from tsbench.planners.learned import ACTIONS, DRAW, LearnedPlanner
+from tsbench.planners.led import Led
 from tsbench.planners.weights import load_weights
 
 WEIGHTS = "carl"
 RECORD = np.dtype(
-    [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,))]
+    [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW]
 )
 # On a CPU a row of a batch costs as much as alone: only a GPU is worth a process of its own.
 _SERVED_ON = ("cuda",)
@@ -46,11 +48,9 @@ class Carl(LearnedPlanner):
         super().reset(context)
         self._encoder.reset(context)
 
-    def encode(self, observation: Observation) -> Records:
-        """(1,) record of `bev` (9, 128, 128) uint8 and `measurements` (10,) float32."""
-        record = np.empty(1, dtype=RECORD)
+    def fill(self, record: Records, observation: Observation) -> None:
+        """Its `bev` (9, 128, 128) uint8 and `measurements` (10,) float32."""
         record["bev"][0], record["measurements"][0] = self._encoder.encode(observation)
-        return record
 
 
 def load(device: str, folder: Path | None = None) -> Infer:
@@ -74,8 +74,9 @@ def load(device: str, folder: Path | None = None) -> Infer:
             # One at a time: convolutions of several rows round differently.
             for k in range(len(records)):
                 bev, measured = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
-                action = net(torch.from_numpy(bev).to(device), torch.from_numpy(measured).to(device))
-                answers["action"][k] = action[0].cpu().numpy()
+                densities = net(torch.from_numpy(bev).to(device), torch.from_numpy(measured).to(device))
+                a, b = densities[0].double().cpu().numpy()
+                answers["action"][k] = 2.0 * betaincinv(a, b, records["draw"][k]) - 1.0
         return answers
 
     return infer
@@ -89,7 +90,7 @@ class CarlExpert(Expert):
     served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
 
     def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(Carl(infer))
+        super().__init__(Led(Carl(infer)))
 
     @staticmethod
     def network(device: str) -> Infer:

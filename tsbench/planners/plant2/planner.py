@@ -12,6 +12,7 @@ import numpy as np
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer
 from tsbench.planners.expert import Expert
+from tsbench.planners.led import Led
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PLAN, TOKENS, Record, Records
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
@@ -87,7 +88,7 @@ class Plant2Expert(Expert):
     served_on: ClassVar[tuple[str, ...]] = Plant2.served_on
 
     def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(Plant2(infer))
+        super().__init__(Led(Plant2(infer)))
 
     @staticmethod
     def network(device: str) -> Infer:
