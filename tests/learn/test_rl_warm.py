@@ -18,20 +18,20 @@ from tsbench.envs.drive import DriveEnv
 from tsbench.learn.rl_policy import policy_of
 from tsbench.learn.rl_warm import Taught, warm_up
 from tsbench.planners.idm import Idm
-from tsbench.planners.learned_actions import accelerate, action_for
+from tsbench.planners.learned_actions import HOLD_TICKS, accelerate, action_for
 from tsbench.planners.ppo.vector import SIZE
 
 
 @given(st.floats(-5.0, 2.4))
 def test_an_acceleration_has_an_action(wanted: float) -> None:
-    first, aside = action_for(wanted)
+    first, aside = action_for(wanted, 0.0)
     assert accelerate(first) == pytest.approx(wanted, abs=1e-9)
     assert aside == 0.0
 
 
 @pytest.mark.parametrize(("wanted", "most"), [(9.0, 2.4), (-9.0, -5.0)])
 def test_what_no_action_reaches_is_cut(wanted: float, most: float) -> None:
-    assert accelerate(action_for(wanted)[0]) == most
+    assert accelerate(action_for(wanted, 0.0)[0]) == most
 
 
 class Mirror(gymnasium.Env[Any, Any]):
@@ -85,3 +85,25 @@ def test_the_teacher_sees_what_a_planner_sees() -> None:
     wanted = idm.act(turn.observation).acceleration
     assert accelerate(float(taught.advise()[0])) == pytest.approx(np.clip(wanted, -5.0, 2.4), abs=1e-5)
     taught.close()
+
+
+def test_the_teacher_passes_an_obstacle() -> None:
+    taught = Taught(DriveEnv(split="test", hold=HOLD_TICKS))
+    taught.reset(
+        options={"scenario_id": next(i for i in sorted(taught.unwrapped._by_id) if "detour_left" in i)}
+    )
+    aside, over, facts = [], False, {}
+    while not over:
+        action = taught.advise()
+        aside.append(float(action[1]))
+        _, _, ended, cut, facts = taught.step(action)
+        over = ended or cut
+    assert facts["outcome"] == "arrived"
+    assert max(aside) > 0.5
+    taught.close()
+
+
+@given(st.floats(-3.5, 3.5))
+def test_a_place_beside_the_route_has_an_action(aside: float) -> None:
+    second = action_for(0.0, aside)[1]
+    assert 3.5 * second * abs(second) == pytest.approx(aside, abs=1e-9)

@@ -1,4 +1,4 @@
-"""How a training begins: the policy imitates `idm`, and the critic learns what that earns.
+"""How a training begins: the policy imitates a teacher, and the critic learns what that earns.
 
 What this spares are the hours in which a fresh policy finds out that one stops behind a leader; PPO goes on from there.
 The teacher says in each state what it would do; who drives is the teacher at first and more and more the policy, whose
@@ -21,7 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import mse_loss
 
 from tsbench.envs.drive import DriveEnv
-from tsbench.planners.idm import Idm
+from tsbench.learn.teacher import Teacher
 from tsbench.planners.learned_actions import action_for
 
 _NOISE = 0.25
@@ -30,11 +30,11 @@ _RATE, _LAST_RATE = 1e-3, 1e-4
 
 
 class Taught(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDArray[np.float32]]):
-    """A driving environment that also says what `idm` would do."""
+    """A driving environment that also says what the teacher would do."""
 
     def __init__(self, env: gymnasium.Env[Any, npt.NDArray[np.float32]]) -> None:
         super().__init__(env)
-        self._teacher = Idm()
+        self._teacher = Teacher()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -45,9 +45,8 @@ class Taught(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDArray[np
         return found
 
     def advise(self) -> npt.NDArray[np.float32]:
-        """(2,) the action that comes closest to what `idm` does now; once per step."""
-        command = self._teacher.act(self._drive.turn.observation)
-        return np.array(action_for(command.acceleration), dtype=np.float32)
+        """(2,) the action that comes closest to what the teacher does now; once per step."""
+        return np.array(action_for(*self._teacher.advise(self._drive.turn.observation)), dtype=np.float32)
 
     @property
     def _drive(self) -> DriveEnv:

@@ -40,13 +40,14 @@ def accelerate(value: float) -> float:
     )
 
 
-def action_for(acceleration: float) -> tuple[float, float]:
-    """The numbers with which `aim` comes closest to an acceleration (m/s2) along the route."""
+def action_for(acceleration: float, aside: float) -> tuple[float, float]:
+    """The numbers with which `aim` comes closest to an acceleration (m/s2) and a place beside the route (m, left)."""
+    second = math.copysign(min(math.sqrt(abs(aside) / _ASIDE_M), 1.0), aside)
     if acceleration >= 0.0:
-        return min(acceleration / _ACCEL_MPS2, 1.0), 0.0
+        return min(acceleration / _ACCEL_MPS2, 1.0), second
     steeper = _BRAKE_MPS2 - _ACCEL_MPS2
     root = math.sqrt(_ACCEL_MPS2 * _ACCEL_MPS2 - 4.0 * steeper * acceleration)
-    return max((_ACCEL_MPS2 - root) / (2.0 * steeper), -1.0), 0.0
+    return max((_ACCEL_MPS2 - root) / (2.0 * steeper), -1.0), second
 
 
 def aim(first: float, second: float, observation: Observation) -> Control:

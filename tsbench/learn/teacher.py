@@ -1,0 +1,62 @@
+"""Who `ppo` and `carl` imitate at first: `idm`, which also passes an obstacle on its lane. Blind to signs.
+
+Which side is allowed is what a plate says, so the teacher takes the one that is nearer and free.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.detour import DetourGuard
+from tsbench.planners.idm import Idm
+from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.catalog import load_catalog
+
+# "Pass on either side".
+_EITHER = "4.2.3"
+_AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
+
+
+class Teacher:
+    """One episode after the other."""
+
+    def __init__(self) -> None:
+        self._idm = Idm()
+        self._context: PlannerContext
+        self._detour: DetourGuard | None = None
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
+        self._context, self._detour = context, None
+        self._idm.reset(context)
+
+    def advise(self, observation: Observation) -> tuple[float, float]:
+        """Acceleration (m/s2), and how far beside the route to aim (m, left positive); at every decision."""
+        o = observation
+        if self._detour is None:
+            if not o.obstacles:
+                return self._idm.act(o).acceleration, 0.0
+            self._detour = DetourGuard(self._context, _either_side(o))
+        way = self._detour.guide(o)
+        least, most = self._detour.bounds(o, way)
+        wished = self._idm.act(o if way is o.route else replace(o, route=way)).acceleration
+        acceleration = min(max(wished, least), most)
+        if way is o.route:
+            return acceleration, 0.0
+        point = way.path.line.point_at(way.s + max(_LEAST_AHEAD_M, _AHEAD_S * o.ego.speed))
+        return acceleration, o.route.path.line.project(*point)[1]
+
+
+@cache
+def _rule() -> Privilege:
+    plate = SignInstance("either", _EITHER, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target")
+    return Privilege(plate, load_catalog().sign(_EITHER).rule)
+
+
+def _either_side(o: Observation) -> Privilege:
+    """What the guard needs to know: which obstacle, here the nearest; and that both sides will do."""
+    nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
+    return replace(_rule(), sign=replace(_rule().sign, params={"obstacle": nearest.id}))
