@@ -2,73 +2,48 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tsbench.planners.batched import DEVICES
+from tsbench.cli import train_options as share
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune_recipe import FineTuning
     from tsbench.scenarios.spec import ScenarioSpec
 
-_FOLDER = click.Path(path_type=Path, file_okay=False)
 
-
-def _lessons(drives: int, out: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def _lessons(drives: int, out: str) -> share.Option:
     """The options that say which drives are learned from, and with what."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(
-            (
-                click.option(
-                    "--trajectories", type=click.Path(path_type=Path), metavar="FILE",
-                    help="The oracle's drives; default: those of the data folder.",
-                ),
-                click.option(
-                    "--driver", "drivers", multiple=True, metavar="PLANNER",
-                    help="Drive anew instead, with this expert; several take turns.",
-                ),
-                click.option(
-                    "--drives", default=drives, show_default=True, type=click.IntRange(min=0),
-                    help="To learn from, types in turn; 0: all.",
-                ),
-                click.option(
-                    "--student", type=_FOLDER, metavar="DIR",
-                    help="Folder of plant2-ft's weights that begin a share of the drives; --expert ends them.",
-                ),
-                click.option(
-                    "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
-                ),
-                click.option("--expert", default="idm-e", show_default=True, metavar="PLANNER"),
-                click.option("--types", default="", metavar="TYPE,GROUP,…", help="Default: all."),
-                click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0)),
-                click.option(
-                    "--workers", type=click.IntRange(min=1), metavar="N",
-                    help="Processes that drive, threads that learn; default: one per core.",
-                ),
-                click.option(
-                    "--cache-gb", default=8.0, show_default=True, type=click.FloatRange(min=0.1),
-                    help="Bound of frames on disk.",
-                ),
-                click.option(
-                    "--out", type=click.Path(path_type=Path), default=out, show_default=True, metavar="DIR",
-                    help="Folder of the training; what it holds of it already is continued.",
-                ),
-            )
-        ):  # fmt: skip
-            function = option(function)
-        return function
-
-    return add
+    return share.several(
+        click.option(
+            "--trajectories", type=click.Path(path_type=Path), metavar="FILE",
+            help="The oracle's drives; default: those of the data folder.",
+        ),
+        click.option(
+            "--driver", "drivers", multiple=True, metavar="PLANNER",
+            help="Drive anew instead, with this expert; several take turns.",
+        ),
+        click.option(
+            "--drives", default=drives, show_default=True, type=click.IntRange(min=0),
+            help="To learn from, types in turn; 0: all.",
+        ),
+        click.option(
+            "--student", type=share.FOLDER, metavar="DIR",
+            help="Folder of plant2-ft's weights that begin a share of the drives; --expert ends them.",
+        ),
+        click.option(
+            "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
+        ),
+        click.option("--expert", default="idm-e", show_default=True, metavar="PLANNER"),
+        share.types, share.seed, share.workers, share.cache_gb, share.out(out),
+    )  # fmt: skip
 
 
 @click.command()
 @click.option(
-    "--base", type=_FOLDER, metavar="DIR",
+    "--base", type=share.FOLDER, metavar="DIR",
     help="Folder of the plant2 or plant2-ft weights to begin with; default: tsbench's own plant2.",
 )  # fmt: skip
 @click.option(
@@ -80,7 +55,7 @@ def _lessons(drives: int, out: str) -> Callable[[Callable[..., Any]], Callable[.
     "--validation", default=58, show_default=True, type=click.IntRange(min=1),
     help="Episodes driven after each epoch; the network with most SCD is kept.",
 )  # fmt: skip
-@click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True)
+@share.device
 @_lessons(drives=0, out="runs/train-plant2-ft")
 def plant2_ft(
     base: Path | None, epochs: int, batch: int, rate: float, validation: int, device: str, workers: int | None,
@@ -91,11 +66,8 @@ def plant2_ft(
     from tsbench.learn.trainer import Place, train
 
     recipe, rows = _recipe(base=base, epochs=epochs, batch=batch, rate=rate, validation=validation, **lessons)
-    place = Place(out, device, workers or len(os.sched_getaffinity(0)), int(cache_gb * 1e9))
-    made = train(Obedience(recipe, rows), place, click.echo)
-    weights = f"{made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters"
-    click.echo(f"weights   {out / made.weights.file} ({weights})")
-    click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")
+    place = Place(out, device, workers or share.cores(), int(cache_gb * 1e9))
+    share.tell(out, train(Obedience(recipe, rows), place, click.echo))
 
 
 @click.command()
@@ -106,7 +78,7 @@ def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> N
     from tsbench.learn.finetune_report import report
 
     recipe, rows = _recipe(**lessons)
-    workers = workers or len(os.sched_getaffinity(0))
+    workers = workers or share.cores()
     for path in report(lessons_of(rows, recipe), recipe, out, workers, int(cache_gb * 1e9), click.echo):
         click.echo(path)
 
@@ -114,14 +86,7 @@ def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> N
 def _recipe(types: str, trajectories: Path | None, **options: Any) -> tuple[FineTuning, list[ScenarioSpec]]:
     from tsbench.learn.finetune_recipe import FineTuning
     from tsbench.learn.trajectories import trajectories_path
-    from tsbench.run.plan import choose_types
-    from tsbench.scenarios.table import read_table, table_path
-    from tsbench.signs.catalog import load_catalog
 
-    words = tuple(word.strip() for word in types.split(",") if word.strip())
-    rows = read_table(table_path("train"))
-    if words:
-        chosen = choose_types(words, load_catalog())
-        rows = [row for row in rows if row.scenario_type in chosen]
+    words = share.words_of(types)
     path = trajectories or trajectories_path()
-    return FineTuning(trajectories=path, types=words, **options), rows
+    return FineTuning(trajectories=path, types=words, **options), share.train_rows(words)

@@ -2,43 +2,26 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from tsbench.planners.batched import DEVICES
+from tsbench.cli import train_options as share
 
 
-def _options(steps: int, out: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """The options that both share."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(
-            (
-                click.option(
-                    "--steps", default=steps, show_default=True, type=click.IntRange(min=1),
-                    help="Decisions (0.3 s each) in all, those of earlier sittings included.",
-                ),
-                click.option(
-                    "--workers", type=click.IntRange(min=1), metavar="N",
-                    help="Processes that drive, one simulation each; default: four per core.",
-                ),
-                click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0)),
-                click.option("--types", default="", metavar="TYPE,GROUP,…", help="Default: all."),
-                click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True),
-                click.option(
-                    "--out", type=click.Path(path_type=Path), default=out, show_default=True, metavar="DIR",
-                    help="Folder of the training; what it holds of it already is continued.",
-                ),
-            )
-        ):  # fmt: skip
-            function = option(function)
-        return function
-
-    return add
+def _options(steps: int, out: str) -> share.Option:
+    return share.several(
+        click.option(
+            "--steps", default=steps, show_default=True, type=click.IntRange(min=1),
+            help="Decisions (0.3 s each) in all, those of earlier sittings included.",
+        ),
+        click.option(
+            "--workers", type=click.IntRange(min=1), metavar="N",
+            help="Processes that drive, one simulation each; default: four per core.",
+        ),
+        share.seed, share.types, share.device, share.out(out),
+    )  # fmt: skip
 
 
 @click.command()
@@ -61,11 +44,5 @@ def _train(
     from tsbench.learn.rl_config import Job
     from tsbench.learn.rl_train import train  # brings torch
 
-    words = tuple(word.strip() for word in types.split(",") if word.strip())
-    count = workers or 4 * len(os.sched_getaffinity(0))
-    made = train(Job(planner, out, steps, count, seed, device, words), click.echo)
-    click.echo(
-        f"weights   {out / made.weights.file} ({made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters)"
-    )
-    click.echo(f"facts     {out / planner}.json")
-    click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")
+    count = workers or 4 * share.cores()
+    share.tell(out, train(Job(planner, out, steps, count, seed, device, share.words_of(types)), click.echo))

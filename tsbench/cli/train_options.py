@@ -1,0 +1,85 @@
+"""What the commands of `tsbench train` share: options, the rows that are learned from, and what is said at the end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tsbench.planners.batched import DEVICES
+
+if TYPE_CHECKING:
+    from tsbench.planners.weights import Network
+    from tsbench.scenarios.spec import ScenarioSpec
+
+Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+seed = click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
+types = click.option("--types", default="", metavar="TYPE,GROUP,…", help="Default: all.")
+device = click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True)
+cache_gb = click.option(
+    "--cache-gb",
+    default=8.0,
+    show_default=True,
+    type=click.FloatRange(min=0.1),
+    help="Bound of frames on disk.",
+)
+workers = click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N",
+    help="Processes that drive, threads that learn; default: one per core.",
+)  # fmt: skip
+
+
+def out(default: str) -> Option:
+    """Where a training keeps what it makes."""
+    return click.option(
+        "--out", type=click.Path(path_type=Path), default=default, show_default=True, metavar="DIR",
+        help="Folder of the training; what it holds of it already is continued.",
+    )  # fmt: skip
+
+
+def several(*options: Option) -> Option:
+    """Options in the order in which --help lists them."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def words_of(types: str) -> tuple[str, ...]:
+    """Type ids and groups between commas."""
+    return tuple(word.strip() for word in types.split(",") if word.strip())
+
+
+def train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
+    """The train table's rows of some types and groups; of all where none is named."""
+    from tsbench.run.plan import choose_types
+    from tsbench.scenarios.table import read_table, table_path
+    from tsbench.signs.catalog import load_catalog
+
+    rows = read_table(table_path("train"))
+    if not words:
+        return rows
+    chosen = choose_types(words, load_catalog())
+    return [row for row in rows if row.scenario_type in chosen]
+
+
+def tell(out: Path, made: Network) -> None:
+    """Where everything is."""
+    weights = f"{made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters"
+    click.echo(f"weights   {out / made.weights.file} ({weights})")
+    click.echo(f"facts     {out / made.name}.json")
+    click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")
