@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad-requirements.txt
 
-.PHONY: run test torture mutation setup lint format maps scenarios bench clean
+.PHONY: run test results torture mutation setup lint format maps scenarios bench clean
 
 run: setup
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -16,6 +16,20 @@ run: setup
 
 test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+
+# Everything in docs/results.md: all planners on one scene of each test map, plant2-ft once more with signs masked, the
+# analyses and the report. Goes on where it was stopped.
+BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
+PLANNERS := $(BASES) $(addsuffix -e,$(BASES)) plant2-ft
+results: setup
+	$(BIN)/tsbench run $(addprefix --planner ,$(PLANNERS)) --split test --variants one-per-map \
+		--workers $(WORKERS) --out runs/results
+	$(BIN)/tsbench run --planner plant2-ft --split test --variants one-per-map --mask-signs --trace none \
+		--workers $(WORKERS) --out runs/results-masked
+	for name in main types intervals correlations failures; do \
+		$(BIN)/tsbench analyse $$name runs/results --out runs/results/analyses || exit; done
+	$(BIN)/tsbench analyse ablation runs/results runs/results-masked --out runs/results/analyses
+	$(BIN)/tsbench report runs/results
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup

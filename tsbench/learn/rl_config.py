@@ -16,8 +16,8 @@ class Hyper:
     """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
-    torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation: rollouts
-    of `rl_warm` before all that. gamma: so near to 1 that what standing still costs at the end of an episode counts.
+    torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, lessons:
+    rollouts of `rl_warm` before all that, and updates after each. gamma: so near to 1 that what standing still costs at the end of an episode counts.
     """
 
     observation: str
@@ -27,6 +27,7 @@ class Hyper:
     rate: float
     threads: int
     imitation: int
+    lessons: int
     gamma: float = 0.999
     trace: float = 0.95
     clip: float = 0.2
@@ -37,8 +38,12 @@ class Hyper:
 
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
-        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40),
-        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=60),
+        "ppo": Hyper(
+            "vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40, lessons=400
+        ),
+        "carl": Hyper(
+            "bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=40, lessons=60
+        ),
     }
 )
 

@@ -62,7 +62,7 @@ def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
         processes.seed(sitting_seed(job.seed, before.sittings, deaths))
         if before.sittings == 0:
-            warm_up(model, environments, hyper.imitation, job.seed, tell)
+            warm_up(model, environments, hyper.imitation, hyper.lessons, job.seed, tell)
         watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
         if before.steps < job.steps:
             _learn(model, watch, job.steps - before.steps)
