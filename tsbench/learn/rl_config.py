@@ -17,7 +17,8 @@ class Hyper:
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
     torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, lessons:
-    rollouts of `rl_warm` before all that, and updates after each. gamma: so near to 1 that what standing still costs at the end of an episode counts.
+    rollouts of `rl_warm` before all that, and updates after each. gamma: so near to 1 that what standing still
+    costs at the end of an episode counts.
     """
 
     observation: str
