@@ -255,7 +255,7 @@ def test_figures_are_drawn_and_are_the_same_bytes_again(tmp_path: Path, kind: st
         runs.append(four(tmp_path / "m", mask_signs=True))
     analysis = analyse_runs(kind, runs, allow_partial=False)
     first, second = (write_analysis(analysis, tmp_path / folder) for folder in ("x", "y"))
-    assert [path.suffix for path in first] == [".csv", ".tex", ".png", ".svg"]
+    assert [path.suffix for path in first] == [".csv", ".tex", ".md", ".png", ".svg"]
     for a, b in zip(first, second, strict=True):
         assert a.read_bytes() == b.read_bytes()
     with Image.open(tmp_path / "x" / f"{kind}.png") as picture:

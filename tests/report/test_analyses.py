@@ -11,6 +11,7 @@ from scipy.stats import rankdata
 
 from tsbench.report.analyses.correlations import spearman
 from tsbench.report.analyses.latex import escape, to_latex
+from tsbench.report.analyses.markdown import to_markdown
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.output import to_csv, write_analysis
 from tsbench.report.analyses.published import in_published_order, published, published_metric, published_scd
@@ -123,6 +124,15 @@ def test_latex_sets_what_is_too_wide_below() -> None:
     assert text.count(r"planner & ") == 2
 
 
+def test_markdown_shows_any_name_as_text() -> None:
+    lines = to_markdown(small("a|b *c* <b>")).splitlines()
+    table = [line for line in lines if line.startswith("|")]
+    assert {line.count("|") for line in table} == {5}
+    assert "12.3 (10.0–15.0)" in table[2]
+    assert lines[0] == r"**a|b \*c\* \<b\>**"
+    assert lines[-2:] == ["a note.", "Contract `c0ffee`."]
+
+
 @pytest.mark.parametrize(
     ("kind", "cell", "lines"),
     [
@@ -147,5 +157,5 @@ def test_a_row_must_fill_its_columns() -> None:
 
 def test_files_of_a_table_without_a_figure(tmp_path) -> None:
     paths = write_analysis(small(), tmp_path / "new")
-    assert [path.name for path in paths] == ["small.csv", "small.tex"]
-    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["small.csv", "small.tex"]
+    assert [path.name for path in paths] == ["small.csv", "small.tex", "small.md"]
+    assert {p.name for p in (tmp_path / "new").iterdir()} == {p.name for p in paths}

@@ -12,7 +12,7 @@ from tsbench.cli.console import table_console
 if TYPE_CHECKING:
     from tsbench.report.analyses.model import Analysis
 
-_FILES = "NAME.csv, NAME.tex and, where there is a figure, NAME.png and NAME.svg"
+_FILES = "NAME.csv, NAME.tex, NAME.md and, where there is a figure, NAME.png and NAME.svg"
 _KINDS = {
     "main": "SCD and conventional metrics of every planner, the published figures below its own.",
     "types": "SCD of every planner on every type, and a heat map.",
@@ -25,7 +25,7 @@ _KINDS = {
 
 @click.group()
 def analyse() -> None:
-    """The paper's analyses of runs: each a table (CSV, LaTeX) and, but for the main table, a figure (PNG, SVG).
+    """The paper's analyses of runs: a table each (CSV, LaTeX, Markdown) and, but for the main one, a figure (PNG, SVG).
 
     The runs of one command must have the same contract and the same selection of scenarios, and each planner may be in
     one of them only. See also: tsbench scenarios calibration, tsbench signs equivalents, tsbench signs sheet.

@@ -1,4 +1,4 @@
-"""Writes an analysis: NAME.csv and NAME.tex, and NAME.png and NAME.svg where there is a figure."""
+"""Writes an analysis: NAME.csv, NAME.tex and NAME.md, and NAME.png and NAME.svg where there is a figure."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tsbench.report.analyses.latex import to_latex
+from tsbench.report.analyses.markdown import to_markdown
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Value
 from tsbench.run.files import told_plainly, write_atomic
 
@@ -16,7 +17,7 @@ _DIGITS = 6
 
 def write_analysis(analysis: Analysis, folder: Path) -> list[Path]:
     """Write all files and return their paths. The same analysis gives the same bytes. Raises InputError."""
-    texts = {"csv": to_csv(analysis), "tex": to_latex(analysis)}
+    texts = {"csv": to_csv(analysis), "tex": to_latex(analysis), "md": to_markdown(analysis)}
     paths = []
     for suffix, text in texts.items():
         path = folder / f"{analysis.name}.{suffix}"
