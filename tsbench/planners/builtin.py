@@ -19,6 +19,10 @@ PPO = learned("ppo", "tsbench.planners.ppo.planner:Ppo")
 PPO_E = learned(
     "ppo", "tsbench.planners.ppo.planner:PpoExpert", kind="expert", privileged=True, sign_access=True
 )
+CARL = learned("carl", "tsbench.planners.carl.planner:Carl")
+CARL_E = learned(
+    "carl", "tsbench.planners.carl.planner:CarlExpert", kind="expert", privileged=True, sign_access=True
+)
 PLANT2 = learned("plant2", "tsbench.planners.plant2.planner:Plant2")
 PLANT2_E = learned(
     "plant2", "tsbench.planners.plant2.planner:Plant2Expert", kind="expert", privileged=True, sign_access=True
