@@ -27,3 +27,4 @@ PLANT2 = learned("plant2", "tsbench.planners.plant2.planner:Plant2")
 PLANT2_E = learned(
     "plant2", "tsbench.planners.plant2.planner:Plant2Expert", kind="expert", privileged=True, sign_access=True
 )
+PLANT2_FT = learned("plant2-ft", "tsbench.planners.plant2.planner_ft:Plant2Ft", sign_access=True)
