@@ -68,7 +68,7 @@ def test_stats_prints_and_writes(oracle: Command, tmp_path: Path, rows: list[Sce
     assert f"Composition of the oracle: 3 drives, test split ({len(rows):,} scenarios)" in out
     assert "36828" in out
     assert {path.name for path in (tmp_path / "made").iterdir()} == {
-        f"oracle.{s}" for s in ("csv", "tex", "png", "svg")
+        f"oracle.{s}" for s in ("csv", "tex", "md", "png", "svg")
     }
     assert "all types,idm-e,2,66.666667,2," in (tmp_path / "made" / "oracle.csv").read_text()
 

@@ -218,7 +218,7 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
 
 
 def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> None:
-    """Coverage over the whole split, shares by expert, all four files."""
+    """Coverage over the whole split, shares by expert, all files."""
     select(full / "c", full / "oracle.parquet", allow_partial=False)
     analysis = stats(full / "oracle.parquet", "train")
     cells = {row.cells[:2]: row.cells[2:] for row in analysis.table.rows}
@@ -230,7 +230,7 @@ def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> Non
     assert list(cells["all types", "net-e"][:3]) == [2, pytest.approx(200 / 3), 1]
     assert cells["all types", "published"][0] == 36828
     assert to_csv(analysis).startswith("group,planner,drives,share,")
-    assert [p.suffix for p in write_analysis(analysis, full)] == [".csv", ".tex", ".png", ".svg"]
+    assert [p.suffix for p in write_analysis(analysis, full)] == [".csv", ".tex", ".md", ".png", ".svg"]
 
 
 def test_a_drive_that_took_its_worker_along_is_a_try(tmp_path: Path, rows: list[ScenarioSpec]) -> None:

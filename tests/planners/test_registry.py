@@ -77,7 +77,7 @@ def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.M
     ("spec", "words"),
     [
         ("idn", ["no such planner", "did you mean", "idm"]),
-        ("zzzz", ["no such planner", "registered are idm, idm-e"]),
+        ("zzzz", ["no such planner", "registered are carl, carl-e, idm, idm-e"]),
         ("no_such_package.thing:Class", ["there is no module no_such_package"]),
         ("tsbench.planners.idm:Nope", ["has no Nope", "Idm"]),
         ("missing.py:Mine", ["there is no file missing.py"]),
