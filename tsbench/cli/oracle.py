@@ -11,6 +11,7 @@ from rich.console import Console
 from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.analyse import write_files
 from tsbench.cli.console import table_console
+from tsbench.cli.options import words_of
 from tsbench.learn.oracle_collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
 from tsbench.learn.oracle_collect import VARIANTS as ALL_VARIANTS
 from tsbench.learn.oracle_collect import collect as collect_drives
@@ -70,7 +71,7 @@ def collect(
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
-    request = Request(_words(planners) or experts(), split, _words(types), limit, variants)
+    request = Request(words_of(planners) or experts(), split, words_of(types), limit, variants)
     options = CollectOptions(request, out, learned_variants, tries, workers)
     found = collect_drives(options, ProgressWatcher(Console(stderr=True)))
     _tell(found, tries)
@@ -123,10 +124,6 @@ def verify(split: str, table: Path | None, limit: int | None) -> None:
     """Replay chosen drives and compare each with its fingerprints."""
     count = verify_drives(table or trajectories_path(), split, limit)
     click.echo(f"{count} drives replayed, all as recorded")
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
 def _tell(found: Collected, tries: int) -> None:

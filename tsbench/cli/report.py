@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
+
+from tsbench.run.executor import own_cores
 
 
 @click.command()
@@ -44,7 +45,7 @@ def report(
         task = bar.add_task("players", total=None)
         written = write_report(
             runs, out, allow_partial=allow_partial, max_mb=max_mb,
-            workers=workers or len(os.sched_getaffinity(0)),
+            workers=workers or own_cores(),
             progress=lambda done, of: bar.update(task, completed=done, total=of),
         )  # fmt: skip
     for note in written.notes:

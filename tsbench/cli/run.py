@@ -10,6 +10,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.console import table_console
+from tsbench.cli.options import words_of
 from tsbench.planners.batched import DEVICES
 from tsbench.run.executor import EXECUTORS
 from tsbench.run.plan import TRACES, VARIANTS, Request
@@ -81,9 +82,8 @@ def run(
 
     Exit codes: 0 complete, 1 with error outcomes or holes, 2 wrong usage or bad input, 130 interrupted.
     """
-    words = tuple(word.strip() for word in types.split(",") if word.strip())
     options = Options(
-        request=Request(planners, split, words, limit, variants),
+        request=Request(planners, split, words_of(types), limit, variants),
         workers=workers, executor=executor, out=out, trace=trace, device=device, mask_signs=mask_signs,
         allow_partial=allow_partial,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from tsbench.cli.console import table_console
-from tsbench.cli.options import jurisdiction_option
+from tsbench.cli.options import jurisdiction_option, words_of
 from tsbench.errors import InputError
 from tsbench.maps.paths import sources_dir
 from tsbench.paths import data_root
@@ -47,10 +47,6 @@ def scenarios() -> None:
     """Build and inspect the scenario tables and scene files."""
 
 
-def _types(text: str) -> tuple[str, ...]:
-    return tuple(t.strip() for t in text.split(",") if t.strip())
-
-
 @scenarios.command()
 @click.option("--types", default="", help="Comma-separated type ids; default: all that have a recipe.")
 @click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: both.")
@@ -61,7 +57,7 @@ def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -
     from tsbench.scenarios.build import BuildRequest, build_scenarios
 
     root = data_root() / "scenarios"
-    request = BuildRequest(_types(types), osm or sources_dir(), root, workers, PROVER, splits or SPLITS)
+    request = BuildRequest(words_of(types), osm or sources_dir(), root, workers, PROVER, splits or SPLITS)
     with _progress() as bar:
         tasks: dict[str, TaskID] = {}
 
@@ -89,7 +85,7 @@ def certify(types: str, split: str | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
     from tsbench.certify.recheck import recheck
 
-    chosen = _types(types)
+    chosen = words_of(types)
     rows = [
         s
         for s in _all_rows()
@@ -223,7 +219,7 @@ def browse(types: str, split: str | None, out: Path, workers: int) -> None:
     from tsbench.run.plan import choose_types
     from tsbench.signs.catalog import load_catalog
 
-    chosen = set(choose_types(_types(types), load_catalog()))
+    chosen = set(choose_types(words_of(types), load_catalog()))
     rows = [s for s in _all_rows() if s.scenario_type in chosen and split in (None, s.split)]
     with _progress() as bar:
         task = bar.add_task("maps", total=None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,10 +12,12 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from tsbench.cli.options import several, words_of
 from tsbench.errors import InputError
 from tsbench.report.bulk import Progress as OnProgress
 from tsbench.report.bulk import Tally
 from tsbench.report.selection import Chosen, Selection, episode_name
+from tsbench.run.executor import own_cores
 
 _FAILURES_SHOWN = 20
 _OPTIONS = (
@@ -40,13 +41,10 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
         violations: bool, types: str, planners: tuple[str, ...], outcomes: tuple[str, ...], workers: int | None,
         **others: Any,
     ) -> None:  # fmt: skip
-        words = tuple(word.strip() for word in types.split(",") if word.strip())
-        selection = Selection(violations, words, planners, outcomes)
-        command(selection=selection, workers=workers or len(os.sched_getaffinity(0)), **others)
+        selection = Selection(violations, words_of(types), planners, outcomes)
+        command(selection=selection, workers=workers or own_cores(), **others)
 
-    for option in reversed(_OPTIONS):
-        called = option(called)
-    return called
+    return several(*_OPTIONS)(called)
 
 
 def check_choice(run: Path, episode: str | None, selection: Selection) -> None:

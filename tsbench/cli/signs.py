@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from tsbench.cli.options import jurisdiction_option, read_country
+from tsbench.cli.options import jurisdiction_option, read_country, words_of
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_countries, write_csv
 from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
@@ -37,7 +37,7 @@ def write_pages(types: str, out: Path) -> None:
     from tsbench.report.sign_pages import PageMaker
 
     maker = PageMaker(out)
-    for name in [t.strip() for t in types.split(",") if t.strip()] or maker.types:
+    for name in words_of(types) or maker.types:
         click.echo(str(maker.write(name)))
     click.echo(str(maker.write_index()))
 

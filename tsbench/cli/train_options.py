@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from tsbench.cli.options import Option
 from tsbench.planners.batched import DEVICES
 
 if TYPE_CHECKING:
     from tsbench.planners.weights import Network
     from tsbench.scenarios.spec import ScenarioSpec
-
-Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -41,27 +38,6 @@ def out(default: str) -> Option:
         "--out", type=click.Path(path_type=Path), default=default, show_default=True, metavar="DIR",
         help="Folder of the training; what it holds of it already is continued.",
     )  # fmt: skip
-
-
-def several(*options: Option) -> Option:
-    """Options in the order in which --help lists them."""
-
-    def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return add
-
-
-def cores() -> int:
-    """That this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-def words_of(types: str) -> tuple[str, ...]:
-    """Type ids and groups between commas."""
-    return tuple(word.strip() for word in types.split(",") if word.strip())
 
 
 def train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:

@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from tsbench.cli import train_options as share
+from tsbench.cli.options import several, words_of
+from tsbench.run.executor import own_cores
 
 
 @click.command()
@@ -27,9 +29,7 @@ from tsbench.cli import train_options as share
     "--validation", default=160, show_default=True, type=click.IntRange(min=1),
     help="Episodes driven after each epoch; the best network is kept.",
 )  # fmt: skip
-@share.several(
-    share.types, share.seed, share.device, share.workers, share.cache_gb, share.out("runs/train-plant2")
-)
+@several(share.types, share.seed, share.device, share.workers, share.cache_gb, share.out("runs/train-plant2"))
 def plant2(
     size: str, episodes: int, epochs: int, drivers: tuple[str, ...], types: str, batch: int, rate: float,
     validation: int, seed: int, device: str, workers: int | None, cache_gb: float, out: Path,
@@ -39,10 +39,10 @@ def plant2(
     from tsbench.learn.imitation_recipe import Recipe
     from tsbench.learn.trainer import Place, train
 
-    words = share.words_of(types)
+    words = words_of(types)
     recipe = Recipe(
         size=size, episodes=episodes, epochs=epochs, drivers=drivers, types=words, batch=batch, rate=rate,
         validation=validation, seed=seed,
     )  # fmt: skip
-    place = Place(out, device, workers or share.cores(), int(cache_gb * 1e9))
+    place = Place(out, device, workers or own_cores(), int(cache_gb * 1e9))
     share.tell(out, train(Imitation(recipe, share.train_rows(words)), place, click.echo))

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.cli import train_options as share
+from tsbench.cli.options import Option, several, words_of
+from tsbench.run.executor import own_cores
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune_recipe import FineTuning
     from tsbench.scenarios.spec import ScenarioSpec
 
 
-def _lessons(drives: int, out: str) -> share.Option:
+def _lessons(drives: int, out: str) -> Option:
     """The options that say which drives are learned from, and with what."""
-    return share.several(
+    return several(
         click.option(
             "--trajectories", type=click.Path(path_type=Path), metavar="FILE",
             help="The oracle's drives; default: those of the data folder.",
@@ -66,7 +68,7 @@ def plant2_ft(
     from tsbench.learn.trainer import Place, train
 
     recipe, rows = _recipe(base=base, epochs=epochs, batch=batch, rate=rate, validation=validation, **lessons)
-    place = Place(out, device, workers or share.cores(), int(cache_gb * 1e9))
+    place = Place(out, device, workers or own_cores(), int(cache_gb * 1e9))
     share.tell(out, train(Obedience(recipe, rows), place, click.echo))
 
 
@@ -78,7 +80,7 @@ def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> N
     from tsbench.learn.finetune_report import report
 
     recipe, rows = _recipe(**lessons)
-    workers = workers or share.cores()
+    workers = workers or own_cores()
     for path in report(lessons_of(rows, recipe), recipe, out, workers, int(cache_gb * 1e9), click.echo):
         click.echo(path)
 
@@ -87,6 +89,6 @@ def _recipe(types: str, trajectories: Path | None, **options: Any) -> tuple[Fine
     from tsbench.learn.finetune_recipe import FineTuning
     from tsbench.learn.trajectories import trajectories_path
 
-    words = share.words_of(types)
+    words = words_of(types)
     path = trajectories or trajectories_path()
     return FineTuning(trajectories=path, types=words, **options), share.train_rows(words)

@@ -8,10 +8,12 @@ from typing import Any
 import click
 
 from tsbench.cli import train_options as share
+from tsbench.cli.options import Option, several, words_of
+from tsbench.run.executor import own_cores
 
 
-def _options(steps: int, out: str) -> share.Option:
-    return share.several(
+def _options(steps: int, out: str) -> Option:
+    return several(
         click.option(
             "--steps", default=steps, show_default=True, type=click.IntRange(min=1),
             help="Decisions (0.3 s each) in all, those of earlier sittings included.",
@@ -44,5 +46,5 @@ def _train(
     from tsbench.learn.rl_config import Job
     from tsbench.learn.rl_train import train  # brings torch
 
-    count = workers or 4 * share.cores()
-    share.tell(out, train(Job(planner, out, steps, count, seed, device, share.words_of(types)), click.echo))
+    count = workers or 4 * own_cores()
+    share.tell(out, train(Job(planner, out, steps, count, seed, device, words_of(types)), click.echo))

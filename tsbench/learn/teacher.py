@@ -14,6 +14,7 @@ from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.idm import Idm
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import RuleSpec
 
 # "Pass on either side".
 _EITHER = "4.2.3"
@@ -51,12 +52,15 @@ class Teacher:
 
 
 @cache
-def _rule() -> Privilege:
-    plate = SignInstance("either", _EITHER, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target")
-    return Privilege(plate, load_catalog().sign(_EITHER).rule)
+def _rule() -> RuleSpec:
+    return load_catalog().sign(_EITHER).rule
 
 
 def _either_side(o: Observation) -> Privilege:
     """What the guard needs to know: which obstacle, here the nearest; and that both sides will do."""
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
-    return replace(_rule(), sign=replace(_rule().sign, params={"obstacle": nearest.id}))
+    known = {"obstacle": nearest.id}
+    plate = SignInstance(
+        "either", _EITHER, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target", params=known
+    )
+    return Privilege(plate, _rule())

@@ -20,10 +20,6 @@ _WINDOW_M = 60.0
 class Led:
     """A base planner without the obstacles beside its route, and without those that it has begun to pass."""
 
-    privileged = False
-    sign_access = False
-    follows_route = False
-
     def __init__(self, base: Planner) -> None:
         self._base = base
 

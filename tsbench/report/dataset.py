@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from math import isnan
 from typing import Any
 
+from tsbench.report.analyses.markdown import markdown_row
 from tsbench.scenarios.overview import TypeStats
 
 ROWS = (
@@ -68,7 +69,7 @@ def to_markdown(stats: Sequence[TypeStats], report: Sequence[dict[str, Any]]) ->
 
 def _markdown(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]:
     lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    return [*lines, *(f"| {' | '.join(c.replace('|', '&#124;') for c in row)} |" for row in cells)]
+    return [*lines, *(markdown_row(row) for row in cells)]
 
 
 def _percent(share: float) -> str:

@@ -12,11 +12,13 @@ def to_markdown(analysis: Analysis) -> str:
     """Title, table, notes, contract."""
     columns = analysis.table.columns
     lines = [f"**{_escape(analysis.title)}**", ""]
-    lines.append(_row(_escape(" ".join(column.head.split("\n"))) for column in columns))
+    lines.append(markdown_row(_escape(" ".join(column.head.split("\n"))) for column in columns))
     lines.append("|" + "|".join("---" if column.kind is Kind.TEXT else "---:" for column in columns) + "|")
     for row in analysis.table.rows:
         lines.append(
-            _row(_cell(lines_of(column, cell)) for column, cell in zip(columns, row.cells, strict=True))
+            markdown_row(
+                _cell(lines_of(column, cell)) for column, cell in zip(columns, row.cells, strict=True)
+            )
         )
     notes = [_escape(note) for note in analysis.notes if note]
     if analysis.contract:
@@ -24,7 +26,8 @@ def to_markdown(analysis: Analysis) -> str:
     return "\n".join([*lines, "", *(f"{note.removesuffix('.')}." for note in notes), ""])
 
 
-def _row(cells: Iterable[str]) -> str:
+def markdown_row(cells: Iterable[str]) -> str:
+    """A line of a table; bars within cells stay text."""
     return "| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |"
 
 
