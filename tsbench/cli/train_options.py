@@ -42,15 +42,21 @@ def out(default: str) -> Option:
 
 def train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups; of all where none is named."""
-    from tsbench.run.plan import choose_types
     from tsbench.scenarios.table import read_table, table_path
-    from tsbench.signs.catalog import load_catalog
 
     rows = read_table(table_path("train"))
     if not words:
         return rows
-    chosen = choose_types(words, load_catalog())
+    chosen = types_of(words)
     return [row for row in rows if row.scenario_type in chosen]
+
+
+def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
+    """The types that some types and groups are; none where none is named."""
+    from tsbench.run.plan import choose_types
+    from tsbench.signs.catalog import load_catalog
+
+    return tuple(sorted(choose_types(words, load_catalog()))) if words else ()
 
 
 def tell(out: Path, made: Network) -> None:

@@ -32,6 +32,10 @@ def _lessons(drives: int, out: str) -> Option:
             help="To learn from, types in turn; 0: all.",
         ),
         click.option(
+            "--more", default="", metavar="TYPES",
+            help="Types and groups that have three drives a turn, comma-separated.",
+        ),
+        click.option(
             "--student", type=share.FOLDER, metavar="DIR",
             help="Folder of plant2-ft's weights that begin a share of the drives; --expert ends them.",
         ),
@@ -85,10 +89,12 @@ def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> N
         click.echo(path)
 
 
-def _recipe(types: str, trajectories: Path | None, **options: Any) -> tuple[FineTuning, list[ScenarioSpec]]:
+def _recipe(
+    types: str, more: str, trajectories: Path | None, **options: Any
+) -> tuple[FineTuning, list[ScenarioSpec]]:
     from tsbench.learn.finetune_recipe import FineTuning
     from tsbench.learn.trajectories import trajectories_path
 
-    words = words_of(types)
+    words, often = words_of(types), share.types_of(words_of(more))
     path = trajectories or trajectories_path()
-    return FineTuning(trajectories=path, types=words, **options), share.train_rows(words)
+    return FineTuning(trajectories=path, types=words, more=often, **options), share.train_rows(words)

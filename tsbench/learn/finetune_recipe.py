@@ -29,15 +29,16 @@ class FineTuning:
 
     base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
     drivers: planners that are driven for frames; none = the oracle's drives in `trajectories`. drives: how many, types
-    in turn; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover` (0 to 1) of the drives, which
-    `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of the rate, for new parameters.
-    cap: greatest share of a family in a batch. Others as in `imitation_recipe.Recipe`.
+    in turn, three a turn of those in `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover`
+    (0 to 1) of the drives, which `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of
+    the rate, for new parameters. cap: greatest share of a family in a batch. Others as in `imitation_recipe.Recipe`.
     """
 
     base: Path | None = None
     trajectories: Path | None = None
     drivers: tuple[str, ...] = ()
     drives: int = 0
+    more: tuple[str, ...] = ()
     student: Path | None = None
     takeover: float = 0.3
     expert: str = "idm-e"
@@ -58,7 +59,8 @@ class FineTuning:
     def facts(self) -> dict[str, Any]:
         """What a training that is continued must have in common with the one before: files by their hashes."""
         found = asdict(self)
-        found["drivers"], found["types"] = list(self.drivers), list(self.types)
+        for name in ("drivers", "types", "more"):
+            found[name] = list(found[name])
         size, found["base"] = begins_with(self.base)
         found["student"] = None if self.student is None else network("plant2-ft", self.student).weights.sha256
         found["trajectories"] = None
@@ -99,7 +101,7 @@ def lessons_of(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
 
 def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     chosen = [row for row in rows if not kept_for_validation(row)]
-    chosen = in_turn(chosen, recipe.drives or len(chosen), recipe.seed, "lessons")
+    chosen = in_turn(chosen, recipe.drives or len(chosen), recipe.seed, "lessons", recipe.more)
     return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
 
 
@@ -114,7 +116,7 @@ def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     chosen = [row for row in rows if row.scenario_id in by_scenario and not kept_for_validation(row)]
     if not chosen:
         raise InputError(f"{recipe.trajectories}: no drives of the train split's scenarios of these types")
-    order = in_turn(chosen, len(chosen), recipe.seed, "lessons")
+    order = in_turn(chosen, len(chosen), recipe.seed, "lessons", recipe.more)
     # The best drive of each scenario first, then the second best ones.
     tries = [(k, row.scenario_id) for k in range(max(map(len, by_scenario.values()))) for row in order]
     drives: list[Drive] = [by_scenario[name][k] for k, name in tries if k < len(by_scenario[name])]

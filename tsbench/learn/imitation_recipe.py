@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,6 +13,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 # Of the train maps, one in so many is kept for the choice of checkpoints.
 _VALIDATION_SHARE = 12
+# Drives of a type that is asked for more of, in each turn.
+_MORE = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +62,17 @@ def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list
     return in_turn([r for r in rows if kept_for_validation(r)], count, seed, "validation")
 
 
-def in_turn(rows: Sequence[ScenarioSpec], count: int, seed: int, what: str) -> list[ScenarioSpec]:
-    """`count` rows: one drawn of each type, then again, until there are enough or no more."""
+def in_turn(
+    rows: Sequence[ScenarioSpec], count: int, seed: int, what: str, more: Collection[str] = ()
+) -> list[ScenarioSpec]:
+    """`count` rows: one drawn of each type (of those in `more`: three), again until there are enough or no more."""
     by_type: dict[str, list[ScenarioSpec]] = {}
     for row in sorted(rows, key=lambda r: r.scenario_id):
         by_type.setdefault(row.scenario_type, []).append(row)
     decks = []
     for name, deck in sorted(by_type.items()):
         order = rng_of("imitation", what, seed, name).permutation(len(deck))
-        decks.append([deck[i] for i in order])
-    longest = max((len(deck) for deck in decks), default=0)
-    turns = [deck[k] for k in range(longest) for deck in decks if k < len(deck)]
+        decks.append(([deck[i] for i in order], _MORE if name in more else 1))
+    longest = max((len(deck) for deck, _ in decks), default=0)
+    turns = [row for k in range(longest) for deck, each in decks for row in deck[k * each : (k + 1) * each]]
     return turns[:count]
