@@ -46,13 +46,20 @@ def test_every_rule_has_a_lesson() -> None:
 
 
 def test_turns_are_slowed_down_for_four_seconds_ahead_and_set_off_after_a_halt() -> None:
-    speeds = np.concatenate((np.full(100, 10.0), np.full(10, 4.0), np.zeros(30), 0.2 * np.arange(1, 41)))
+    speeds = np.concatenate((np.full(100, 10.0), np.full(30, 4.0), np.zeros(30), 0.2 * np.arange(1, 41)))
     obeyed = teacher("4.1.1", speeds)
-    assert wish(obeyed, 50) == pytest.approx(10.0)
-    assert wish(obeyed, 61) == pytest.approx(4.0)
-    assert wish(obeyed, 75) == 0.0
+    assert wish(obeyed, 72) == pytest.approx(4.0)
+    assert wish(obeyed, 95) == 0.0
     # The least from now on would never set off: it stands now.
-    assert wish(obeyed, 134) == pytest.approx(0.4)
+    assert wish(obeyed, 154) == pytest.approx(0.4)
+
+
+def test_other_corners_are_slowed_down_for_as_the_driver_does() -> None:
+    # The decision window begins at 70 m.
+    speeds = np.concatenate((np.full(100, 10.0), np.full(30, 4.0), np.full(40, 10.0)))
+    obeyed = teacher("4.1.1", speeds)
+    assert wish(obeyed, 68) == pytest.approx(10.0)
+    assert wish(obeyed, 72) == pytest.approx(4.0)
 
 
 def test_an_upper_limit_is_kept_with_a_margin_from_four_seconds_before_its_line() -> None:
