@@ -30,7 +30,7 @@ class Pool:
         """The hash that all runs share."""
         return self.runs[0].contract
 
-    @property
+    @cached_property
     def planners(self) -> tuple[str, ...]:
         """Names of the planners that have records, in the order of the published table, others behind."""
         return in_published_order(name for name in self.home if len(self.home[name].of(name)))

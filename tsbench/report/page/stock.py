@@ -36,7 +36,8 @@ class Stock:
 def take_stock(pool: Pool) -> Stock:
     """Look for the traces of a pool's episodes. Raises InputError for a table that cannot be read."""
     rows: list[Row] = [row for run in pool.runs for row in run.episodes.to_pylist()]
-    rows.sort(key=lambda row: (pool.planners.index(row["planner"]), row["scenario_id"]))
+    place = {name: k for k, name in enumerate(pool.planners)}
+    rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
     stories: dict[Key, Row] = {}
     for run in pool.runs:
         for event in read_table(run.path / "violations.parquet").to_pylist():
