@@ -103,7 +103,7 @@ def plate(o: Observation, code: str, value: float | None = None, *, ahead: float
 
 def test_the_sign_that_holds_is_remembered(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory = SignMemory()
+    memory = SignMemory(drive.context.network)
     assert memory.update(o) == 0
     limit = plate(o, "3.24", 20.0)
     assert VOCABULARY[memory.update(replace(o, signs=(limit,))) - 1] == "3.24@20"
@@ -113,6 +113,23 @@ def test_the_sign_that_holds_is_remembered(drive: Recorder) -> None:
     assert VOCABULARY[memory.update(replace(o, signs=(away, elsewhere))) - 1] == "3.24@20"
     assert VOCABULARY[memory.update(replace(o, signs=(plate(o, "2.4"), limit))) - 1] == "2.4"
     assert memory.update(replace(o, signs=(replace(limit, code="", value=None),))) == 0
+
+
+def test_a_secondary_road_announced_to_another_arm_is_to_give_way(drive: Recorder) -> None:
+    o, edges = drive.seen[0], drive.context.network.edges
+    own = edges[o.route.path.edges[0]]
+    other = next(e.id for e in edges.values() if e.target == own.target and e.id != own.id and not e.internal)
+    elsewhere = next(
+        e.id for e in edges.values() if e.target != own.target and e.id not in o.route.path.edges
+    )
+
+    def state(code: str, edge: str) -> int:
+        seen = replace(plate(o, code), edge=edge, heading=o.ego.heading + 2.0)
+        return SignMemory(drive.context.network).update(replace(o, signs=(seen,)))
+
+    for code in ("2.3.1", "2.3.2", "2.3.3"):
+        assert VOCABULARY[state(code, other) - 1] == "2.4"
+    assert state("2.1", other) == state("2.3.1", elsewhere) == state("", other) == 0
 
 
 def test_states_of_plates() -> None:
@@ -142,7 +159,7 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
 
 def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory = SignMemory()
+    memory = SignMemory(drive.context.network)
     begin, end = plate(o, "5.31", 20.0, ahead=-15.0), plate(o, "5.32", 20.0, ahead=10.0)
     assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.31@20"
     end = plate(o, "5.32", 20.0, ahead=-1.0)
@@ -151,7 +168,7 @@ def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
 
 def test_after_a_full_stop_what_is_left_is_to_give_way(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory, stop = SignMemory(), plate(o, "2.5", ahead=2.0)
+    memory, stop = SignMemory(drive.context.network), plate(o, "2.5", ahead=2.0)
     line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
 
     def state(to_line: float, speed: float) -> str:

@@ -20,7 +20,7 @@ class SignTokeniser:
 
     def __init__(self, tokeniser: Tokeniser) -> None:
         self._tokeniser = tokeniser
-        self._memory = SignMemory()
+        self._memory = SignMemory(tokeniser.network)
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds: at every tick, in order; twice is as good as once."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
@@ -46,6 +47,7 @@ def _vocabulary() -> Iterator[str]:
 VOCABULARY: tuple[str, ...] = tuple(_vocabulary())
 _STATE = {word: k + 1 for k, word in enumerate(VOCABULARY)}
 _STOP, _GIVE_WAY = "2.5", "2.4"
+_SECONDARY = frozenset({"2.3.1", "2.3.2", "2.3.3"})
 # Plates that close a zone.
 _ENDS = frozenset({"3.25", "5.22", "5.32"})
 _CLASS = {code: k + 1 for k, row in enumerate(CLASSES) for code in row}
@@ -63,11 +65,13 @@ class SignMemory:
     """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one.
 
     A plate that ends a zone holds from where it is passed. Once the ego has stood before the line, what is left of a
-    stop sign is to give way, and its state is that of 2.4: nothing else tells a planner that it may go on.
+    stop sign is to give way, and its state is that of 2.4: nothing else tells a planner that it may go on. So is that
+    of a crossing with a secondary road that is announced to another arm of the junction ahead: the ego's is that road.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, network: RoadNetwork) -> None:
         self.state = 0
+        self._network = network
         self._path: RoutePath | None = None
         self._edges: frozenset[str] = frozenset()
         self._stood: set[tuple[str, float]] = set()
@@ -77,6 +81,9 @@ class SignMemory:
         if o.route.path is not self._path:
             self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
         for sign in o.signs:
+            if sign.code in _SECONDARY and self._other_arm(sign, o):
+                self.state = _STATE[_GIVE_WAY]
+                break
             if sign.edge not in self._edges or not faces(sign, o.ego.heading):
                 continue
             if sign.code in _ENDS and _ahead(sign, o) > 0.0:
@@ -84,6 +91,12 @@ class SignMemory:
             self.state = self._of(sign, o)
             break
         return self.state
+
+    def _other_arm(self, sign: SignView, o: Observation) -> bool:
+        """Does the plate's road lead to the junction that the ego's leads to, and is another one?"""
+        edges = self._network.edges
+        own = edges[self._network.lanes[o.route.path.lane_at(o.route.s)].edge]
+        return not own.internal and sign.edge not in self._edges and edges[sign.edge].target == own.target
 
     def _of(self, sign: SignView, o: Observation) -> int:
         if sign.code != _STOP:
