@@ -20,7 +20,7 @@ class Plant2FtNetwork(Plant2Network):
     """As `Plant2Network`; its tokens hold the fields of `layout.SIGN_TOKENS`. The wished speed is the new head's."""
 
     # Chosen on kept-out maps: docs/finetuning.md.
-    halts_from: ClassVar[float] = 0.3
+    halts_from: ClassVar[float] = 0.1
 
     def __init__(self, size: str) -> None:
         super().__init__(size)
