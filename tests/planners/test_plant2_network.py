@@ -101,14 +101,9 @@ def test_fine_tuning_begins_with_the_bases_weights() -> None:
 def test_speed_is_the_mean_of_its_classes() -> None:
     logits = np.full(len(at.SPEEDS), -40.0)
     logits[2:4] = 0.0
-    assert wished_speed(logits, 2.0) == pytest.approx((at.SPEEDS[2] + at.SPEEDS[3]) / 2)
-
-
-def test_between_waiting_and_going_it_waits_where_it_is_told_to() -> None:
-    logits = np.full(len(at.SPEEDS), -40.0)
-    logits[[0, 3]] = np.log([0.4, 0.6])
-    assert wished_speed(logits, 2.0) == wished_speed(logits, 0.41) == pytest.approx(0.6 * at.SPEEDS[3])
-    assert wished_speed(logits, 0.39) == 0.0
+    assert wished_speed(logits) == pytest.approx(((at.SPEEDS[2] + at.SPEEDS[3]) / 2, 0.0))
+    logits[0] = 0.0
+    assert wished_speed(logits)[1] == pytest.approx(1.0 / 3.0)
 
 
 def test_foreign_weights_are_refused_in_one_line(tmp_path: Path) -> None:

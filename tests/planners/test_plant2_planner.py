@@ -18,7 +18,7 @@ from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
-from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.planner_ft import Patience, Plant2Ft
 from tsbench.planners.weights import save_weights
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -59,6 +59,31 @@ def test_same_episode_same_commands(drive: Recorder, folder: Path) -> None:
     assert commands(first, drive, signs=False) == once
     assert commands(Plant2(folder=folder), drive, signs=False) == once
     assert len({c.acceleration for c in once}) > 1
+
+
+def test_patience_ends() -> None:
+    patience = Patience(share=0.1, waits=5.0, rise=0.02)
+    assert patience.halts(0.1, 0.0)
+    assert not patience.halts(0.09, 0.0)
+    assert patience.halts(0.3, 14.9)
+    assert not patience.halts(0.3, 15.1)
+    assert not patience.halts(1.0, 60.0)
+
+
+def test_it_halts_where_it_may_have_to_stand_until_it_has_waited(drive: Recorder, folder: Path) -> None:
+    planner, o = Plant2Ft(folder=folder), drive.seen[0]
+    planner.reset(drive.context)
+    plan = np.zeros(1, dtype=PLAN)[0]
+    plan["speed"], plan["standing"] = 4.0, 0.3
+    waiting = replace(o, ego=replace(o.ego, speed=0.0))
+    wishes = []
+    for k in range(200):
+        planner.act(replace(waiting, step=k))
+        wishes.append(planner.wish(plan))
+    assert wishes[140] == 0.0
+    assert wishes[160] == 4.0
+    planner.act(replace(o, step=200))
+    assert planner.wish(plan) == 0.0
 
 
 def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:

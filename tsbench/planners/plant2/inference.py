@@ -55,7 +55,8 @@ def _group(net: Plant2Network, batch: at.Records, slots: int, device: str) -> at
     plan = net(tokens, forecast=False)
     answers: at.Records = np.empty(len(batch), dtype=at.PLAN)
     answers["path"], answers["waypoints"] = plan.path.cpu().numpy(), plan.waypoints.cpu().numpy()
-    answers["speed"] = [wished_speed(logits, net.halts_from) for logits in plan.speed.cpu().numpy()]
+    wishes = [wished_speed(logits) for logits in plan.speed.cpu().numpy()]
+    answers["speed"], answers["standing"] = zip(*wishes, strict=True)
     return answers
 
 
@@ -69,14 +70,11 @@ def tensors(batch: at.Records, slots: int = at.OBJECTS) -> dict[str, torch.Tenso
     return found
 
 
-def wished_speed(logits: Array, halts_from: float) -> float:
-    """The mean of the speed classes, m/s; 0 where standing has at least the share `halts_from`.
-
-    Between waiting and going the mean is to creep, which is neither.
-    """
+def wished_speed(logits: Array) -> tuple[float, float]:
+    """The mean of the speed classes, m/s, and the share of standing."""
     weight = np.exp(logits.astype(np.float64) - float(logits.max()))
     total = weight.sum()
-    return 0.0 if weight[0] >= halts_from * total else float(weight @ _SPEEDS / total)
+    return float(weight @ _SPEEDS / total), float(weight[0] / total)
 
 
 def network_of(size: str, weights: Mapping[str, Any], name: str) -> Plant2Network:

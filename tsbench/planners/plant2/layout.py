@@ -71,5 +71,6 @@ PLAN = np.dtype(
         ("path", np.float32, (PATH_POINTS, 2)),
         ("waypoints", np.float32, (WAYPOINTS, 2)),
         ("speed", np.float64),
+        ("standing", np.float64),
     ],
 )

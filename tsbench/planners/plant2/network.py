@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, cast
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -158,12 +158,10 @@ class ClassProjection(nn.Module):
 class Plant2Network(nn.Module):
     """Tokens in, a plan out. `size`: a name of SIZES.
 
-    Encoded tokens stand in this order: queries, route, limits, patch (`front` of them), objects. A plan halts where its
-    speed has at least the share `halts_from` in standing (above 1: never by that).
+    Encoded tokens stand in this order: queries, route, limits, patch (`front` of them), objects.
     """
 
     front = QUERIES + 3
-    halts_from: ClassVar[float] = 2.0
 
     def __init__(self, size: str) -> None:
         super().__init__()

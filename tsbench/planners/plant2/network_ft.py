@@ -6,7 +6,6 @@ Source: spec/planners.md: 147,976 parameters more at `medium`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -18,9 +17,6 @@ from tsbench.planners.plant2.signs import CLASSES, VOCABULARY
 
 class Plant2FtNetwork(Plant2Network):
     """As `Plant2Network`; its tokens hold the fields of `layout.SIGN_TOKENS`. The wished speed is the new head's."""
-
-    # Chosen on kept-out maps: docs/finetuning.md.
-    halts_from: ClassVar[float] = 0.1
 
     def __init__(self, size: str) -> None:
         super().__init__(size)

@@ -64,7 +64,7 @@ class Plant2:
         points = self._plan["path"] @ np.array([[c, s], [-s, c]]) + (then.x, then.y)
         seen = to_frame(points, (o.ego.x, o.ego.y, o.ego.heading))
         driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
-        return control(seen, float(self._plan["speed"]), o.ego, self._gains, driven)
+        return control(seen, self.wish(self._plan), o.ego, self._gains, driven)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
         """A fresh plan's command for each of several observations on the present roads; as it would be alone."""
@@ -76,8 +76,12 @@ class Plant2:
         assert self._tokeniser is not None, "act before reset"
         return self._tokeniser.tokens(observation)
 
+    def wish(self, plan: Record) -> float:
+        """The speed of a plan, m/s."""
+        return float(plan["speed"])
+
     def _decide(self, observation: Observation, plan: Record) -> Control:
-        return control(plan["path"], float(plan["speed"]), observation.ego, self._gains)
+        return control(plan["path"], self.wish(plan), observation.ego, self._gains)
 
 
 class Plant2Expert(Expert):

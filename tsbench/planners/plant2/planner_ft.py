@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,8 +12,9 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer
 from tsbench.planners.plant2.layout import SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
-from tsbench.planners.plant2.signs import SignMemory, fill_signs
+from tsbench.planners.plant2.signs import STOPPED_MPS, SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
+from tsbench.sim.world import DT_S
 
 
 class SignTokeniser:
@@ -36,8 +38,25 @@ class SignTokeniser:
         return origins
 
 
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """When a plan halts: from which share of standing on, and what is added to it each second (1/s) after `waits` s.
+
+    Between waiting and going the mean speed is to creep, which is neither. The network has no memory: where nothing
+    moves it sees the same for ever, so the share rises with the wait. Chosen on kept-out maps: docs/finetuning.md.
+    """
+
+    share: float = 0.1
+    waits: float = 5.0
+    rise: float = 0.02
+
+    def halts(self, standing: float, waited: float) -> bool:
+        """Does a plan with this share of standing halt after a wait of so many seconds?"""
+        return standing >= self.share + self.rise * max(waited - self.waits, 0.0)
+
+
 class Plant2Ft(Plant2):
-    """The planner. Of earlier ticks it keeps the sign that holds."""
+    """The planner. Of earlier ticks it keeps the sign that holds, and how long it has stood."""
 
     sign_access = True
     weights: ClassVar[str] = "plant2-ft"
@@ -46,17 +65,26 @@ class Plant2Ft(Plant2):
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
         super().__init__(infer, folder)
         self._signs: SignTokeniser
+        self._patience, self._stood = Patience(), 0
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode: no sign holds."""
         super().reset(context)
+        self._stood = 0
         assert self._tokeniser is not None
         self._signs = SignTokeniser(self._tokeniser)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
         self._signs.watch(observation)
+        self._stood = self._stood + 1 if observation.ego.speed <= STOPPED_MPS else 0
         return super().act(observation)
+
+    def wish(self, plan: Record) -> float:
+        """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
+        return (
+            0.0 if self._patience.halts(float(plan["standing"]), self._stood * DT_S) else super().wish(plan)
+        )
 
     def encode(self, observation: Observation) -> Records:
         """(1,) of the network's inputs; in order."""
