@@ -113,6 +113,8 @@ def test_a_run_killed_leaves_no_process_and_is_continued_without_the_cluster(on:
 
 
 def test_a_cluster_without_a_core(on: OnCluster) -> None:
+    # The nodes that the tests before took away count until the cluster has noticed.
+    on.cluster.wait_for_nodes()
     process = on.bench.start(*RUN, "--executor", "ray", "--out", "none")
     _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
