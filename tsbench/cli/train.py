@@ -13,6 +13,10 @@ COMMANDS = {
     "plant2": ("tsbench.cli.train_plant2:plant2", "Imitation of sign-blind driving by a transformer."),
     "plant2-ft": ("tsbench.cli.train_plant2_ft:plant2_ft", "Fine-tuning of plant2 on obedient drives."),
     "frames": ("tsbench.cli.train_plant2_ft:frames", "Look at what plant2-ft is shown."),
+    "measure": (
+        "tsbench.cli.train_measure:measure",
+        "How plant2's or plant2-ft's weights drive on kept-out maps.",
+    ),
 }
 
 

@@ -7,14 +7,22 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from tsbench.errors import SimulationError
 from tsbench.metrics.outcome import Outcome
 from tsbench.planners.plant2.planner import Plant2
-from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.planner_ft import Patience, Plant2Ft
 from tsbench.run.episode import EpisodeRunner
 from tsbench.scenarios.spec import ScenarioSpec
+
+
+class End(NamedTuple):
+    """Of an episode: its outcome, whether the sign was obeyed, its error."""
+
+    outcome: Outcome
+    obeyed: bool
+    error: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,58 +40,80 @@ class Skill:
 class Student(Plant2):
     """The planner with weights from a folder, which hangs on the class: episode runners make planners by name."""
 
-    folder: ClassVar[Path]
+    folder: ClassVar[Path | None]
+    patience: ClassVar[Patience | None] = None
 
     def __init__(self) -> None:
         super().__init__(folder=self.folder)
 
 
 class StudentFt(Plant2Ft):
-    """The same for the one that reads signs."""
+    """The same for the one that reads signs. patience: None = the planner's own."""
 
-    folder: ClassVar[Path]
+    folder: ClassVar[Path | None]
+    patience: ClassVar[Patience | None] = None
 
     def __init__(self) -> None:
         super().__init__(folder=self.folder)
+        self._patience = self.patience or self._patience
 
 
 STUDENTS: Mapping[str, type[Student | StudentFt]] = {"plant2": Student, "plant2-ft": StudentFt}
 
 
 def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
-    """Drive the weights of a planner (of STUDENTS) below `folder` through `rows`.
+    """Drive the weights of a planner (of STUDENTS) below `folder` through `rows`; raises as `drive` and `skill_of`."""
+    return skill_of(drive(planner, folder, rows, workers))
 
-    Raises SimulationError where an episode ends in an error: no skill is averaged over a hole.
+
+def drive(
+    planner: str,
+    folder: Path | None,
+    rows: Sequence[ScenarioSpec],
+    workers: int,
+    patience: Patience | None = None,
+) -> list[End]:
+    """How the episodes of `rows` end, in their order. folder: None = tsbench's own weights. patience: of `plant2-ft`,
+    None = its own.
     """
     shares = [list(rows[k::workers]) for k in range(workers)]
+    same = [[thing] * workers for thing in (planner, folder, patience)]
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        ends = [
-            end for part in pool.map(_drive, [planner] * workers, [folder] * workers, shares) for end in part
-        ]
-    broken = [error for _, _, error in ends if error]
+        parts = list(pool.map(_drive, *same, shares))
+    return [parts[k % workers][k // workers] for k in range(len(rows))]
+
+
+def skill_of(ends: Sequence[End]) -> Skill:
+    """Shares of some episodes.
+
+    Raises SimulationError where an episode ended in an error: no skill is averaged over a hole.
+    """
+    broken = [end.error for end in ends if end.error]
     if broken:
         raise SimulationError(f"validation: {len(broken)} episodes broke off, the first by: {broken[0]}")
     count = max(len(ends), 1)
-    share = {kind: sum(end == kind for end, _, _ in ends) / count for kind in Outcome}
+    share = {kind: sum(end.outcome == kind for end in ends) / count for kind in Outcome}
     return Skill(
         episodes=len(ends), arrived=share[Outcome.ARRIVED], collision=share[Outcome.COLLISION],
         off_road=share[Outcome.OFF_ROAD], timeout=share[Outcome.TIMEOUT],
-        scd=sum(end is Outcome.ARRIVED and obeyed for end, obeyed, _ in ends) / count,
+        scd=sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count,
     )  # fmt: skip
 
 
-def _drive(planner: str, folder: Path, rows: list[ScenarioSpec]) -> list[tuple[Outcome, bool, str]]:
-    """In a process of its own: outcome, compliance and error of each episode."""
+def _drive(
+    planner: str, folder: Path | None, patience: Patience | None, rows: list[ScenarioSpec]
+) -> list[End]:
+    """In a process of its own."""
     import torch
 
     torch.set_num_threads(1)
     student = STUDENTS[planner]
-    student.folder = folder
+    student.folder, student.patience = folder, patience
     runner = EpisodeRunner(f"{__name__}:{student.__name__}", planner)
     ends = []
     for row in rows:
         result = runner.run(row)
         obeyed = result.facts is not None and result.facts.target.compliant
-        ends.append((result.outcome, obeyed, result.error if result.outcome.is_error else ""))
+        ends.append(End(result.outcome, obeyed, result.error if result.outcome.is_error else ""))
     runner.close()
     return ends

@@ -1,0 +1,61 @@
+"""`tsbench train measure`: what weights can do, on the maps that no training learns from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from tsbench.cli import train_options as share
+from tsbench.cli.console import table_console
+from tsbench.cli.options import words_of
+from tsbench.errors import InputError
+from tsbench.run.executor import own_cores
+
+_SHARES = ("arrived", "collision", "off_road", "timeout", "scd")
+_HALTS = ("SHARE", "WAITS", "RISE")
+
+
+@click.command()
+@click.argument("folder", type=share.FOLDER, required=False)
+@click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
+@click.option("--each", default=4, show_default=True, type=click.IntRange(min=1), help="Episodes of a type.")
+@click.option(
+    "--patience", type=(float, float, float), metavar=" ".join(_HALTS),
+    help="Of plant2-ft, instead of its own: from which share of standing it halts, and what is added to that "
+    "each second (1/s) after a wait of so many seconds.",
+)  # fmt: skip
+@share.types
+@share.seed
+@share.workers
+def measure(
+    folder: Path | None, planner: str, each: int, patience: tuple[float, float, float] | None, types: str, seed: int,
+    workers: int | None,
+) -> None:  # fmt: skip
+    """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
+    from tsbench.learn.imitation_recipe import validation_rows
+    from tsbench.learn.imitation_skill import drive, skill_of
+    from tsbench.metrics.intervals import wilson
+    from tsbench.planners.plant2.planner_ft import Patience
+    from tsbench.planners.weights import network
+
+    network(planner, folder)
+    if patience and planner != "plant2-ft":
+        raise InputError(f"--patience: {planner} has none")
+    rows = share.train_rows(words_of(types))
+    rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
+    ends = drive(planner, folder, rows, workers or own_cores(), Patience(*patience) if patience else None)
+    table = Table("type", "n", *(name.replace("_", " ") + " %" for name in _SHARES), box=SIMPLE_HEAD)
+    for kind in sorted({row.scenario_type for row in rows}):
+        skill = skill_of([end for row, end in zip(rows, ends, strict=True) if row.scenario_type == kind])
+        table.add_row(kind, str(skill.episodes), *(f"{100.0 * getattr(skill, name):.1f}" for name in _SHARES))
+    whole = skill_of(ends)
+    table.add_section()
+    table.add_row("all", str(whole.episodes), *(f"{100.0 * getattr(whole, name):.1f}" for name in _SHARES))
+    table_console().print(table)
+    low, high = wilson(round(whole.scd * whole.episodes), whole.episodes)
+    click.echo(
+        f"SCD {100.0 * whole.scd:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}, 95 % interval of Wilson)"
+    )
