@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tsbench.learn.oracle_collect import CollectOptions, chosen, collect, experts
+from tsbench.learn.oracle_collect import CollectOptions, chosen, collect, experts, first_lot
 from tsbench.learn.oracle_runner import OracleRunner, record_of, unpack
 from tsbench.learn.oracle_select import select
 from tsbench.learn.oracle_stats import verify
@@ -135,6 +135,10 @@ def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
     assert len(four) == 4 * len(maps)
     assert chosen(table, 10) == table
     assert len({r.variant for r in four}) == 10
+    # Three experts with four variants each drive all ten between them.
+    lots = [first_lot(name) for name in ("ppo-e", "carl-e", "plant2-e")]
+    assert sorted(lots) == [0, 3, 6]
+    assert {r.scenario_id for lot in lots for r in chosen(table, 4, lot)} == {r.scenario_id for r in table}
 
 
 def collected(out: Path, workers: int) -> list[str]:

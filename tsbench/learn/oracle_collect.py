@@ -121,9 +121,9 @@ def _collect(
     collection: Collection, watcher: Watcher,
 ) -> Collected:  # fmt: skip
     wanted = {
-        str(p["name"]): chosen(
-            plan.scenarios, options.learned_variants if kind_of(p) == LEARNED else VARIANTS
-        )
+        str(p["name"]): chosen(plan.scenarios, options.learned_variants, first_lot(str(p["name"])))
+        if kind_of(p) == LEARNED
+        else list(plan.scenarios)
         for p in planners
     }
     journal = collection.journal
@@ -165,20 +165,24 @@ def _collect(
     return collected
 
 
-def chosen(rows: Sequence[ScenarioSpec], variants: int) -> list[ScenarioSpec]:
-    """Of each type and map, `variants` rows by lot, order kept; fewer are a part of more."""
-    if variants == VARIANTS:
-        return list(rows)
+def first_lot(expert: str) -> int:
+    """Where in the lots of a map's variants an expert with a network begins: registered ones share the ten evenly.
+
+    So a few of them with few variants each still drive every variant once. One that is not registered begins first.
+    """
+    learned = [name for name in experts() if entry(name).weights is not None]
+    return VARIANTS * learned.index(expert) // len(learned) if expert in learned else 0
+
+
+def chosen(rows: Sequence[ScenarioSpec], variants: int, first: int = 0) -> list[ScenarioSpec]:
+    """Of each type and map, the `variants` rows from lot `first` on, order kept; fewer are a part of more."""
     by_map: dict[tuple[str, str], list[ScenarioSpec]] = {}
     for row in rows:
         by_map.setdefault((row.scenario_type, row.map_id), []).append(row)
-    kept = {
-        row.scenario_id
-        for group in by_map.values()
-        for row in sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))[
-            :variants
-        ]
-    }
+    kept: set[str] = set()
+    for group in by_map.values():
+        lots = sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))
+        kept.update(r.scenario_id for r in (lots[first:] + lots[:first])[:variants])
     return [row for row in rows if row.scenario_id in kept]
 
 
