@@ -17,8 +17,8 @@ run: setup
 test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 
-# Everything in docs/results.md: all planners on one scene of each test map, plant2-ft once more with signs masked, the
-# analyses and the report. Goes on where it was stopped.
+# All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
+# in docs/results.md and README.md, and the report. Goes on where it was stopped.
 BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
 PLANNERS := $(BASES) $(addsuffix -e,$(BASES)) plant2-ft
 results: setup
@@ -29,6 +29,7 @@ results: setup
 	for name in main types intervals correlations failures; do \
 		$(BIN)/tsbench analyse $$name runs/results --out runs/results/analyses || exit; done
 	$(BIN)/tsbench analyse ablation runs/results runs/results-masked --out runs/results/analyses
+	$(BIN)/tsbench analyse pages docs/results.md README.md --from runs/results/analyses
 	$(BIN)/tsbench report runs/results
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.

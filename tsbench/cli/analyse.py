@@ -59,3 +59,25 @@ def _command(name: str, line: str) -> None:
 
 for _name, _line in _KINDS.items():
     _command(_name, _line)
+
+
+@analyse.command(short_help="Put tables and figures of analyses into Markdown pages that ask for them.")
+@click.argument("pages", nargs=-1, required=True, metavar="PAGE…", type=click.Path(path_type=Path))
+@click.option(
+    "--from", "folder", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True
+)
+def pages(pages: tuple[Path, ...], folder: Path) -> None:
+    """Put tables and figures of analyses into Markdown pages, where comments ask for them.
+
+    \b
+    <!-- analysis main | columns planner, SCD all | contract -->
+    <!-- end -->
+    <!-- analysis types | bare -->            without intervals
+    <!-- end -->
+    <!-- figure types -->                     the picture of the next line
+    """
+    from tsbench.report.analyses.pages import refresh
+
+    for page in pages:
+        for path in refresh(page, folder):
+            click.echo(str(path))

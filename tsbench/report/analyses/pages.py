@@ -1,0 +1,90 @@
+"""Markdown pages that hold tables and figures of analyses: what stands between two marks is written anew.
+
+A page asks by comments, which readers do not see:
+
+<!-- analysis main | columns planner, figure, SCD all | contract -->      the table of main.md, some columns of it
+<!-- end -->
+<!-- analysis types | bare -->       values without intervals and counts
+<!-- end -->
+<!-- figure types -->                types.png is copied to where the next line's picture is
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tsbench.errors import InputError
+from tsbench.run.files import told_plainly, write_atomic
+
+_BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
+_OPENED = re.compile(r"<!-- analysis ")
+_FIGURE = re.compile(r"<!-- figure (\S+) -->\n!\[[^\]]*\]\(([^)]+)\)")
+_CONTRACT = re.compile(r"Contract `[0-9a-f]+`")
+_BESIDE = ("n", "figure")
+_INTERVAL = re.compile(r" \([^()]*\)$")
+
+
+def refresh(page: Path, folder: Path) -> list[Path]:
+    """Fill a page from the files of `tsbench analyse` below `folder`; returns what was written.
+
+    Raises InputError: no page, a mark without its end, an analysis, figure or column that is not there.
+    """
+    text = page.read_text(encoding="utf-8") if page.is_file() else ""
+    blocks = _BLOCK.findall(text)
+    if not blocks and not _FIGURE.search(text):
+        raise InputError(f"{page}: no page that asks for analyses (<!-- analysis NAME --> … <!-- end -->)")
+    if len(blocks) != len(_OPENED.findall(text)):
+        raise InputError(
+            f"{page}: an <!-- analysis … --> has no <!-- end -->, or options that cannot be read"
+        )
+
+    def fill(found: re.Match[str]) -> str:
+        name, options, _ = found.groups()
+        told = _told(page, folder / f"{name}.md")
+        words = [word.strip() for word in options.split(" | ") if word.strip()]
+        return f"<!-- analysis {name}{options} -->\n{_table(page, told, words)}\n<!-- end -->"
+
+    written = []
+    for name, place in _FIGURE.findall(text):
+        target = page.parent / place
+        with told_plainly(folder / f"{name}.png"):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(target, (folder / f"{name}.png").read_bytes())
+        written.append(target)
+    with told_plainly(page):
+        write_atomic(page, _BLOCK.sub(fill, text).encode())
+    return [page, *written]
+
+
+def _told(page: Path, path: Path) -> str:
+    if not path.is_file():
+        raise InputError(
+            f"{page}: asks for {path}, which is not there (tsbench analyse {path.stem} makes it)"
+        )
+    return path.read_text(encoding="utf-8")
+
+
+def _table(page: Path, told: str, words: list[str]) -> str:
+    """The table of an analysis's Markdown as a page wants it."""
+    rows = [line[2:-2].split(" | ") for line in told.splitlines() if line.startswith("| ")]
+    rule = next(line[1:-1].split("|") for line in told.splitlines() if line.startswith("|---"))
+    head, columns = rows[0], list(range(len(rows[0])))
+    lines_after: list[str] = []
+    for word in words:
+        if word == "bare":
+            rows = [rows[0], *([_INTERVAL.sub("", cell) for cell in row] for row in rows[1:])]
+            columns = [i for i in columns if head[i] not in _BESIDE]
+        elif word == "contract":
+            lines_after = ["", f"{_CONTRACT.findall(told)[-1]}."] if _CONTRACT.search(told) else []
+        elif word.startswith("columns "):
+            wanted = [name.strip() for name in word.removeprefix("columns ").split(",")]
+            missing = [name for name in wanted if name not in head]
+            if missing:
+                raise InputError(f"{page}: no column {missing[0]!r}; there are {', '.join(head)}")
+            columns = [head.index(name) for name in wanted]
+        else:
+            raise InputError(f"{page}: {word!r} is none of: bare, contract, columns A, B, …")
+    lines = [f"| {' | '.join(row[i] for i in columns)} |" for row in rows]
+    lines.insert(1, f"|{'|'.join(rule[i] for i in columns)}|")
+    return "\n".join([*lines, *lines_after])
