@@ -22,6 +22,7 @@ from tsbench.scenarios.certificates import (
     write_certificates,
 )
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.screening import Screener
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import Actors
 
@@ -52,6 +53,15 @@ def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
     assert (c.tempted, c.tempted_outcome, c.attempt, c.reproduced) == ("idm", "arrived", 2, None)
     assert 14.0 < c.expert_time_s < 40.0
     assert math.isnan(c.arrival_gap_s)
+
+
+def test_who_breaks_the_rule_of_a_scene(maker: SceneMaker) -> None:
+    screener = Screener(simulation(), maker.root)
+    assert [screener.breaks(name, scene(maker, "tempts")) for name in ("idm", "idm-e")] == [True, False]
+    # Not enough time to reach the plate, and no episode at all: nobody was seen breaking anything.
+    assert not screener.breaks("idm", scene(maker, "short", horizon=5))
+    gone = replace(scene(maker, "gone"), additional="scenes/nowhere.add.xml.gz")
+    assert not screener.breaks("idm", gone)
 
 
 def test_a_scene_that_does_not_tempt(maker: SceneMaker) -> None:

@@ -202,18 +202,26 @@ class Recorder:
     """Proves nothing: every row is called solved and tempting; `asked` holds what the builder measured."""
 
     def __init__(
-        self, verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True)
+        self,
+        verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True),
+        broken: Callable[[int], bool] = lambda _: True,
     ) -> None:
-        self.verdicts = verdicts
+        self.verdicts, self.broken = verdicts, broken
+        self.attempt = -1
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         solved, tempting = self.verdicts(spec, attempt)
+        self.attempt = attempt
         return Certificate(
             spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, tempted,
             "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", None,
         )  # fmt: skip
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        assert (planner, spec.scenario_type) == ("reckless", "yield")
+        return self.broken(self.attempt)
 
 
 def build(
@@ -222,6 +230,7 @@ def build(
     monkeypatch: pytest.MonkeyPatch,
     numbers: tuple[int, ...],
     prover: Recorder | None = None,
+    breaker: str = "",
 ) -> Site:
     """A site of some of its variants, from the hand-made crop."""
     row, crop = MAPS[type_id]
@@ -231,7 +240,8 @@ def build(
 
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
     monkeypatch.setattr(site_module, "variants_of", some)
-    builder = SiteBuilder(recipe_of(type_id), root, simulation(), prover or Recorder())
+    recipe = replace(recipe_of(type_id), breaker=breaker)
+    builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
 
 
@@ -302,3 +312,15 @@ def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     SceneLoader(tmp_path).load(site.rows[1])
     dull = build("yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
+
+
+def test_a_draw_that_its_breaker_does_not_break_is_drawn_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = Recorder(broken=lambda attempt: attempt == 2)
+    site = build("yield", tmp_path, monkeypatch, (0,), late, breaker="reckless")
+    assert [c.attempt for c in site.certificates] == [2]
+    # Where none of the draws shows it, the first that is solved and tempts is as good as any.
+    never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
+    site = build("yield", tmp_path / "never", monkeypatch, (0,), never, breaker="reckless")
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

@@ -20,7 +20,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.countries import Country
 
-PROVER = "tsbench.certify.prover:Prover"
+PROVER = "tsbench.screening:Screener"
 
 
 def _all_rows() -> list[ScenarioSpec]:

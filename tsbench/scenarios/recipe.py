@@ -14,7 +14,7 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
-_MAY = {"tempted"}
+_MAY = {"tempted", "breaker"}
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Recipe:
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
     as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
-    (spec/scenes.md, "Certification").
+    (spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody; asked
+    for where traffic often ends that driver's episode first.
     """
 
     type: ScenarioType
@@ -34,6 +35,7 @@ class Recipe:
     numbers: dict[str, float]
     choices: dict[str, list[Any]]
     tempted: str = "idm"
+    breaker: str = ""
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -78,6 +80,7 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         numbers={str(k): float(v) for k, v in data["numbers"].items()},
         choices={str(k): list(v) for k, v in data["choices"].items()},
         tempted=str(data.get("tempted", "idm")),
+        breaker=str(data.get("breaker", "")),
     )
 
 

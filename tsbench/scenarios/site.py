@@ -48,7 +48,8 @@ DENSITY_GOAL = 0.1
 REHEARSALS = 4
 
 
-# How often a variant is drawn anew until an expert solves it and it tempts, and how many of ten may not tempt.
+# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; how many of ten may not
+# tempt.
 ATTEMPTS = 4
 UNTEMPTING_MOST = 1
 
@@ -64,6 +65,9 @@ class Prover(Protocol):
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         """The certificate of a row. asked, realised: cars per lane-km."""
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        """Does `planner` (as `tsbench run` names it) break the rule of the row's sign?"""
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ class SiteBuilder:
     def _proven(
         self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str
     ) -> tuple[ScenarioSpec, Certificate | None]:
-        """The first draw that is solved and tempts; where none tempts, the first that is solved."""
+        """The first draw that is solved, tempts and shows its breaker; else the first that lacks least."""
         spare: Certificate | None = None
         reason = "no draw"
         for attempt in range(ATTEMPTS):
@@ -136,14 +140,20 @@ class SiteBuilder:
                 return spec, None
             found = self.prover.prove(spec, self.recipe.tempted, attempt, variant.cars_per_lane_km, density)
             if found.solvable and found.sane:
-                if found.tempting:
+                if found.tempting and self._broken(spec):
                     return spec, found
-                spare = spare or found
+                if spare is None or (found.tempting and not spare.tempting):
+                    spare = found
             else:
                 reason = _why_not(found)
         if spare is None:
             raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {reason}")
         return self._variant(row, roads, folder, variant, split, spare.attempt)[0], spare
+
+    def _broken(self, spec: ScenarioSpec) -> bool:
+        """Does the recipe's breaker, if it names one, break the rule before anything else ends its drive?"""
+        breaker = self.recipe.breaker
+        return not breaker or self.prover is None or self.prover.breaks(breaker, spec)
 
     def _variant(
         self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str, attempt: int

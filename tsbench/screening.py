@@ -1,0 +1,18 @@
+"""What the builder of scenes asks of a draw: its certificate, and whether a driver who should break the rule does.
+
+It stands beside `certify`, whose sources are the fingerprint of certificates: what is asked of draws changes none.
+"""
+
+from __future__ import annotations
+
+from tsbench.certify.prover import Prover
+from tsbench.scenarios.spec import ScenarioSpec
+
+
+class Screener(Prover):
+    """A prover that also sees through drivers who are no part of a proof. Runs in the process's one simulation."""
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""
+        facts = self._drive(planner, spec).facts
+        return facts is not None and not facts.target.compliant
