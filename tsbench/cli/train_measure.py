@@ -47,7 +47,8 @@ def measure(
     rows = share.train_rows(words_of(types))
     rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
     ends = drive(planner, folder, rows, workers or own_cores(), Patience(*patience) if patience else None)
-    table = Table("type", "n", *(name.replace("_", " ") + " %" for name in _SHARES), box=SIMPLE_HEAD)
+    heads = (name.replace("_", " ") for name in _SHARES)
+    table = Table("type", "n", *heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
     for kind in sorted({row.scenario_type for row in rows}):
         skill = skill_of([end for row, end in zip(rows, ends, strict=True) if row.scenario_type == kind])
         table.add_row(kind, str(skill.episodes), *(f"{100.0 * getattr(skill, name):.1f}" for name in _SHARES))
