@@ -39,8 +39,8 @@ def page(tmp_path: Path, text: str) -> Path:
 def test_what_stands_between_the_marks_is_written_anew_and_nothing_else(tmp_path: Path, folder: Path) -> None:
     text = (
         "# Title\n<!-- analysis main | columns planner, SCD all | contract -->\nold\n<!-- end -->\nProse.\n"
-        "<!-- analysis main | bare --><!-- no mark -->\n"
-    ).replace("<!-- analysis main | bare --><!-- no mark -->", "<!-- analysis main | bare -->\n<!-- end -->")
+        "<!-- analysis main | bare -->\n<!-- end -->\n"
+    )
     path = page(tmp_path, text)
     assert refresh(path, folder) == [path]
     assert path.read_text(encoding="utf-8") == (

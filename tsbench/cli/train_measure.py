@@ -15,7 +15,6 @@ from tsbench.errors import InputError
 from tsbench.run.executor import own_cores
 
 _SHARES = ("arrived", "collision", "off_road", "timeout", "scd")
-_HALTS = ("SHARE", "WAITS", "RISE")
 
 
 @click.command()
@@ -23,7 +22,7 @@ _HALTS = ("SHARE", "WAITS", "RISE")
 @click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
 @click.option("--each", default=4, show_default=True, type=click.IntRange(min=1), help="Episodes of a type.")
 @click.option(
-    "--patience", type=(float, float, float), metavar=" ".join(_HALTS),
+    "--patience", type=(float, float, float), metavar="SHARE WAITS RISE",
     help="Of plant2-ft, instead of its own: from which share of standing it halts, and what is added to that "
     "each second (1/s) after a wait of so many seconds.",
 )  # fmt: skip
@@ -49,12 +48,15 @@ def measure(
     ends = drive(planner, folder, rows, workers or own_cores(), Patience(*patience) if patience else None)
     heads = (name.replace("_", " ") for name in _SHARES)
     table = Table("type", "n", *heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
-    for kind in sorted({row.scenario_type for row in rows}):
-        skill = skill_of([end for row, end in zip(rows, ends, strict=True) if row.scenario_type == kind])
-        table.add_row(kind, str(skill.episodes), *(f"{100.0 * getattr(skill, name):.1f}" for name in _SHARES))
-    whole = skill_of(ends)
-    table.add_section()
-    table.add_row("all", str(whole.episodes), *(f"{100.0 * getattr(whole, name):.1f}" for name in _SHARES))
+    kinds = [row.scenario_type for row in rows]
+    skills = {
+        kind: skill_of([end for k, end in zip(kinds, ends, strict=True) if k == kind])
+        for kind in sorted(set(kinds))
+    }
+    skills["all"] = whole = skill_of(ends)
+    for name, skill in skills.items():
+        shares = (f"{100.0 * getattr(skill, share):.1f}" for share in _SHARES)
+        table.add_row(name, str(skill.episodes), *shares)
     table_console().print(table)
     low, high = wilson(round(whole.scd * whole.episodes), whole.episodes)
     click.echo(

@@ -41,7 +41,6 @@ class Student(Plant2):
     """The planner with weights from a folder, which hangs on the class: episode runners make planners by name."""
 
     folder: ClassVar[Path | None]
-    patience: ClassVar[Patience | None] = None
 
     def __init__(self) -> None:
         super().__init__(folder=self.folder)
@@ -108,7 +107,7 @@ def _drive(
 
     torch.set_num_threads(1)
     student = STUDENTS[planner]
-    student.folder, student.patience = folder, patience
+    student.folder, StudentFt.patience = folder, patience
     runner = EpisodeRunner(f"{__name__}:{student.__name__}", planner)
     ends = []
     for row in rows:

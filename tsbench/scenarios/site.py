@@ -140,7 +140,8 @@ class SiteBuilder:
                 return spec, None
             found = self.prover.prove(spec, self.recipe.tempted, attempt, variant.cars_per_lane_km, density)
             if found.solvable and found.sane:
-                if found.tempting and self._broken(spec):
+                breaker = self.recipe.breaker
+                if found.tempting and (not breaker or self.prover.breaks(breaker, spec)):
                     return spec, found
                 if spare is None or (found.tempting and not spare.tempting):
                     spare = found
@@ -149,11 +150,6 @@ class SiteBuilder:
         if spare is None:
             raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {reason}")
         return self._variant(row, roads, folder, variant, split, spare.attempt)[0], spare
-
-    def _broken(self, spec: ScenarioSpec) -> bool:
-        """Does the recipe's breaker, if it names one, break the rule before anything else ends its drive?"""
-        breaker = self.recipe.breaker
-        return not breaker or self.prover is None or self.prover.breaks(breaker, spec)
 
     def _variant(
         self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str, attempt: int

@@ -15,6 +15,7 @@ import re
 from pathlib import Path
 
 from tsbench.errors import InputError
+from tsbench.report.analyses.markdown import markdown_row
 from tsbench.run.files import told_plainly, write_atomic
 
 _BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
@@ -45,6 +46,7 @@ def refresh(page: Path, folder: Path) -> list[Path]:
         words = [word.strip() for word in options.split(" | ") if word.strip()]
         return f"<!-- analysis {name}{options} -->\n{_table(page, told, words)}\n<!-- end -->"
 
+    filled = _BLOCK.sub(fill, text)
     written = []
     for name, place in _FIGURE.findall(text):
         target = page.parent / place
@@ -53,7 +55,7 @@ def refresh(page: Path, folder: Path) -> list[Path]:
             write_atomic(target, (folder / f"{name}.png").read_bytes())
         written.append(target)
     with told_plainly(page):
-        write_atomic(page, _BLOCK.sub(fill, text).encode())
+        write_atomic(page, filled.encode())
     return [page, *written]
 
 
@@ -85,6 +87,6 @@ def _table(page: Path, told: str, words: list[str]) -> str:
             columns = [head.index(name) for name in wanted]
         else:
             raise InputError(f"{page}: {word!r} is none of: bare, contract, columns A, B, …")
-    lines = [f"| {' | '.join(row[i] for i in columns)} |" for row in rows]
+    lines = [markdown_row(row[i] for i in columns) for row in rows]
     lines.insert(1, f"|{'|'.join(rule[i] for i in columns)}|")
     return "\n".join([*lines, *lines_after])
