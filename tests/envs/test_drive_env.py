@@ -87,6 +87,13 @@ def test_a_seed_decides_the_scenarios(env: DriveEnv) -> None:
     assert drawn(7) != drawn(8)
 
 
+def test_more_of_a_type_is_drawn_three_times_as_often() -> None:
+    made = DriveEnv(split="test", types="speed_limit,yield", more="yield")
+    kinds = [row.scenario_type for row in made._rows]
+    assert (kinds.count("yield"), kinds.count("speed_limit")) == (600, 200)
+    assert len(made._by_id) == 400
+
+
 def test_the_route_is_worth_one(env: DriveEnv) -> None:
     name = next(r.scenario_id for r in env._rows if r.scenario_type == "speed_limit" and r.variant == 0)
     env.reset(options={"scenario_id": name})
@@ -137,6 +144,7 @@ def test_masked_signs_have_no_code() -> None:
         ({"observation": "lidar"}, "observation 'lidar'"),
         ({"action": "pedals"}, "action 'pedals'"),
         ({"types": "nonsense"}, "nonsense"),
+        ({"more": "nothing"}, "nothing"),
         ({"hold": 0}, "hold 0"),
     ],
 )

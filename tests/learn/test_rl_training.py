@@ -186,10 +186,12 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     record["draw"] = 0.5
     assert np.isfinite(Ppo(tmp_path).infer(record)["action"]).all()
 
-    second = rl_train.train(replace(job, steps=32), told.append)
+    second = rl_train.train(replace(job, steps=32, rate=1e-4, more=("speed",)), told.append)
     after = load_file(tmp_path / "checkpoint.safetensors")
     assert second.training["steps"] == 32
     assert second.training["sittings"] == 2
+    assert (first.training["hyper"]["rate"], second.training["hyper"]["rate"]) == (3e-4, 1e-4)
+    assert (first.training["more"], second.training["more"]) == ([], ["speed"])
     assert second.weights.sha256 != first.weights.sha256
     assert after["adam.0.step"] == 2 * before["adam.0.step"] > 0
     assert any("continues at 16 of 32" in line for line in told)

@@ -22,6 +22,14 @@ def _options(steps: int, out: str) -> Option:
             "--workers", type=click.IntRange(min=1), metavar="N",
             help="Processes that drive, one simulation each; default: four per core.",
         ),
+        click.option(
+            "--rate", type=click.FloatRange(min=0.0, min_open=True),
+            help="Learning rate that this sitting begins with; it falls to a tenth. Default: the planner's.",
+        ),
+        click.option(
+            "--more", default="", metavar="TYPES",
+            help="Types and groups drawn three times as often, comma-separated.",
+        ),
         share.seed, share.types, share.device, share.out(out),
     )  # fmt: skip
 
@@ -40,11 +48,10 @@ def carl(**options: Any) -> None:
     _train("carl", **options)
 
 
-def _train(
-    planner: str, steps: int, workers: int | None, seed: int, types: str, device: str, out: Path
-) -> None:
+def _train(planner: str, workers: int | None, types: str, more: str, out: Path, **options: Any) -> None:
     from tsbench.learn.rl_config import Job
     from tsbench.learn.rl_train import train  # brings torch
 
     count = workers or 4 * own_cores()
-    share.tell(out, train(Job(planner, out, steps, count, seed, device, words_of(types)), click.echo))
+    job = Job(planner, out, workers=count, types=words_of(types), more=words_of(more), **options)
+    share.tell(out, train(job, click.echo))

@@ -30,6 +30,8 @@ from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
+# Times that a row of a type in `more` is in the draw.
+_MORE = 3
 # Not arriving in time is a failure with its price, and no arbitrary cut.
 _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 
@@ -40,7 +42,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     split: train | test. types: type ids and groups (a sequence, or words between commas), empty = all. observation:
     vector (275,) | bev (raster and measurements) | objects. action: aim (acceleration, place beside the route) |
     steer (acceleration, steering angle), both (2,) in -1..1. hold: ticks of 0.1 s per step. variants: as in `tsbench
-    run`. mask_signs: remove sign identity (of `objects`). reward: figures of the reward.
+    run`. mask_signs: remove sign identity (of `objects`). reward: figures of the reward. more: types and groups whose
+    scenarios are drawn three times as often.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
@@ -55,6 +58,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         variants: str = "all",
         mask_signs: bool = False,
         reward: RewardSpec | None = None,
+        more: str | Sequence[str] = (),
     ) -> None:
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
@@ -62,13 +66,15 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         _known("variants", variants, VARIANTS)
         if hold < 1:
             raise InputError(f"hold {hold}: expected at least 1 tick")
-        words = types.split(",") if isinstance(types, str) else types
-        chosen = choose_types([w.strip() for w in words if w.strip()], load_catalog())
+        chosen = choose_types(_words(types), load_catalog())
         rows = [row for row in read_table(table_path(split)) if row.scenario_type in chosen]
         self._rows = choose_variants(rows, variants)
         if not self._rows:
             raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
         self._by_id = {row.scenario_id: row for row in self._rows}
+        if often := _words(more):
+            kinds = choose_types(often, load_catalog())
+            self._rows += (_MORE - 1) * [row for row in self._rows if row.scenario_type in kinds]
         self._seen = KINDS[observation]()
         self._act = ACTIONS[action]
         self._hold, self._mask = hold, mask_signs
@@ -85,7 +91,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         named = (options or {}).get("scenario_id")
         if named is not None and named not in self._by_id:
-            raise InputError(f"scenario {named!r}: not among the {len(self._rows)} of this environment")
+            raise InputError(f"scenario {named!r}: not among the {len(self._by_id)} of this environment")
         row = (
             self._rows[int(self.np_random.integers(len(self._rows)))] if named is None else self._by_id[named]
         )
@@ -142,6 +148,11 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._turn = None
         if course().driver is self:
             course().close()
+
+
+def _words(asked: str | Sequence[str]) -> list[str]:
+    words = asked.split(",") if isinstance(asked, str) else asked
+    return [word.strip() for word in words if word.strip()]
 
 
 def _known(name: str, value: str, known: Any) -> None:

@@ -51,7 +51,10 @@ HYPER: Mapping[str, Hyper] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`."""
+    """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`.
+
+    rate: of Adam at the start of this sitting, None = the planner's. more: types and groups drawn three times as often.
+    """
 
     planner: str
     out: Path
@@ -60,6 +63,8 @@ class Job:
     seed: int
     device: str
     types: tuple[str, ...]
+    rate: float | None = None
+    more: tuple[str, ...] = ()
 
     def facts(self) -> dict[str, object]:
         """What a training that is continued must have in common with the one before."""

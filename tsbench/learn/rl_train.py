@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -40,11 +41,14 @@ def train(job: Job, tell: Callable[[str], None]) -> Network:
     A driving process that dies (SUMO can) costs what was learned since the last checkpoint, no more.
     Raises KeyboardInterrupt when it is interrupted or terminated: the same call continues.
     """
-    prepare(job.out, job.device, HYPER[job.planner].threads)
+    hyper = HYPER[job.planner]
+    if job.rate is not None:
+        hyper = replace(hyper, rate=job.rate)
+    prepare(job.out, job.device, hyper.threads)
     keep_freed_memory()
     for deaths in range(_DEATHS):
         try:
-            return _sitting(job, HYPER[job.planner], deaths, tell)
+            return _sitting(job, hyper, deaths, tell)
         except (EOFError, ConnectionError):
             tell("a driving process died: goes on from the last checkpoint")
     raise SimulationError(f"driving processes died {_DEATHS} times: {job.out} has the last checkpoint")
@@ -98,6 +102,7 @@ def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
                 types=job.types,
                 observation=hyper.observation,
                 hold=HOLD_TICKS,
+                more=job.more,
             )
         )
 
@@ -128,6 +133,7 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
         "steps": progress.steps,
         "minutes": round(progress.seconds / 60.0, 1),
         "sittings": progress.sittings,
+        "more": list(job.more),
         "workers": job.workers,
         "device": job.device,
         "hyper": {name: getattr(hyper, name) for name in Hyper.__slots__},
