@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,6 +44,17 @@ def test_types_and_groups(plan_of, word: str) -> None:
 
 def test_limit_touches_types_and_maps(plan_of) -> None:
     assert ids(plan_of(limit=3)) == ["speed_limit-000-0", "yield-000-0", "yield-001-0"]
+
+
+def test_limit_keeps_to_the_lot_of_one_per_map(plan_of) -> None:
+    drawn = {row.scenario_type: row for row in plan_of(variants="one-per-map", limit=2).scenarios}
+    whole = plan_of(variants="one-per-map").scenarios
+    assert {row.variant for row in drawn.values()} != {0}
+    for kind, row in drawn.items():
+        lots = {
+            hashlib.sha256(r.scenario_id.encode()).hexdigest(): r for r in whole if r.scenario_type == kind
+        }
+        assert row == lots[min(lots)]
 
 
 def test_variants(plan_of) -> None:

@@ -43,7 +43,10 @@ def oracle() -> None:
 @_split
 @click.option("--types", metavar="TYPE,GROUP,…", default="", help="Scenario types or groups; default: all.")
 @click.option(
-    "--limit", type=click.IntRange(min=1), metavar="N", help="Scenarios: types in turn, nominal first."
+    "--limit",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Scenarios: types in turn, nominal first; of one per map, by lot.",
 )
 @click.option(
     "--variants", type=click.Choice(VARIANTS), default="all", show_default=True,

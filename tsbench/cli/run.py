@@ -37,7 +37,7 @@ EXIT_ERRORS = 1
     "--limit",
     type=click.IntRange(min=1),
     metavar="N",
-    help="Scenarios for each planner: types in turn, nominal first.",
+    help="Scenarios for each planner: types in turn, nominal ones first; of one per map, by lot.",
 )
 @click.option(
     "--variants",

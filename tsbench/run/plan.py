@@ -66,7 +66,9 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
         raise InputError(f"{path}: has no scenario of {', '.join(missing or request.types) or 'any type'}")
     chosen = choose_variants(chosen, request.variants)
     if request.limit is not None:
-        chosen = spread(chosen, types, request.limit)
+        # What was drawn by lot is not narrowed to nominal variants by a limit.
+        first = _draw if request.variants == "one-per-map" else _nominal
+        chosen = spread(sorted(chosen, key=first), types, request.limit)
     _check_files(path, chosen)
     return Plan(request, table, tuple(chosen), tuple(t for t in types if t in present))
 
@@ -105,12 +107,15 @@ def _draw(row: ScenarioSpec) -> tuple[str, str]:
     return hashlib.sha256(row.scenario_id.encode()).hexdigest(), row.scenario_id
 
 
+def _nominal(row: ScenarioSpec) -> tuple[int, str]:
+    return row.variant, row.scenario_id
+
+
 def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:
-    """At most `limit` rows: from the types in turn, nominal variants first, so that a small run touches many."""
+    """At most `limit` rows: from the types in turn, of each the first ones, so that a small run touches many."""
     if limit < 1:
         raise InputError(f"--limit {limit}: expected at least 1")
-    nominal_first = sorted(rows, key=lambda row: (row.variant, row.scenario_id))
-    by_type = [[row for row in nominal_first if row.scenario_type == t] for t in types]
+    by_type = [[row for row in rows if row.scenario_type == t] for t in types]
     in_turn = [row for layer in zip_longest(*by_type) for row in layer if row is not None]
     return sorted(in_turn[:limit], key=lambda row: row.scenario_id)
 
