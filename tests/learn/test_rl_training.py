@@ -139,9 +139,9 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
 
     model = fresh(0)
     model.learn(8)
-    save_checkpoint(tmp_path, model, Progress(8, 1.5, 1), {"seed": 0})
+    save_checkpoint(tmp_path, model, Progress(8, 1.5, 1, 2), {"seed": 0})
     other = fresh(1)
-    assert load_checkpoint(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1)
+    assert load_checkpoint(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1, 2)
     assert other.num_timesteps == 8
     for (name, a), (_, b) in zip(
         model.policy.named_parameters(), other.policy.named_parameters(), strict=True

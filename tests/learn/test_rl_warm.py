@@ -67,7 +67,7 @@ def test_the_policy_learns_what_the_teacher_says() -> None:
     seen = np.repeat(np.linspace(-0.8, 0.8, 9, dtype=np.float32)[:, None], SIZE, axis=1)
     before, _ = model.predict(seen, deterministic=True)
     told: list[str] = []
-    warm_up(model, environments, 4, 40, 0, told.append)
+    warm_up(model, environments, range(4), 40, 0, told.append)
     after, _ = model.predict(seen, deterministic=True)
     assert np.abs(before[:, 0] + seen[:, 0]).mean() > 0.3
     assert np.abs(after[:, 0] + seen[:, 0]).mean() < 0.1

@@ -23,6 +23,10 @@ def _options(steps: int, out: str) -> Option:
             help="Processes that drive, one simulation each; default: four per core.",
         ),
         click.option(
+            "--imitation", type=click.IntRange(min=0), metavar="N",
+            help="Rollouts of imitation before that, those of earlier sittings included.  [default: 40]",
+        ),
+        click.option(
             "--rate", type=click.FloatRange(min=0.0, min_open=True),
             help="Learning rate that this sitting begins with; it falls to a tenth. Default: the planner's.",
         ),

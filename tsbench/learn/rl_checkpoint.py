@@ -25,11 +25,14 @@ _FACTS = "checkpoint.json"
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """steps: decisions taken. seconds: of training so far, all sittings together. sittings: how many there were."""
+    """steps: decisions taken since imitation. seconds: of training so far, all sittings together. sittings: how many
+    there were. imitated: rollouts of imitation.
+    """
 
     steps: int
     seconds: float
     sittings: int
+    imitated: int
 
 
 def save_checkpoint(out: Path, model: PPO, progress: Progress, job: dict[str, Any]) -> None:
@@ -58,7 +61,8 @@ def load_checkpoint(out: Path, model: PPO, job: dict[str, Any]) -> Progress:
         load_optimiser(model.policy.optimizer, tensors)
         torch.set_rng_state(tensors["generator"])
         model._n_updates, model.num_timesteps = int(facts["updates"]), int(facts["steps"])
-        return Progress(int(facts["steps"]), float(facts["seconds"]), int(facts["sittings"]))
+        counts = (int(facts[name]) for name in ("sittings", "imitated"))
+        return Progress(int(facts["steps"]), float(facts["seconds"]), *counts)
 
 
 def sitting_seed(seed: int, sitting: int, deaths: int = 0) -> int:

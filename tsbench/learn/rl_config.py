@@ -17,8 +17,8 @@ class Hyper:
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
     torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, lessons:
-    rollouts of `rl_warm` before all that, and updates after each. gamma: so near to 1 that what standing still
-    costs at the end of an episode counts.
+    rollouts of `rl_warm` before all that, if not asked for otherwise, and updates after each. gamma: so near to 1 that
+    what standing still costs at the end of an episode counts.
     """
 
     observation: str
@@ -53,6 +53,7 @@ HYPER: Mapping[str, Hyper] = MappingProxyType(
 class Job:
     """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`.
 
+    imitation: rollouts of `rl_warm` in all, None = the planner's; asked for later, they go before further steps.
     rate: of Adam at the start of this sitting, None = the planner's. more: types and groups drawn three times as often.
     """
 
@@ -63,6 +64,7 @@ class Job:
     seed: int
     device: str
     types: tuple[str, ...]
+    imitation: int | None = None
     rate: float | None = None
     more: tuple[str, ...] = ()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,7 +16,13 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
 from tsbench.errors import SimulationError
-from tsbench.learn.rl_checkpoint import Progress, has_checkpoint, load_checkpoint, sitting_seed
+from tsbench.learn.rl_checkpoint import (
+    Progress,
+    has_checkpoint,
+    load_checkpoint,
+    save_checkpoint,
+    sitting_seed,
+)
 from tsbench.learn.rl_config import HYPER, Hyper, Job
 from tsbench.learn.rl_curve import draw_curve
 from tsbench.learn.rl_policy import actor_tensors, policy_of
@@ -44,6 +51,8 @@ def train(job: Job, tell: Callable[[str], None]) -> Network:
     hyper = HYPER[job.planner]
     if job.rate is not None:
         hyper = replace(hyper, rate=job.rate)
+    if job.imitation is not None:
+        hyper = replace(hyper, imitation=job.imitation)
     prepare(job.out, job.device, hyper.threads)
     keep_freed_memory()
     for deaths in range(_DEATHS):
@@ -60,13 +69,18 @@ def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
     try:
         environments = VecMonitor(processes)
         model = _model(job, hyper, environments)
-        before = Progress(0, 0.0, 0)
+        before = Progress(0, 0.0, 0, 0)
         if has_checkpoint(job.out):
             before = load_checkpoint(job.out, model, job.facts())
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
         processes.seed(sitting_seed(job.seed, before.sittings, deaths))
-        if before.sittings == 0:
-            warm_up(model, environments, hyper.imitation, hyper.lessons, job.seed, tell)
+        if before.imitated < hyper.imitation:
+            began = time.monotonic()
+            rollouts = range(before.imitated, hyper.imitation)
+            warm_up(model, environments, rollouts, hyper.lessons, job.seed, tell)
+            seconds = before.seconds + time.monotonic() - began
+            before = Progress(before.steps, seconds, before.sittings, hyper.imitation)
+            save_checkpoint(job.out, model, before, job.facts())
         watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
         if before.steps < job.steps:
             _learn(model, watch, job.steps - before.steps)

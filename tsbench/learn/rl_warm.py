@@ -91,24 +91,30 @@ def _parts(buffer: RolloutBuffer) -> dict[str, Array]:
 
 
 def warm_up(
-    model: PPO, environments: VecEnv, rollouts: int, updates: int, seed: int, tell: Callable[[str], None]
+    model: PPO, environments: VecEnv, rollouts: range, updates: int, seed: int, tell: Callable[[str], None]
 ) -> None:
-    """Imitate over some rollouts of the model's size, with so many updates after each; its optimiser stays fresh."""
-    rng = np.random.default_rng(np.random.SeedSequence((seed, 1)))
+    """Imitate over some rollouts of the model's size, with so many updates after each; its optimiser is left alone.
+
+    rollouts: numbers of those to come, up to the last of all. The later, the lower the rate, and the more drives the
+    policy.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence((seed, 1, rollouts.start)))
     optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
     seen, starts = environments.reset(), np.ones(environments.num_envs, dtype=bool)
     lessons: Lessons | None = None
-    for rollout in range(rollouts):
-        through = rollout / max(rollouts - 1, 1)
+    for rollout in rollouts:
+        through = rollout / max(rollouts.stop - 1, 1)
         optimiser.param_groups[0]["lr"] = _RATE * (_LAST_RATE / _RATE) ** through
         # The first few environments are the policy's: all of them in the second half.
         own = np.arange(environments.num_envs) < 2.0 * through * environments.num_envs
         seen, starts = _drive(model, environments, seen, starts, own, rng)
         if lessons is None:
-            lessons = Lessons(model.rollout_buffer, rollouts * model.n_steps * environments.num_envs)
+            lessons = Lessons(model.rollout_buffer, len(rollouts) * model.n_steps * environments.num_envs)
         lessons.add(model.rollout_buffer)
         wrong, missed = _learn(model, optimiser, lessons, updates, rng)
-        tell(f"imitation {rollout + 1}/{rollouts}  action {wrong:.4f}  return {missed:.3f} (mean squares)")
+        tell(
+            f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)"
+        )
 
 
 def _drive(

@@ -6,6 +6,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,12 @@ class Watch(BaseCallback):
     def progress(self) -> Progress:
         """What has been done by now, this sitting included."""
         seconds = self._before.seconds + time.monotonic() - self._began
-        return Progress(self.model.num_timesteps, seconds, self._before.sittings + 1)
+        return replace(
+            self._before,
+            steps=self.model.num_timesteps,
+            seconds=seconds,
+            sittings=self._before.sittings + 1,
+        )
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:

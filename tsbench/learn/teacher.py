@@ -1,6 +1,7 @@
 """Who `ppo` and `carl` imitate at first: `idm`, which also passes an obstacle on its lane. Blind to signs.
 
-Which side is allowed is what a plate says, so the teacher takes the one that is nearer and free.
+Which side is allowed is what a plate says. The teacher takes the lane to the right wherever there is one: of two sides
+that are as good, a pupil without memory would learn the middle, which is the obstacle.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import math
 from dataclasses import replace
 from functools import cache
 
+from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.guards.detour import DetourGuard
 from tsbench.planners.idm import Idm
@@ -16,8 +18,8 @@ from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import RuleSpec
 
-# "Pass on either side".
-_EITHER = "4.2.3"
+# "Pass on the right", "pass on the left".
+_RIGHT, _LEFT = "4.2.1", "4.2.2"
 _AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
 
 
@@ -40,7 +42,7 @@ class Teacher:
         if self._detour is None:
             if not o.obstacles:
                 return self._idm.act(o).acceleration, 0.0
-            self._detour = DetourGuard(self._context, _either_side(o))
+            self._detour = DetourGuard(self._context, _one_side(o, self._context.network))
         way = self._detour.guide(o)
         least, most = self._detour.bounds(o, way)
         wished = self._idm.act(o if way is o.route else replace(o, route=way)).acceleration
@@ -52,15 +54,17 @@ class Teacher:
 
 
 @cache
-def _rule() -> RuleSpec:
-    return load_catalog().sign(_EITHER).rule
+def _rule(code: str) -> RuleSpec:
+    return load_catalog().sign(code).rule
 
 
-def _either_side(o: Observation) -> Privilege:
-    """What the guard needs to know: which obstacle, here the nearest; and that both sides will do."""
+def _one_side(o: Observation, network: RoadNetwork) -> Privilege:
+    """What the guard needs to know: which obstacle, here the nearest; and which side will do."""
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
+    right = network.lane(nearest.lane).right
+    code = _RIGHT if right >= 0 and network.lanes[right].permits("passenger") else _LEFT
     known = {"obstacle": nearest.id}
     plate = SignInstance(
-        "either", _EITHER, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target", params=known
+        "side", code, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target", params=known
     )
-    return Privilege(plate, _rule())
+    return Privilege(plate, _rule(code))
