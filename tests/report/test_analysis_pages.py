@@ -61,6 +61,13 @@ def test_a_figure_is_copied_to_where_the_page_shows_it(tmp_path: Path, folder: P
     assert path.read_text(encoding="utf-8") == "<!-- figure main -->\n![All](images/all.png)\n"
 
 
+def test_a_contract_that_is_not_named_is_refused(tmp_path: Path, folder: Path) -> None:
+    told = (folder / "main.md").read_text(encoding="utf-8")
+    (folder / "main.md").write_text(told[: told.index("Contract")], encoding="utf-8")
+    with pytest.raises(InputError, match="names no contract"):
+        refresh(page(tmp_path, "<!-- analysis main | contract -->\n<!-- end -->"), folder)
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tsbench.metrics.aggregate import Figure, PlannerSummary, Summary
 from tsbench.metrics.intervals import Estimate
+from tsbench.report.analyses.markdown import markdown_row
 from tsbench.signs.model import GROUPS
 
 _DASH = "–"
@@ -101,25 +102,25 @@ def to_markdown(summary: Summary) -> str:
         *(_flat(h) for h in _PLAIN.values()),
         "n",
     ]
-    lines = [f"| {' | '.join(heads)} |", f"|---|{'---:|' * (len(heads) - 1)}"]
+    lines = [markdown_row(heads), f"|---|{'---:|' * (len(heads) - 1)}"]
     for p in summary.planners:
         for strict in [True, False] if p.completed < p.recorded else [True]:
-            name = p.planner.replace("|", "\\|") + ("" if strict else ", completed")
+            name = p.planner + ("" if strict else ", completed")
             scd = [_with_ends(_pick(f, strict)) for f in (p.overall, *(p.groups.get(g) for g in groups))]
             plain = [_number(_pick(p.metrics[m], strict)) for m in _PLAIN]
             n = f"{p.recorded} / {p.completed}" if strict else str(p.completed)
-            lines.append(f"| {' | '.join([name, *scd, *plain, n])} |")
+            lines.append(markdown_row([name, *scd, *plain, n]))
     fewer = "".join(f" {line.replace('|', '&#124;')}." for line in _fewer(summary))
     lines += ["", f"{summary.title}. {_KEY} {_STRICT}{fewer} Contract `{summary.contract_hash}`.", ""]
-    names = [p.planner.replace("|", "\\|") for p in summary.planners]
+    names = [p.planner for p in summary.planners]
     lines += [
-        f"| group | type | {' | '.join([*names, 'maps', 'n'])} |",
+        markdown_row(["group", "type", *names, "maps", "n"]),
         f"|---|---|{'---:|' * (len(names) + 2)}",
     ]
     for group, kind in _types(summary):
         figures = [p.types.get(kind) for p in summary.planners]
         cells = [*(_strict_and_completed(f, "; completed ") for f in figures), *_rests_on(figures)]
-        lines.append(f"| {group} | `{kind}` | {' | '.join(cells)} |")
+        lines.append(markdown_row([group, f"`{kind}`", *cells]))
     return "\n".join([*lines, ""])
 
 

@@ -78,7 +78,10 @@ def _table(page: Path, told: str, words: list[str]) -> str:
             rows = [rows[0], *([_INTERVAL.sub("", cell) for cell in row] for row in rows[1:])]
             columns = [i for i in columns if head[i] not in _BESIDE]
         elif word == "contract":
-            lines_after = ["", f"{_CONTRACT.findall(told)[-1]}."] if _CONTRACT.search(told) else []
+            found = _CONTRACT.findall(told)
+            if not found:
+                raise InputError(f"{page}: {told.splitlines()[0]} names no contract")
+            lines_after = ["", f"{found[-1]}."]
         elif word.startswith("columns "):
             wanted = [name.strip() for name in word.removeprefix("columns ").split(",")]
             missing = [name for name in wanted if name not in head]
