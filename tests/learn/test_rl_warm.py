@@ -67,11 +67,13 @@ def test_the_policy_learns_what_the_teacher_says() -> None:
     seen = np.repeat(np.linspace(-0.8, 0.8, 9, dtype=np.float32)[:, None], SIZE, axis=1)
     before, _ = model.predict(seen, deterministic=True)
     told: list[str] = []
-    warm_up(model, environments, range(4), 40, 0, told.append)
+    kept: list[int] = []
+    warm_up(model, environments, range(1, 5), 40, 0, told.append, kept.append)
     after, _ = model.predict(seen, deterministic=True)
     assert np.abs(before[:, 0] + seen[:, 0]).mean() > 0.3
     assert np.abs(after[:, 0] + seen[:, 0]).mean() < 0.1
     assert len(told) == 4
+    assert kept == [2, 3, 4, 5]
     # PPO's own optimiser has not moved.
     assert not model.policy.optimizer.state_dict()["state"]
 

@@ -75,12 +75,7 @@ def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
         processes.seed(sitting_seed(job.seed, before.sittings, deaths))
         if before.imitated < hyper.imitation:
-            began = time.monotonic()
-            rollouts = range(before.imitated, hyper.imitation)
-            warm_up(model, environments, rollouts, hyper.lessons, job.seed, tell)
-            seconds = before.seconds + time.monotonic() - began
-            before = Progress(before.steps, seconds, before.sittings, hyper.imitation)
-            save_checkpoint(job.out, model, before, job.facts())
+            before = _imitate(job, hyper, model, environments, before, tell)
         watch = Watch(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
         if before.steps < job.steps:
             _learn(model, watch, job.steps - before.steps)
@@ -90,6 +85,32 @@ def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
         for process in processes.processes:
             process.terminate()
             process.join()
+
+
+def _imitate(
+    job: Job,
+    hyper: Hyper,
+    model: PPO,
+    environments: VecMonitor,
+    before: Progress,
+    tell: Callable[[str], None],
+) -> Progress:
+    """The rollouts of imitation that are missing, with checkpoints, which do not hold what was remembered."""
+    began = saved = time.monotonic()
+
+    def keep(imitated: int) -> None:
+        nonlocal saved
+        now = time.monotonic()
+        if now - saved > _CHECKPOINT_S or imitated == hyper.imitation:
+            saved, seconds = now, before.seconds + now - began
+            progress = Progress(before.steps, seconds, before.sittings + 1, imitated)
+            save_checkpoint(job.out, model, progress, job.facts())
+
+    rollouts = range(before.imitated, hyper.imitation)
+    warm_up(model, environments, rollouts, hyper.lessons, job.seed, tell, keep)
+    seconds = before.seconds + time.monotonic() - began
+    # The same sitting goes on.
+    return replace(before, seconds=seconds, imitated=hyper.imitation)
 
 
 def _learn(model: PPO, watch: Watch, steps: int) -> None:

@@ -91,12 +91,18 @@ def _parts(buffer: RolloutBuffer) -> dict[str, Array]:
 
 
 def warm_up(
-    model: PPO, environments: VecEnv, rollouts: range, updates: int, seed: int, tell: Callable[[str], None]
+    model: PPO,
+    environments: VecEnv,
+    rollouts: range,
+    updates: int,
+    seed: int,
+    tell: Callable[[str], None],
+    keep: Callable[[int], None],
 ) -> None:
     """Imitate over some rollouts of the model's size, with so many updates after each; its optimiser is left alone.
 
     rollouts: numbers of those to come, up to the last of all. The later, the lower the rate, and the more drives the
-    policy.
+    policy. keep: called after each with how many there have been.
     """
     rng = np.random.default_rng(np.random.SeedSequence((seed, 1, rollouts.start)))
     optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
@@ -115,6 +121,7 @@ def warm_up(
         tell(
             f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)"
         )
+        keep(rollout + 1)
 
 
 def _drive(
