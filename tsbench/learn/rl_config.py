@@ -73,7 +73,6 @@ class Job:
         return {
             "planner": self.planner,
             "seed": self.seed,
-            "types": list(self.types),
             "split": "train",
             "hold_ticks": HOLD_TICKS,
             "reward": asdict(RewardSpec()),

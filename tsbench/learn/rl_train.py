@@ -168,6 +168,7 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
         "steps": progress.steps,
         "minutes": round(progress.seconds / 60.0, 1),
         "sittings": progress.sittings,
+        "types": list(job.types),
         "more": list(job.more),
         "workers": job.workers,
         "device": job.device,
