@@ -75,7 +75,9 @@ def test_right_of_way_is_of_the_moment() -> None:
     obeyed = teacher("2.4", speeds)
     assert wish(obeyed, 80) == pytest.approx(10.0)
     assert wish(obeyed, 90) == 0.0
-    assert wish(obeyed, 140) == pytest.approx(5.0)
+    # A start is told of when it begins, and not before.
+    assert wish(obeyed, 140) == 0.0
+    assert wish(obeyed, 144) == pytest.approx(5.0)
 
 
 def test_a_stop_of_an_instant_is_wished_for_before_and_left_after() -> None:

@@ -9,7 +9,9 @@ Source: spec/planners.md; where it says little, this is how it was read:
   Under an upper limit, `margin_kmh` below the posted one at most, from 4 s before the plate's line on.
   4.6: posted + 3 km/h, unless somebody ahead is slower or close; then the driver's own.
 * Right of way, and where one comes up to a place to wait at it (obstacles, closed roads, reserved lanes): the driver's
-  speed `speed_s` later. The least over 4 s would stop far before the line. Before a full stop, the least until then.
+  speed `speed_s` later once it speeds up, the least until then before: a start is a decision of its moment, and who is
+  told of it ahead goes while the way is not yet clear. The least over 4 s would stop far before the line. Before a full
+  stop, the least until then in any case.
 * Decision window: metres of the driven way before and after where the sign's rule decides, thrice as dense in frames.
 
 Units: m, s, m/s, rad; km/h on plates.
@@ -40,6 +42,8 @@ _LEAST_OVER_S = 4.0
 _ABOVE_MINIMUM_KMH = 3.0
 # Nearer ahead than this, in seconds, somebody is followed and not the minimum.
 _CLOSE_S = 1.5
+# Who speeds up by less goes on as before.
+_SPEEDS_UP_MPS2 = 0.2
 # A stop for the line is within this of it, centre to line.
 _STOP_WITHIN_M = 8.0
 
@@ -127,8 +131,12 @@ class Obeyed:
         lead, last = self._lead, len(track.speed) - 1
         late = np.minimum(np.arange(last + 1) + lead, last)
         if not self._lesson.least:
-            wishes: Array = track.speed[late]
-            return self._until_stop(track, wishes) if self._rule.name == "stop" else wishes
+            soon: Array = np.lib.stride_tricks.sliding_window_view(
+                np.concatenate((track.speed, np.full(lead, track.speed[-1]))), lead + 1
+            ).min(axis=1)
+            starts = np.diff(track.speed, append=track.speed[-1]) > _SPEEDS_UP_MPS2 * DT_S
+            wishes: Array = np.where(starts, track.speed[late], soon)
+            return self._until_stop(track, wishes, soon) if self._rule.name == "stop" else wishes
         span = round(_LEAST_OVER_S / DT_S)
         padded = np.concatenate((track.speed, np.full(span, track.speed[-1])))
         least: Array = np.lib.stride_tricks.sliding_window_view(padded, span - lead + 1)[late].min(axis=1)
@@ -141,15 +149,14 @@ class Obeyed:
         capped = np.minimum(least, (self._value - self._sampling.margin_kmh) * _KMH)
         return np.where(ahead >= self._line_s - HALF_LENGTH_M, capped, least)
 
-    def _until_stop(self, track: Track, wishes: Array) -> Array:
+    def _until_stop(self, track: Track, wishes: Array, soon: Array) -> Array:
         """A stop of an instant is no place that a speed of 0.7 s later shows: until it, the least of that time."""
         near = np.abs(track.s - self._line_s) <= _STOP_WITHIN_M
         stood = np.flatnonzero(near & (track.speed <= STOPPED_MPS))
         if not len(stood):
             return wishes
         first = int(stood[0])
-        least = np.lib.stride_tricks.sliding_window_view(track.speed, self._lead + 1).min(axis=1)
-        return np.concatenate((least[:first], wishes[first:]))
+        return np.concatenate((soon[:first], wishes[first:]))
 
     def _minimum(self, driven: float, o: Observation) -> float:
         """4.6: a little above the posted speed, or the driver's own behind somebody."""
