@@ -24,7 +24,7 @@ def _options(steps: int, out: str) -> Option:
         ),
         click.option(
             "--imitation", type=click.IntRange(min=0), metavar="N",
-            help="Rollouts of imitation before that, those of earlier sittings included.  [default: 40]",
+            help="Rollouts of imitation before that, those of earlier sittings included. Default: the planner's.",
         ),
         click.option(
             "--rate", type=click.FloatRange(min=0.0, min_open=True),

@@ -131,15 +131,12 @@ class Obeyed:
         lead, last = self._lead, len(track.speed) - 1
         late = np.minimum(np.arange(last + 1) + lead, last)
         if not self._lesson.least:
-            soon: Array = np.lib.stride_tricks.sliding_window_view(
-                np.concatenate((track.speed, np.full(lead, track.speed[-1]))), lead + 1
-            ).min(axis=1)
+            soon = _least(track.speed, lead)
             starts = np.diff(track.speed, append=track.speed[-1]) > _SPEEDS_UP_MPS2 * DT_S
             wishes: Array = np.where(starts, track.speed[late], soon)
             return self._until_stop(track, wishes, soon) if self._rule.name == "stop" else wishes
         span = round(_LEAST_OVER_S / DT_S)
-        padded = np.concatenate((track.speed, np.full(span, track.speed[-1])))
-        least: Array = np.lib.stride_tricks.sliding_window_view(padded, span - lead + 1)[late].min(axis=1)
+        least = _least(track.speed, span - lead)[late]
         if self._rule.name != "speed":
             decides = np.array([self.decides(k) for k in range(last + 1)])
             return np.where(decides, least, track.speed[late])
@@ -173,6 +170,13 @@ class Obeyed:
         front = s + HALF_LENGTH_M
         held = any(end - front <= (reach if u < wish else _CLOSE_S * v) for end, u in ahead)
         return min(driven, wish) if held else wish
+
+
+def _least(speed: Array, ticks: int) -> Array:
+    """(n,) least speed from each tick to so many later; the last one lasts."""
+    padded = np.concatenate((speed, np.full(ticks, speed[-1])))
+    least: Array = np.lib.stride_tricks.sliding_window_view(padded, ticks + 1).min(axis=1)
+    return least
 
 
 def decision_place(scene: Scene) -> tuple[float, float]:

@@ -97,20 +97,20 @@ def _imitate(
 ) -> Progress:
     """The rollouts of imitation that are missing, with checkpoints, which do not hold what was remembered."""
     began = saved = time.monotonic()
+    done = before
 
     def keep(imitated: int) -> None:
-        nonlocal saved
+        nonlocal saved, done
         now = time.monotonic()
+        done = replace(before, seconds=before.seconds + now - began, imitated=imitated)
         if now - saved > _CHECKPOINT_S or imitated == hyper.imitation:
-            saved, seconds = now, before.seconds + now - began
-            progress = Progress(before.steps, seconds, before.sittings + 1, imitated)
-            save_checkpoint(job.out, model, progress, job.facts())
+            saved = now
+            # What is loaded is another sitting; what is returned goes on in this one.
+            save_checkpoint(job.out, model, replace(done, sittings=before.sittings + 1), job.facts())
 
     rollouts = range(before.imitated, hyper.imitation)
     warm_up(model, environments, rollouts, hyper.lessons, job.seed, tell, keep)
-    seconds = before.seconds + time.monotonic() - began
-    # The same sitting goes on.
-    return replace(before, seconds=seconds, imitated=hyper.imitation)
+    return done
 
 
 def _learn(model: PPO, watch: Watch, steps: int) -> None:
