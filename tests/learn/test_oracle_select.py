@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from tsbench.errors import InputError
 from tsbench.learn.imitation_recipe import kept_for_validation
+from tsbench.learn.oracle_restore import restore
 from tsbench.learn.oracle_runner import FIGURES, pack, unpack
 from tsbench.learn.oracle_select import Candidate, f_score, part_of, rank, select
 from tsbench.learn.oracle_stats import stats
@@ -57,18 +58,17 @@ def test_f_score_lies_between_and_grows(v: float, s: float, more: float) -> None
 
 
 @given(candidates, st.randoms(use_true_random=False))
-def test_the_best_two_of_each_scenario(found: list[Candidate], random: Any) -> None:
-    """Whatever the order: at most two, best first, at most one of the IDM kind, and that the fastest of them."""
+def test_the_drives_that_count_in_order(found: list[Candidate], random: Any) -> None:
+    """Whatever the order: best first, at most one of the IDM kind, and that the fastest of them."""
     best = rank(found)
-    assert len(best) == min(2, sum(not c.rules for c in found) + any(c.rules for c in found))
+    assert len(best) == sum(not c.rules for c in found) + any(c.rules for c in found)
     assert [q for _, q in best] == sorted((q for _, q in best), reverse=True)
     rules = [c for c, _ in best if c.rules]
     assert len(rules) <= 1
     for c in rules:
         assert c.steps == min(other.steps for other in found if other.rules)
-    left_out = [c for c in found if not c.rules and c not in [kept for kept, _ in best]]
     fastest = min((c.steps for c in found), default=0)
-    assert all(f_score(fastest / c.steps, c.comfort) <= best[-1][1] for c in left_out)
+    assert all(q == f_score(fastest / c.steps, c.comfort) for c, q in best)
     shuffled = list(found)
     random.shuffle(shuffled)
     assert rank(shuffled) == best
@@ -160,6 +160,60 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
     assert third.commands.tolist() == [[5, 5]] * 200
     assert third.intents == ((3, ("a", "b")), (7, ()))
     assert first.part == part_of(rows[0])
+
+
+def test_a_collection_begins_again_from_its_tables(full: Path, rows: list[ScenarioSpec]) -> None:
+    """Other experts may be added; what was there is chosen from again, to the same bytes."""
+    made = full / "made"
+    made.mkdir()
+    select(full / "c", made / "oracle.parquet", allow_partial=False)
+    assert {path.name for path in made.iterdir()} == {"oracle.parquet", "oracle_tries.parquet", "oracle.json"}
+    assert restore(made / "oracle.parquet", full / "again") == 9
+    with closing(collection(full / "again", rows[:3])) as again:
+        assert again.notices == []
+        assert len(again.journal.done) == 9
+        again.end(complete=True)
+    assert (full / "again" / "tries.parquet").read_bytes() == (made / "oracle_tries.parquet").read_bytes()
+    select(full / "again", full / "oracle.parquet", allow_partial=False)
+    assert (full / "oracle.parquet").read_bytes() == (made / "oracle.parquet").read_bytes()
+
+
+def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
+    """With rank 0: another expert may yet change the order of the others."""
+    third = {**PLANNERS[2], "name": "other-e"}
+    with closing(collection(tmp_path / "c", rows[:1], [*PLANNERS, third])) as made:
+        for name, steps in (("idm-e", 100), ("net-e", 110), ("other-e", 120)):
+            made.keep(line(name, rows[0], steps))
+        made.end(complete=True)
+    found = select(tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False)
+    assert (found.drives, found.others) == (2, 1)
+    assert [(d.planner, d.rank) for d in read_trajectories(tmp_path / "oracle.parquet")] == [
+        ("other-e", 0), ("idm-e", 1), ("net-e", 2),
+    ]  # fmt: skip
+    assert stats(tmp_path / "oracle.parquet", "train").table.rows[0].cells[2] == 2
+
+
+@pytest.mark.parametrize("what", ["full", "tries", "manifest", "other tries"])
+def test_restore_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: str) -> None:
+    """A folder that is in use, and tables that are not all there or not of one collection."""
+    table, folder = full / "oracle.parquet", full / "again"
+    select(full / "c", table, allow_partial=False)
+    told = "no such table"
+    if what == "full":
+        folder, told = full / "c", "is not empty"
+    elif what == "tries":
+        (full / "oracle_tries.parquet").unlink()
+    elif what == "manifest":
+        (full / "oracle.json").unlink()
+        told = "oracle.json: No such file"
+    else:
+        with closing(collection(full / "other", rows[:1])) as made:
+            made.keep(line("net-e", rows[0], 101))
+            made.end(complete=True)
+        (full / "oracle_tries.parquet").write_bytes((full / "other" / "tries.parquet").read_bytes())
+        told = "net-e: its tries are of another collection"
+    with pytest.raises(InputError, match=told):
+        restore(table, folder)
 
 
 def test_tries_are_one_row_each_in_order(full: Path) -> None:

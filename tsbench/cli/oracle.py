@@ -15,6 +15,7 @@ from tsbench.cli.options import words_of
 from tsbench.learn.oracle_collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
 from tsbench.learn.oracle_collect import VARIANTS as ALL_VARIANTS
 from tsbench.learn.oracle_collect import collect as collect_drives
+from tsbench.learn.oracle_restore import restore as restore_drives
 from tsbench.learn.oracle_select import select as select_drives
 from tsbench.learn.oracle_stats import stats as stats_of
 from tsbench.learn.oracle_stats import verify as verify_drives
@@ -94,11 +95,23 @@ def select(folder: Path, table: Path | None, allow_partial: bool) -> None:
     share = 100.0 * found.covered / found.scenarios if found.scenarios else 0.0
     click.echo(
         f"{found.drives} drives of {found.covered} of {found.scenarios} driven scenarios ({share:.2f} %): "
-        f"{found.drives - found.validation} to train, {found.validation} to validate on"
+        f"{found.drives - found.validation} to train, {found.validation} to validate on; "
+        f"{found.others} more are not among the best"
     )
     for kind, count in found.uncovered.items():
         click.echo(f"without a drive: {count} of {kind}")
     click.echo(f"table     {found.path} ({found.path.stat().st_size / 1e6:.2f} MB)")
+
+
+@oracle.command()
+@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=_FOLDER)
+@_table
+def restore(folder: Path, table: Path | None) -> None:
+    """Begin the collection DIR (default: runs/oracle) with what the chosen drives and their tries hold.
+
+    `tsbench oracle collect` then adds experts or scenarios to it.
+    """
+    click.echo(f"{restore_drives(table or trajectories_path(), folder)} experts' scenarios in {folder}")
 
 
 @oracle.command()

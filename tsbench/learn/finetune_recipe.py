@@ -111,7 +111,7 @@ def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     by_scenario: dict[str, list[RecordedDrive]] = {}
     for recorded in read_trajectories(recipe.trajectories):
         row = known.get(recorded.scenario_id)
-        if row is not None and recorded.part == _PART:
+        if row is not None and recorded.part == _PART and recorded.rank:
             by_scenario.setdefault(recorded.scenario_id, []).append(RecordedDrive(row, recorded))
     chosen = [row for row in rows if row.scenario_id in by_scenario and not kept_for_validation(row)]
     if not chosen:

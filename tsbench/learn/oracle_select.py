@@ -1,7 +1,8 @@
 """`tsbench oracle select`: of each scenario the best two drives that obeyed and arrived.
 
 Source: spec/planners.md, "Oracle". Of the experts without a network (the IDM kind) only the fastest counts; drives are
-ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25.
+ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of drives
+stand that of all tries and what they were made with: a collection can be begun again from them (`oracle_restore`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 
 from tsbench.errors import InputError
 from tsbench.learn.imitation_recipe import kept_for_validation
-from tsbench.learn.oracle_store import KIND, RULES, fingerprint, read_drives, read_tries
+from tsbench.learn.oracle_store import KIND, RULES, copy_beside, fingerprint, read_drives, read_tries
 from tsbench.learn.trajectories import Recorded, write_trajectories
 from tsbench.run.contract import contract_hash
 from tsbench.run.manifest import NAME, read_manifest
@@ -42,7 +43,7 @@ class Candidate:
 @dataclass(frozen=True)
 class Selected:
     """What was chosen. scenarios: that were driven; covered: that have a drive; drives, validation: how many;
-    uncovered: scenarios without one, by type.
+    others: that count and are not among the best; uncovered: scenarios without one, by type.
     """
 
     path: Path
@@ -50,6 +51,7 @@ class Selected:
     covered: int
     drives: int
     validation: int
+    others: int
     uncovered: Mapping[str, int]
 
 
@@ -61,13 +63,13 @@ def f_score(speed: float, comfort: float) -> float:
 
 
 def rank(candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
-    """The best drives of one scenario with their Q, best first; ties by fewer steps, then by name."""
+    """The drives of one scenario that count, with their Q, best first; ties by fewer steps, then by name."""
     rules = [c for c in candidates if c.rules]
     running = [c for c in candidates if not c.rules]
     running += sorted(rules, key=lambda c: (c.steps, -c.comfort, c.planner))[:1]
     fastest = min((c.steps for c in running), default=0)
     scored = [(c, f_score(fastest / c.steps, c.comfort)) for c in running]
-    return sorted(scored, key=lambda pair: (-pair[1], pair[0].steps, pair[0].planner))[:KEPT]
+    return sorted(scored, key=lambda pair: (-pair[1], pair[0].steps, pair[0].planner))
 
 
 def part_of(spec: ScenarioSpec) -> str:
@@ -78,7 +80,7 @@ def part_of(spec: ScenarioSpec) -> str:
 
 
 def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
-    """Choose from a collection and write the table `path`.
+    """Choose from a collection and write the table `path`, and beside it what the collection is restored from.
 
     Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
     """
@@ -92,7 +94,7 @@ def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
             )
     best = _best(tries)
     keys = {
-        (c.planner, scenario): (c, q, k)
+        (c.planner, scenario): (c, q, k if k <= KEPT else 0)
         for scenario, b in best.items()
         for k, (c, q) in enumerate(b, start=1)
     }
@@ -109,14 +111,18 @@ def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
     if len(drives) != len(keys):
         raise InputError(f"{folder}: {len(keys) - len(drives)} drives of its table are not in its journal")
     write_trajectories(drives, path)
+    copy_beside(folder, path)
     driven = {one["scenario_id"]: one["scenario_type"] for one in tries}
     uncovered = Counter(kind for scenario, kind in driven.items() if scenario not in best)
-    validation = sum(drive.part == VALIDATION for drive in drives)
-    return Selected(path, len(driven), len(best), len(drives), validation, dict(sorted(uncovered.items())))
+    ranked = [drive for drive in drives if drive.rank]
+    validation, others = sum(drive.part == VALIDATION for drive in ranked), len(drives) - len(ranked)
+    return Selected(
+        path, len(driven), len(best), len(ranked), validation, others, dict(sorted(uncovered.items()))
+    )
 
 
 def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
-    """The chosen drives of each scenario that has any."""
+    """The drives of each scenario that count, best first, where there are any."""
     found: dict[str, list[Candidate]] = defaultdict(list)
     for row in tries:
         if row["scd"]:

@@ -28,6 +28,7 @@ def stats(path: Path, split: str) -> Analysis:
     chosen = [
         Chosen(d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S)
         for d in drives
+        if d.rank
     ]
     return composition(chosen, Counter(row.group for row in rows.values()), split)
 

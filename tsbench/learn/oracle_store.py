@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -56,7 +56,7 @@ SCHEMA = pa.schema(
         *_columns(pa.int32(), "steps", null=True),
         *_columns(pa.float64(), "duration_s", "comfort", "mean_speed", null=True),
         *_columns(pa.string(), "ego", "others", null=True),
-        *_columns(pa.string(), "scenario"),
+        *_columns(pa.string(), "scenario", "code"),
     ]
 ).with_metadata({VERSION_KEY: "1"})
 
@@ -101,9 +101,7 @@ class Collection:
             self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
             self._save("running", finished=None)
         keys = [(name, scenario) for name in self._planners for scenario in self._rows]
-        self.journal = Journal(
-            path / _JOURNAL, keys, f"{KIND} {manifest['contract']}", aside, self._sound, _whole, _OUTDATED
-        )
+        self.journal = open_journal(path, manifest["contract"], keys, aside, self._sound)
         self.notices = aside.notices()
 
     def keep(self, record: Record) -> Row:
@@ -147,7 +145,7 @@ class Collection:
         head |= {"planner": row["planner"], "kind": kind_of(self._planners[row["planner"]])}
         for one in row["tries"]:
             seconds = None if one["steps"] is None else round(one["steps"] * DT_S, 6)
-            yield {**head, **one, "duration_s": seconds, "scenario": row["scenario"]}
+            yield {**head, **one, "duration_s": seconds, "scenario": row["scenario"], "code": row["code"]}
 
     def _save(self, status: str, finished: str | None) -> None:
         planners = [self._planners[name] for name in sorted(self._planners)]
@@ -159,6 +157,13 @@ class Collection:
         row = content["row"]
         same_code = self._codes.get(row["planner"], row["code"]) == row["code"]
         return bool(same_code and row["scenario"] == fingerprint(self._rows[row["scenario_id"]]))
+
+
+def open_journal(
+    folder: Path, contract: str, keys: Sequence[Key], aside: SetAside, sound: Callable[[Content], bool]
+) -> Journal:
+    """The journal of a collection, to be closed; its lines are of `keys`."""
+    return Journal(folder / _JOURNAL, keys, f"{KIND} {contract}", aside, sound, _whole, _OUTDATED)
 
 
 def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
@@ -177,10 +182,23 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     return old
 
 
-def read_tries(folder: Path) -> list[Row]:
-    """Rows of the table of tries. Raises InputError for a missing, broken or foreign one."""
-    rows: list[Row] = open_table(folder / _TRIES, SCHEMA, "tsbench oracle collect makes it").to_pylist()
+def read_tries(path: Path) -> list[Row]:
+    """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
+    file = path / _TRIES if path.is_dir() else path
+    rows: list[Row] = open_table(file, SCHEMA, "tsbench oracle collect makes it").to_pylist()
     return rows
+
+
+def beside(table: Path) -> tuple[Path, Path]:
+    """Where the tries and the manifest of the collection stand that a table of drives was chosen from."""
+    return table.with_name(f"{table.stem}_tries.parquet"), table.with_suffix(".json")
+
+
+def copy_beside(folder: Path, table: Path) -> None:
+    """Put the tries and the manifest of a collection beside the table that was chosen from it."""
+    for name, path in zip((_TRIES, NAME), beside(table), strict=True):
+        with told_plainly(path):
+            write_atomic(path, (folder / name).read_bytes())
 
 
 def read_drives(folder: Path, wanted: set[Key]) -> Iterator[tuple[Key, Commands, Intents]]:

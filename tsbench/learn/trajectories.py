@@ -72,7 +72,7 @@ class Recorded:
     """One drive of a scenario that obeyed and arrived.
 
     attempt: 0 = with the driver that the scenario's seed gives. part: of the oracle's data, `train` or `validation`.
-    rank: 1 = the best of its scenario, 0 = not ranked. quality: what it was ranked by, comfort: share of steps.
+    rank: 1 = the best of its scenario, 0 = not chosen. quality: what it was ranked by, comfort: share of steps.
     commands: (n, 2) acceleration and steering in STEPS, one row a tick. intents: (tick, edges) from which on they hold.
     ego, others: fingerprints (hex) of the ego's places and speeds, and of all other road users'.
     """
@@ -173,7 +173,7 @@ class Replayer(EpisodeRunner):
 
 
 def trajectories_path() -> Path:
-    """Where the oracle's chosen drives stand."""
+    """Where the oracle's drives stand."""
     return data_root() / "scenarios" / "oracle.parquet"
 
 
