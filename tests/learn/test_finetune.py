@@ -158,7 +158,7 @@ def prepared(
 ) -> tuple[Obedience, Place]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
-    told = iter([Skill(4, 0.9, 0.0, 0.0, 0.1, scd) for scd in (0.25, 0.75, 0.5)])
+    told = iter([Skill(4, 0.9, 0.0, 0.0, 0.1, scd, scd) for scd in (0.25, 0.75, 0.5)])
     monkeypatch.setattr(finetune, "measure", lambda *_: next(told))
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=40, epochs=3, batch=16, validation=4, rate=1e-3)
     source = LessonSource(recipe.sampling)

@@ -26,7 +26,7 @@ from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
-SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0) for a in (0.5, 0.9, 0.7)]
+SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
 
 
 @pytest.fixture(scope="module")

@@ -86,6 +86,27 @@ def test_it_halts_where_it_may_have_to_stand_until_it_has_waited(drive: Recorder
     assert planner.wish(plan) == 0.0
 
 
+def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -> None:
+    """A halt lasts `settles` = 0.6 s beyond the last plan that halts: six ticks at 10 Hz."""
+    stands = iter([0.0, 0.0, 0.9, 0.0, 0.9, *[0.0] * 15])
+
+    def infer(records: np.ndarray) -> np.ndarray:
+        answer = np.zeros(len(records), dtype=PLAN)
+        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
+        answer["speed"], answer["standing"] = 4.0, next(stands)
+        return answer
+
+    planner, o = Plant2Ft(infer), drive.seen[0]
+    planner._patience = Patience(settles=0.6)
+    planner.reset(drive.context)
+    halted = []
+    for k in range(30):
+        planner.act(replace(o, step=k))
+        halted.append(planner.wish(planner._plan) == 0.0)
+    # The fifth plan is made at tick 8 and followed at tick 9.
+    assert halted == [False] * 4 + [True] * 11 + [False] * 15
+
+
 def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
     planner = Plant2(folder=folder)
     driven, fresh = commands(planner, drive, signs=False), drive.seen[: 8 * HOLD_TICKS : HOLD_TICKS]

@@ -14,7 +14,7 @@ from tsbench.cli.options import words_of
 from tsbench.errors import InputError
 from tsbench.run.executor import own_cores
 
-_SHARES = ("arrived", "collision", "off_road", "timeout", "scd")
+_SHARES = ("arrived", "collision", "off_road", "timeout", "compliant", "scd")
 
 
 @click.command()
@@ -22,16 +22,16 @@ _SHARES = ("arrived", "collision", "off_road", "timeout", "scd")
 @click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
 @click.option("--each", default=4, show_default=True, type=click.IntRange(min=1), help="Episodes of a type.")
 @click.option(
-    "--patience", type=(float, float, float), metavar="SHARE WAITS RISE",
-    help="Of plant2-ft, instead of its own: from which share of standing it halts, and what is added to that "
-    "each second (1/s) after a wait of so many seconds.",
+    "--patience", type=(float, float, float, float), metavar="SHARE WAITS RISE SETTLES",
+    help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
+    "each second (1/s) after a wait of so many seconds, and how many seconds a halt lasts beyond the last such plan.",
 )  # fmt: skip
 @share.types
 @share.seed
 @share.workers
 def measure(
-    folder: Path | None, planner: str, each: int, patience: tuple[float, float, float] | None, types: str, seed: int,
-    workers: int | None,
+    folder: Path | None, planner: str, each: int, patience: tuple[float, float, float, float] | None, types: str,
+    seed: int, workers: int | None,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
     from tsbench.learn.imitation_recipe import validation_rows

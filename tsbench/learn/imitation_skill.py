@@ -27,7 +27,7 @@ class End(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Skill:
-    """Shares of episodes: arrived, with a contact, off the road, out of time, arrived and compliant."""
+    """Shares of episodes: arrived, with a contact, off the road, out of time, arrived and compliant; compliant."""
 
     episodes: int
     arrived: float
@@ -35,6 +35,7 @@ class Skill:
     off_road: float
     timeout: float
     scd: float
+    compliant: float
 
 
 class Student(Plant2):
@@ -96,6 +97,7 @@ def skill_of(ends: Sequence[End]) -> Skill:
         episodes=len(ends), arrived=share[Outcome.ARRIVED], collision=share[Outcome.COLLISION],
         off_road=share[Outcome.OFF_ROAD], timeout=share[Outcome.TIMEOUT],
         scd=sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count,
+        compliant=sum(end.obeyed for end in ends) / count,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -42,13 +43,16 @@ class SignTokeniser:
 class Patience:
     """When a plan halts: from which share of standing on, and what is added to it each second (1/s) after `waits` s.
 
-    Between waiting and going the mean speed is to creep, which is neither. The network has no memory: where nothing
-    moves it sees the same for ever, so the share rises with the wait. Chosen on kept-out maps: docs/finetuning.md.
+    settles: seconds that a halt lasts beyond the last plan that halts. Between waiting and going the mean speed is to
+    creep, which is neither. The network has no memory: where nothing moves it sees the same for ever, so the share
+    rises with the wait; and of many plans one is wrong, so one alone does not set it off. Chosen on kept-out maps:
+    docs/finetuning.md.
     """
 
     share: float = 0.1
     waits: float = 5.0
     rise: float = 0.02
+    settles: float = 0.0
 
     def halts(self, standing: float, waited: float) -> bool:
         """Does a plan with this share of standing halt after a wait of so many seconds?"""
@@ -56,7 +60,7 @@ class Patience:
 
 
 class Plant2Ft(Plant2):
-    """The planner. Of earlier ticks it keeps the sign that holds, and how long it has stood."""
+    """The planner. Of earlier ticks it keeps the sign that holds, how long it has stood, and which plan last halted."""
 
     sign_access = True
     weights: ClassVar[str] = "plant2-ft"
@@ -65,12 +69,13 @@ class Plant2Ft(Plant2):
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
         super().__init__(infer, folder)
         self._signs: SignTokeniser
-        self._patience, self._stood = Patience(), 0
+        self._patience = Patience()
+        self._stood, self._halted, self._settling = 0, -math.inf, False
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode: no sign holds."""
         super().reset(context)
-        self._stood = 0
+        self._stood, self._halted, self._settling = 0, -math.inf, False
         assert self._tokeniser is not None
         self._signs = SignTokeniser(self._tokeniser)
 
@@ -78,13 +83,19 @@ class Plant2Ft(Plant2):
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
         self._signs.watch(observation)
         self._stood = self._stood + 1 if observation.ego.speed <= STOPPED_MPS else 0
-        return super().act(observation)
+        self._settling = (observation.step - self._halted) * DT_S < self._patience.settles
+        command = super().act(observation)
+        assert self._plan is not None
+        if self._halts(self._plan):
+            self._halted = observation.step
+        return command
 
     def wish(self, plan: Record) -> float:
         """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
-        return (
-            0.0 if self._patience.halts(float(plan["standing"]), self._stood * DT_S) else super().wish(plan)
-        )
+        return 0.0 if self._settling or self._halts(plan) else super().wish(plan)
+
+    def _halts(self, plan: Record) -> bool:
+        return self._patience.halts(float(plan["standing"]), self._stood * DT_S)
 
     def encode(self, observation: Observation) -> Records:
         """(1,) of the network's inputs; in order."""
