@@ -165,7 +165,6 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
 def test_a_collection_begins_again_from_its_tables(full: Path, rows: list[ScenarioSpec]) -> None:
     """Other experts may be added; what was there is chosen from again, to the same bytes."""
     made = full / "made"
-    made.mkdir()
     select(full / "c", made / "oracle.parquet", allow_partial=False)
     assert {path.name for path in made.iterdir()} == {"oracle.parquet", "oracle_tries.parquet", "oracle.json"}
     assert restore(made / "oracle.parquet", full / "again") == 9

@@ -25,6 +25,7 @@ from tsbench.paths import data_root
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.run.command import to_command
 from tsbench.run.episode import EpisodeRunner
+from tsbench.run.files import told_plainly
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion
@@ -188,7 +189,9 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
     lists: Any = pa.ListArray
     columns += [lists.from_arrays(pa.array(offsets), pa.array(c), type=_SERIES) for c in commands.T.copy()]
     columns += [pa.array([[{"tick": k, "edges": e} for k, e in row.intents] for row in rows], type=_INTENTS)]
-    save_table(pa.Table.from_arrays(columns, schema=SCHEMA), path, _ENCODINGS)
+    with told_plainly(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_table(pa.Table.from_arrays(columns, schema=SCHEMA), path, _ENCODINGS)
 
 
 def read_trajectories(path: Path) -> list[Recorded]:

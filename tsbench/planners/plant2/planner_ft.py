@@ -52,7 +52,7 @@ class Patience:
     share: float = 0.1
     waits: float = 5.0
     rise: float = 0.02
-    settles: float = 0.0
+    settles: float = 0.6
 
     def halts(self, standing: float, waited: float) -> bool:
         """Does a plan with this share of standing halt after a wait of so many seconds?"""
