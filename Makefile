@@ -18,19 +18,21 @@ test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
-# in docs/results.md and README.md, and the report. Goes on where it was stopped.
+# in docs/results.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes.
+VARIANTS ?= one-per-map
+RESULTS := runs/results-$(VARIANTS)
 BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
 PLANNERS := $(BASES) $(addsuffix -e,$(BASES)) plant2-ft
 results: setup
-	$(BIN)/tsbench run $(addprefix --planner ,$(PLANNERS)) --split test --variants one-per-map \
-		--workers $(WORKERS) --out runs/results
+	$(BIN)/tsbench run $(addprefix --planner ,$(PLANNERS)) --split test --variants $(VARIANTS) \
+		--workers $(WORKERS) --out $(RESULTS)
 	$(BIN)/tsbench run --planner plant2-ft --split test --variants one-per-map --mask-signs --trace none \
 		--workers $(WORKERS) --out runs/results-masked
 	for name in main types intervals correlations failures; do \
-		$(BIN)/tsbench analyse $$name runs/results --out runs/results/analyses || exit; done
-	$(BIN)/tsbench analyse ablation runs/results runs/results-masked --out runs/results/analyses
-	$(BIN)/tsbench analyse pages docs/results.md README.md --from runs/results/analyses
-	$(BIN)/tsbench report runs/results
+		$(BIN)/tsbench analyse $$name $(RESULTS) --out $(RESULTS)/analyses || exit; done
+	$(BIN)/tsbench analyse ablation $(RESULTS) runs/results-masked --out $(RESULTS)/analyses
+	$(BIN)/tsbench analyse pages docs/results.md README.md --from $(RESULTS)/analyses
+	$(BIN)/tsbench report $(RESULTS)
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup

@@ -13,9 +13,12 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer
 from tsbench.planners.plant2.layout import SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
-from tsbench.planners.plant2.signs import STOPPED_MPS, SignMemory, fill_signs
+from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
 from tsbench.sim.world import DT_S
+
+# A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
+_GOES_MPS = 1.5
 
 
 class SignTokeniser:
@@ -52,7 +55,7 @@ class Patience:
     share: float = 0.1
     waits: float = 5.0
     rise: float = 0.02
-    settles: float = 0.6
+    settles: float = 1.2
 
     def halts(self, standing: float, waited: float) -> bool:
         """Does a plan with this share of standing halt after a wait of so many seconds?"""
@@ -82,7 +85,7 @@ class Plant2Ft(Plant2):
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
         self._signs.watch(observation)
-        self._stood = self._stood + 1 if observation.ego.speed <= STOPPED_MPS else 0
+        self._stood = self._stood + 1 if observation.ego.speed <= _GOES_MPS else 0
         self._settling = (observation.step - self._halted) * DT_S < self._patience.settles
         command = super().act(observation)
         assert self._plan is not None
