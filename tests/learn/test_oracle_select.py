@@ -11,22 +11,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from oracle_helpers import PLANNERS, collection, line
 
 from tsbench.errors import InputError
 from tsbench.learn.imitation_recipe import kept_for_validation
-from tsbench.learn.oracle_restore import restore
-from tsbench.learn.oracle_runner import FIGURES, pack, unpack
+from tsbench.learn.oracle_runner import pack, unpack
 from tsbench.learn.oracle_select import Candidate, f_score, part_of, rank, select
 from tsbench.learn.oracle_stats import stats
-from tsbench.learn.oracle_store import KIND, Collection, read_tries
+from tsbench.learn.oracle_store import read_tries
 from tsbench.learn.trajectories import read_trajectories
 from tsbench.metrics.outcome import Outcome
 from tsbench.report.analyses.output import to_csv, write_analysis
 from tsbench.run.contract import contract_hash
-from tsbench.run.manifest import new_manifest
-from tsbench.run.record import Record, Row, error_row
+from tsbench.run.record import Record, error_row
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 shares = st.floats(0.0, 1.0)
@@ -81,11 +79,6 @@ def test_commands_come_back_from_a_line(pairs: list[tuple[int, int]]) -> None:
     assert unpack(pack(commands)).tolist() == commands.tolist()
 
 
-@pytest.fixture(scope="module")
-def rows() -> list[ScenarioSpec]:
-    return read_table(table_path("train"))
-
-
 def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None:
     """By map, and never to learn from what a base planner was validated on."""
     maps = {row.map_id: row for row in rows}
@@ -94,56 +87,6 @@ def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None
     assert all(parts[name] == "validation" for name, row in maps.items() if kept_for_validation(row))
     share = sum(part == "validation" for part in parts.values()) / len(parts)
     assert share == pytest.approx(0.2, abs=4 * (0.16 / len(parts)) ** 0.5)
-
-
-PLANNERS: list[dict[str, Any]] = [
-    {"name": "idm-e", "code_sha256": "c", "weights_sha256": None},
-    {"name": "idm-s4-e", "code_sha256": "c", "weights_sha256": None},
-    {"name": "net-e", "code_sha256": "c", "weights_sha256": "w"},
-]
-
-
-def collection(
-    folder: Path, table: list[ScenarioSpec], planners: list[dict[str, Any]] = PLANNERS
-) -> Collection:
-    effective = {"collection": KIND, "split": "train", "tries": 4}
-    manifest = new_manifest(contract_hash((), load_catalog()), {}, effective, planners)
-    return Collection(folder, manifest, table, planners)
-
-
-def line(planner: str, spec: ScenarioSpec, *steps: int, comfort: float = 0.5) -> Record:
-    """Tries of an expert on a scenario; the last one succeeded, unless it took 0 steps."""
-    tries: list[Row] = []
-    for number, count in enumerate(steps):
-        last = number == len(steps) - 1 and count > 0
-        figures: Row = dict.fromkeys(FIGURES) | {"compliant": last, "engaged": True, "mean_speed": 5.0}
-        figures |= {"steps": count, "comfort": comfort, "ego": f"{count:016x}", "others": f"{number:016x}"}
-        outcome = "arrived" if last else "timeout"
-        tries.append({"attempt": number, "outcome": outcome, "error": None, "scd": last, **figures})
-    done = tries[-1]["scd"]
-    row = {
-        "planner": planner, "scenario_id": spec.scenario_id, "outcome": tries[-1]["outcome"], "error": None,
-        "scd": done, "tries": tries,
-        "commands": pack(np.full((steps[-1], 2), len(planner), dtype=np.int16)) if done else None,
-        "intents": [[3, ["a", "b"]], [7, []]] if done else None,
-    }  # fmt: skip
-    return Record(row, [], {}, "")
-
-
-@pytest.fixture
-def full(tmp_path: Path, rows: list[ScenarioSpec]) -> Path:
-    """Three scenarios: two experts of the IDM kind and a network; the network's own; nobody's."""
-    table = rows[:3]
-    with closing(collection(tmp_path / "c", table)) as made:
-        for record in (
-            line("net-e", table[0], 100, comfort=0.9), line("idm-e", table[0], 120, comfort=0.9),
-            line("idm-s4-e", table[0], 0, 90, comfort=0.8), line("net-e", table[1], 200), line("idm-e", table[1], 0),
-            line("idm-s4-e", table[1], 0, 0), line("idm-e", table[2], 0), line("idm-s4-e", table[2], 0, 0),
-            line("net-e", table[2], 0),
-        ):  # fmt: skip
-            made.keep(record)
-        made.end(complete=True)
-    return tmp_path
 
 
 def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> None:
@@ -162,21 +105,6 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
     assert first.part == part_of(rows[0])
 
 
-def test_a_collection_begins_again_from_its_tables(full: Path, rows: list[ScenarioSpec]) -> None:
-    """Other experts may be added; what was there is chosen from again, to the same bytes."""
-    made = full / "made"
-    select(full / "c", made / "oracle.parquet", allow_partial=False)
-    assert {path.name for path in made.iterdir()} == {"oracle.parquet", "oracle_tries.parquet", "oracle.json"}
-    assert restore(made / "oracle.parquet", full / "again") == 9
-    with closing(collection(full / "again", rows[:3])) as again:
-        assert again.notices == []
-        assert len(again.journal.done) == 9
-        again.end(complete=True)
-    assert (full / "again" / "tries.parquet").read_bytes() == (made / "oracle_tries.parquet").read_bytes()
-    select(full / "again", full / "oracle.parquet", allow_partial=False)
-    assert (full / "oracle.parquet").read_bytes() == (made / "oracle.parquet").read_bytes()
-
-
 def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
     """With rank 0: another expert may yet change the order of the others."""
     third = {**PLANNERS[2], "name": "other-e"}
@@ -190,29 +118,6 @@ def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[Scenari
         ("other-e", 0), ("idm-e", 1), ("net-e", 2),
     ]  # fmt: skip
     assert stats(tmp_path / "oracle.parquet", "train").table.rows[0].cells[2] == 2
-
-
-@pytest.mark.parametrize("what", ["full", "tries", "manifest", "other tries"])
-def test_restore_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: str) -> None:
-    """A folder that is in use, and tables that are not all there or not of one collection."""
-    table, folder = full / "oracle.parquet", full / "again"
-    select(full / "c", table, allow_partial=False)
-    told = "no such table"
-    if what == "full":
-        folder, told = full / "c", "is not empty"
-    elif what == "tries":
-        (full / "oracle_tries.parquet").unlink()
-    elif what == "manifest":
-        (full / "oracle.json").unlink()
-        told = "oracle.json: No such file"
-    else:
-        with closing(collection(full / "other", rows[:1])) as made:
-            made.keep(line("net-e", rows[0], 101))
-            made.end(complete=True)
-        (full / "oracle_tries.parquet").write_bytes((full / "other" / "tries.parquet").read_bytes())
-        told = "net-e: its tries are of another collection"
-    with pytest.raises(InputError, match=told):
-        restore(table, folder)
 
 
 def test_tries_are_one_row_each_in_order(full: Path) -> None:
