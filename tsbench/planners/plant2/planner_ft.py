@@ -52,7 +52,7 @@ class Patience:
     docs/finetuning.md.
     """
 
-    share: float = 0.1
+    share: float = 0.05
     waits: float = 5.0
     rise: float = 0.02
     settles: float = 1.2
