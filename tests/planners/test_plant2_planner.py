@@ -72,6 +72,7 @@ def test_patience_ends() -> None:
 
 def test_it_halts_where_it_may_have_to_stand_until_it_has_waited(drive: Recorder, folder: Path) -> None:
     planner, o = Plant2Ft(folder=folder), drive.seen[0]
+    planner._patience = Patience(share=0.1, waits=5.0, rise=0.02)
     planner.reset(drive.context)
     plan = np.zeros(1, dtype=PLAN)[0]
     plan["speed"], plan["standing"] = 4.0, 0.3
@@ -97,7 +98,7 @@ def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -
         return answer
 
     planner, o = Plant2Ft(infer), drive.seen[0]
-    planner._patience = Patience(settles=0.6)
+    planner._patience = Patience(share=0.1, settles=0.6)
     planner.reset(drive.context)
     halted = []
     for k in range(30):

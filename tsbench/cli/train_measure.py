@@ -14,7 +14,11 @@ from tsbench.cli.options import words_of
 from tsbench.errors import InputError
 from tsbench.run.executor import own_cores
 
-_SHARES = ("arrived", "collision", "off_road", "timeout", "compliant", "scd")
+# Of `Skill`, with heads that leave 80 columns for the types' names.
+_SHARES = {
+    "arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad", "timeout": "time-\nout",
+    "compliant": "com-\nplied", "scd": "SCD",
+}  # fmt: skip
 
 
 @click.command()
@@ -46,8 +50,9 @@ def measure(
     rows = share.train_rows(words_of(types))
     rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
     ends = drive(planner, folder, rows, workers or own_cores(), Patience(*patience) if patience else None)
-    heads = (name.replace("_", " ") for name in _SHARES)
-    table = Table("type", "n", *heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
+    table = Table(
+        "type", "n", *_SHARES.values(), box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left"
+    )
     kinds = [row.scenario_type for row in rows]
     skills = {
         kind: skill_of([end for k, end in zip(kinds, ends, strict=True) if k == kind])
