@@ -156,9 +156,13 @@ def test_a_share_of_drives_is_begun_by_the_student(
 def prepared(
     out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
 ) -> tuple[Obedience, Place]:
-    """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
+    """A training of three epochs of two windows whose frames are there already, and whose skills are told.
+
+    The second is the best: the third has as much SCD and complies less.
+    """
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
-    told = iter([Skill(4, 0.9, 0.0, 0.0, 0.1, scd, scd) for scd in (0.25, 0.75, 0.5)])
+    skills = ((0.25, 0.5), (0.75, 1.0), (0.75, 0.75))
+    told = iter([Skill(4, 0.9, 0.0, 0.0, 0.1, scd, compliant) for scd, compliant in skills])
     monkeypatch.setattr(finetune, "measure", lambda *_: next(told))
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=40, epochs=3, batch=16, validation=4, rate=1e-3)
     source = LessonSource(recipe.sampling)
