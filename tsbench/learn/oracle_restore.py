@@ -15,7 +15,7 @@ from tsbench.errors import InputError
 from tsbench.learn.oracle_runner import FIGURES, pack
 from tsbench.learn.oracle_store import KIND, beside, open_journal, read_tries
 from tsbench.learn.trajectories import Recorded, read_trajectories
-from tsbench.run.files import told_plainly, write_atomic, write_json
+from tsbench.run.files import told_plainly, write_json
 from tsbench.run.manifest import NAME, read_manifest
 from tsbench.run.record import Record, Row
 from tsbench.run.set_aside import SetAside
@@ -32,21 +32,20 @@ def restore(table: Path, folder: Path) -> int:
         raise InputError(f"{folder}: is not empty; choose another folder")
     tries, told = beside(table)
     rows = list(_lines(read_tries(tries), read_trajectories(table), table))
-    with told_plainly(told):
-        text = told.read_bytes()
+    manifest = read_manifest(told.parent, told.name)
+    if manifest is None:
+        raise InputError(f"{told}: No such file (tsbench oracle select writes it)")
+    if manifest["effective"].get("collection") != KIND:
+        raise InputError(f"{told}: not the manifest of a collection (tsbench oracle select writes it)")
     with told_plainly(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        write_atomic(folder / NAME, text)
-    manifest = read_manifest(folder)
-    if manifest is None or manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{told}: not the manifest of a collection (tsbench oracle select writes it)")
+        # Its table of tries is written by the next `collect`, from the journal.
+        write_json(folder / NAME, {**manifest, "status": "interrupted"})
     keys = [(row["planner"], row["scenario_id"]) for row in rows]
     journal = open_journal(folder, manifest["contract"], keys, SetAside(folder), lambda _: True)
     with closing(journal):
         for row in rows:
             journal.append(Record(row, [], {}, ""))
-    # Its table of tries is written by the next `collect`, from the journal.
-    write_json(folder / NAME, {**manifest, "status": "interrupted"})
     return len(rows)
 
 

@@ -87,9 +87,9 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     return None
 
 
-def read_manifest(folder: Path) -> Manifest | None:
+def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
     """The manifest of a run folder, None if there is none. Raises InputError for one that is not ours."""
-    path = folder / NAME
+    path = folder / name
     try:
         manifest: Manifest = json.loads(path.read_bytes())
     except FileNotFoundError:
