@@ -14,6 +14,7 @@ from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.signs import CLASSES, VALUES_KMH, VOCABULARY, SignMemory, state_of
 from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.planners.plant2.ways import Ways
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -50,6 +51,17 @@ def test_what_is_too_far_away_leaves_no_token(drive: Recorder, tokeniser: Tokeni
         pose[:, 0], pose[:, 1] = o.ego.x + c * away, o.ego.y + s * away
         moved = replace(o, actors=replace(o.actors, pose=pose, known_boxes=None), obstacles=())
         assert bool(tokeniser.tokens(moved)[0]["kinds"].any()) is seen
+
+
+@pytest.mark.parametrize("side", [at.RANGE_M, at.SIGN_SIDE_M])
+def test_who_is_too_far_to_the_side_leaves_no_token(drive: Recorder, side: float) -> None:
+    o, tokeniser = drive.seen[0], Tokeniser(drive.context.network, side)
+    for left in (side - 1.0, side + 1.0, 1.0 - side, -1.0 - side):
+        c, s = math.cos(o.ego.heading), math.sin(o.ego.heading)
+        pose = o.actors.pose.copy()
+        pose[:, 0], pose[:, 1] = o.ego.x - s * left, o.ego.y + c * left
+        moved = replace(o, actors=replace(o.actors, pose=pose, known_boxes=None), obstacles=())
+        assert bool(tokeniser.tokens(moved)[0]["kinds"].any()) is (abs(left) < side)
 
 
 def test_route_lies_ahead_and_turns_with_the_pose(drive: Recorder, tokeniser: Tokeniser) -> None:
@@ -146,7 +158,7 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
     o = drive.seen[0]
     seen = replace(o, signs=(plate(o, "3.24", 36.0, ahead=10.0), replace(plate(o, "2.5"), code="")))
     record_ = np.zeros(1, dtype=at.SIGN_TOKENS)
-    signs = SignTokeniser(tokeniser)
+    signs = SignTokeniser(tokeniser, Ways(drive.context.graph, drive.context.destination))
     signs.watch(seen)
     signs.fill(record_[0], seen)
     assert record_["sign_state"][0] == 0

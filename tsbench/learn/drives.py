@@ -70,11 +70,12 @@ class Drivers:
         """Of a scenario."""
         return self._loader.load(spec)[1]
 
-    def tokeniser(self, roads: Roads) -> Tokeniser:
-        """Of these roads; the last one is kept."""
-        if self._tokeniser is None or self._tokeniser.network is not roads.network:
-            self._tokeniser = Tokeniser(roads.network)
-        return self._tokeniser
+    def tokeniser(self, roads: Roads, side_m: float) -> Tokeniser:
+        """Of these roads, as far to the sides; the last one is kept."""
+        kept = self._tokeniser
+        if kept is None or kept.network is not roads.network or kept.side_m != side_m:
+            kept = self._tokeniser = Tokeniser(roads.network, side_m)
+        return kept
 
     def close(self) -> None:
         """End SUMO."""

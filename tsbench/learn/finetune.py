@@ -53,7 +53,7 @@ class Obedience:
         """The base's weights with the new parameters as drawn, or a fine-tuned network as it stands."""
         base, (size, _) = self._recipe.base, begins_with(self._recipe.base)
         begin = network_of(size, load_weights(name_of(base), base), name_of(base))
-        if isinstance(begin, Plant2FtNetwork):
+        if isinstance(begin, Plant2FtNetwork) and begin.ways is not None:
             return begin
         net = Plant2FtNetwork(size)
         net.take_over(begin)
@@ -100,7 +100,7 @@ def share_of(name: str, net: Plant2Network, recipe: FineTuning) -> float:
     """A parameter's part of the learning rate: 1 for heads, less by layer towards the inputs, more for what is new."""
     layers = len(net.encoder.layers)
     part, *rest = name.split(".")
-    if part in ("signs", "sign_state", "speed_token", "ego_speed_head"):
+    if part in ("signs", "sign_state", "ways", "speed_token", "ego_speed_head"):
         return recipe.new_factor
     if part == "encoder":
         return float(recipe.layer_decay ** (layers - int(rest[1])))

@@ -15,7 +15,8 @@ from tsbench.learn.takeover import Handover
 from tsbench.learn.trajectories import Recorded, Replayer
 from tsbench.metrics.outcome import EpisodeFacts, Outcome
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.planner_ft import SignTokeniser
+from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
+from tsbench.planners.plant2.ways import Ways
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
@@ -58,7 +59,8 @@ class LessonSource:
         sign = catalog.sign(driven.facts.scene.target_sign.code)
         kind = next(k for k, known in enumerate(catalog.types) if sign.code in known.codes)
         teacher = Obeyed(driven, sign.rule, kind, self.sampling)
-        encoder = SignTokeniser(drivers.tokeniser(driven.roads))
+        ways = Ways(driven.roads.graph, driven.facts.scene.destination)
+        encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways)
         return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
 
 

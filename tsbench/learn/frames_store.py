@@ -23,6 +23,7 @@ from tsbench.errors import InputError, SimulationError
 from tsbench.learn.drives import Drive, Driven, Drivers
 from tsbench.learn.frames import FRAME, Imitated, Sampling, frames_of
 from tsbench.planners.plant2.layout import Records
+from tsbench.planners.plant2.planner import Plant2
 from tsbench.scenarios.seeds import rng_of
 
 DRIVES_PER_CHUNK = 20
@@ -61,7 +62,8 @@ class ImitationSource:
     def frames(self, driven: Driven, drivers: Drivers, rng: np.random.Generator) -> Records:
         """Every kept tick, whatever became of the drive."""
         teacher = Imitated(driven.facts, self.sampling)
-        return frames_of(driven, drivers.tokeniser(driven.roads), teacher, self.sampling, rng, FRAME)
+        encoder = drivers.tokeniser(driven.roads, Plant2.side_m)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, FRAME)
 
 
 def plan_hash(drives: Sequence[Drive], source: Source, seed: int) -> str:

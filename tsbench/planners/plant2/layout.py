@@ -19,6 +19,8 @@ OBJECTS = 30
 OBJECT_FEATURES = 7
 RANGE_M = 50.0
 AHEAD_FACTOR = 2.0
+# To the sides for `plant2-ft`: who crosses at 60 km/h comes 67 m in the 4 s that are to be left free.
+SIGN_SIDE_M = 75.0
 
 ROUTE_POINTS = 20
 ROUTE_STEP_M = 1.0
@@ -35,6 +37,13 @@ PATCH_M_PER_PX = 1.0
 SIGNS = 6
 SIGN_FEATURES = 6
 
+# Ways to the destination by the exits ahead (`plant2-ft`): points so far along each (x, y), then cos and sin of the
+# turn at the exit, metres to it, metres to the destination, and whether it is the navigation's.
+WAYS = 4
+WAY_AHEAD_M = (*(float(metre) for metre in range(1, 21)), 25.0, 30.0, 40.0, 60.0)
+WAY_FACTS = 5
+WAY_FEATURES = 2 * len(WAY_AHEAD_M) + WAY_FACTS
+
 PATH_POINTS = 20
 PATH_STEP_M = 1.0
 WAYPOINTS = 8
@@ -46,6 +55,7 @@ SPEEDS = (0.0, 1.0, 2.5, 5.0, 8.0, 11.0, 14.0, 18.0)
 POSITION_SCALE_M = 50.0
 SPEED_SCALE_MPS = 10.0
 LENGTH_SCALE_M, WIDTH_SCALE_M = 5.0, 2.0
+REMAINING_SCALE_M = 200.0
 
 # Without padding, which would carry whatever lay in memory into files that have to be the same.
 TOKENS = np.dtype(
@@ -63,6 +73,8 @@ SIGN_TOKENS = np.dtype(
         ("signs", np.float32, (SIGNS, SIGN_FEATURES)),
         ("sign_classes", np.uint8, (SIGNS,)),
         ("sign_state", np.uint8),
+        ("ways", np.float32, (WAYS, WAY_FEATURES)),
+        ("way_known", np.uint8, (WAYS,)),
     ],
 )
 # What the network answers: points in the ego's frame (m), and the wished speed (m/s).

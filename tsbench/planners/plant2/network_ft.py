@@ -1,6 +1,6 @@
 """`plant2-ft`'s network: the base with sign tokens, a sign-state token, a speed token and a head for the ego's speed.
 
-Source: spec/planners.md: 147,976 parameters more at `medium`.
+Source: spec/planners.md: 147,976 parameters more at `medium`. A token for each way on is tsbench's own (ways.py).
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from tsbench.planners.plant2.signs import CLASSES, VOCABULARY
 class Plant2FtNetwork(Plant2Network):
     """As `Plant2Network`; its tokens hold the fields of `layout.SIGN_TOKENS`. The wished speed is the new head's."""
 
-    def __init__(self, size: str) -> None:
+    def __init__(self, size: str, ways: bool = True) -> None:
         super().__init__(size)
         width = SIZES[size].width
+        # Weights of rounds 1 to 3 have none.
+        self.ways = nn.Linear(at.WAY_FEATURES, width) if ways else None
         self.signs = ClassProjection(len(CLASSES) + 1, at.SIGN_FEATURES, width)
         self.sign_state = nn.Embedding(len(VOCABULARY) + 1, width)
         self.speed_token = nn.Parameter(0.02 * torch.randn(width))
@@ -28,28 +30,31 @@ class Plant2FtNetwork(Plant2Network):
         nn.init.normal_(self.sign_state.weight, std=0.02)
 
     def take_over(self, base: Plant2Network) -> None:
-        """Begin with a base network's weights; the new parameters stay as they are."""
+        """Begin with a base network's weights; points of ways are read like the route's, what else is new as drawn."""
         left_out = self.load_state_dict(base.state_dict(), strict=False)
         assert not left_out.unexpected_keys
+        assert self.ways is not None
+        with torch.no_grad():
+            self.ways.weight[:, : 2 * at.ROUTE_POINTS] = self.route.weight
 
     def embed(self, tokens: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
         """The base's tokens with speed token, sign state and signs before the objects."""
         x, empty = super().embed(tokens)
         classes = tokens["sign_classes"].long()
         b, objects = len(classes), tokens["objects"].shape[1]
-        new = torch.cat(
-            [
-                self.speed_token.expand(b, 1, -1),
-                self.sign_state(tokens["sign_state"].long())[:, None],
-                self.signs(classes, tokens["signs"]),
-            ],
-            dim=1,
-        )
-        seen = empty.new_zeros((b, 2))
+        new = [
+            self.speed_token.expand(b, 1, -1),
+            self.sign_state(tokens["sign_state"].long())[:, None],
+            self.signs(classes, tokens["signs"]),
+        ]
+        unseen = [empty.new_zeros((b, 2)), classes == at.EMPTY]
+        if self.ways is not None:
+            new.append(per_sample(self.ways, tokens["ways"]))
+            unseen.append(tokens["way_known"] == 0)
         split = x.shape[1] - objects
         return (
-            torch.cat([x[:, :split], new, x[:, split:]], dim=1),
-            torch.cat([empty[:, :split], seen, classes == at.EMPTY, empty[:, split:]], dim=1),
+            torch.cat([x[:, :split], *new, x[:, split:]], dim=1),
+            torch.cat([empty[:, :split], *unseen, empty[:, split:]], dim=1),
         )
 
     def plan(self, x: Tensor) -> Plan:

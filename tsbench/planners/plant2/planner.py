@@ -14,7 +14,7 @@ from tsbench.planners.batched import Infer
 from tsbench.planners.expert import Expert
 from tsbench.planners.led import Led
 from tsbench.planners.plant2.control import Gains, control
-from tsbench.planners.plant2.layout import PLAN, TOKENS, Record, Records
+from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
 from tsbench.sim.world import EgoState
 
@@ -33,6 +33,7 @@ class Plant2:
     weights: ClassVar[str] = "plant2"
     inputs: ClassVar[np.dtype[Any]] = TOKENS
     outputs: ClassVar[np.dtype[Any]] = PLAN
+    side_m: ClassVar[float] = RANGE_M
     # Eight together cost a third of eight alone, on a CPU too.
     served_on: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
 
@@ -52,7 +53,7 @@ class Plant2:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
         self._plan = None
         if self._tokeniser is None or self._tokeniser.network is not context.network:
-            self._tokeniser = Tokeniser(context.network)
+            self._tokeniser = Tokeniser(context.network, self.side_m)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""

@@ -11,10 +11,11 @@ import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batched import Infer
-from tsbench.planners.plant2.layout import SIGN_TOKENS, Record, Records
+from tsbench.planners.plant2.layout import SIGN_SIDE_M, SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
+from tsbench.planners.plant2.ways import Ways
 from tsbench.sim.world import DT_S
 
 # A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
@@ -22,15 +23,16 @@ _GOES_MPS = 1.5
 
 
 class SignTokeniser:
-    """Tokens with signs, for one episode: it remembers the sign that holds."""
+    """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
-    def __init__(self, tokeniser: Tokeniser) -> None:
-        self._tokeniser = tokeniser
+    def __init__(self, tokeniser: Tokeniser, ways: Ways) -> None:
+        self._tokeniser, self._ways = tokeniser, ways
         self._memory = SignMemory(tokeniser.network)
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds: at every tick, in order; twice is as good as once."""
         self._memory.update(o)
+        self._ways.watch(o)
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
         """As `Tokeniser.fill`, into a record with the fields of `layout.SIGN_TOKENS`; after `watch`."""
@@ -39,6 +41,7 @@ class SignTokeniser:
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0
         fill_signs(record, o, here, order)
         record["sign_state"] = self._memory.state
+        self._ways.fill(record, here)
         return origins
 
 
@@ -68,6 +71,7 @@ class Plant2Ft(Plant2):
     sign_access = True
     weights: ClassVar[str] = "plant2-ft"
     inputs: ClassVar[np.dtype[Any]] = SIGN_TOKENS
+    side_m: ClassVar[float] = SIGN_SIDE_M
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
         super().__init__(infer, folder)
@@ -80,7 +84,7 @@ class Plant2Ft(Plant2):
         super().reset(context)
         self._stood, self._halted, self._settling = 0, -math.inf, False
         assert self._tokeniser is not None
-        self._signs = SignTokeniser(self._tokeniser)
+        self._signs = SignTokeniser(self._tokeniser, Ways(context.graph, context.destination))
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""

@@ -25,10 +25,12 @@ _NO_LIMIT_MPS = 22.2
 
 
 class Tokeniser:
-    """Makes tokens in one network. The slots of objects are filled from the nearest on."""
+    """Makes tokens in one network. The slots of objects, up to side_m (m) to the left and right, are filled from the
+    nearest on.
+    """
 
-    def __init__(self, network: RoadNetwork) -> None:
-        self.network = network
+    def __init__(self, network: RoadNetwork, side_m: float = at.RANGE_M) -> None:
+        self.network, self.side_m = network, side_m
         self._patches = Patches(network)
 
     def tokens(self, o: Observation, pose: Pose | None = None) -> at.Records:
@@ -46,7 +48,7 @@ class Tokeniser:
         Returns for each filled slot the object's row in `o.actors` (-1: an obstacle).
         """
         here = (o.ego.x, o.ego.y, o.ego.heading) if pose is None else pose
-        rows, origins = nearest(o, here)
+        rows, origins = nearest(o, here, self.side_m)
         if rows:
             count = len(rows)
             record["kinds"][:count] = [row[0] for row in rows]
@@ -60,7 +62,7 @@ class Tokeniser:
         return origins
 
 
-def nearest(o: Observation, pose: Pose) -> tuple[list[tuple[float, ...]], list[int]]:
+def nearest(o: Observation, pose: Pose, side_m: float) -> tuple[list[tuple[float, ...]], list[int]]:
     """Object rows (class, then features), nearest first, and for each its row in `o.actors` (-1: an obstacle)."""
     x0, y0, heading = pose
     c, s = math.cos(heading), math.sin(heading)
@@ -71,7 +73,7 @@ def nearest(o: Observation, pose: Pose) -> tuple[list[tuple[float, ...]], list[i
     for k, kind, speed, (x, y, h, length, width) in bodies:
         dx, dy = x - x0, y - y0
         u, v = c * dx + s * dy, c * dy - s * dx
-        if -at.RANGE_M <= u <= at.AHEAD_FACTOR * at.RANGE_M and abs(v) <= at.RANGE_M:
+        if -at.RANGE_M <= u <= at.AHEAD_FACTOR * at.RANGE_M and abs(v) <= side_m:
             found.append((u * u + v * v, k, kind, u, v, h - heading, speed, length, width))
     found.sort()
     rows: list[tuple[float, ...]] = [

@@ -1,0 +1,97 @@
+"""The ways on that `plant2-ft` is shown: to the destination, one by each exit of the junction ahead. Units: m, rad.
+
+The navigation shows the shortest way, also where a sign forbids it. Which of the others is permitted the signs say;
+which of them lead to the destination, and where their lanes lie, the road map says. Nothing of a sign is read here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsbench.geometry.polyline import Polyline
+from tsbench.planners.base import Observation
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.tokens import Pose, to_frame
+from tsbench.sim.lanegraph import LaneGraph, RoutePath, heading_change
+from tsbench.sim.scene import Destination
+
+_WINDOW_M = 15.0
+_MOST_REMAINING_M = 1000.0
+
+
+@dataclass(slots=True)
+class Way:
+    """A way by one exit. s: where the ego is on it; exit_s: where it leaves the edge; turn: change of heading there."""
+
+    line: Polyline
+    s: float
+    exit_s: float
+    end_s: float
+    turn: float
+    shown: bool
+
+
+class Ways:
+    """Ways of one episode; found anew on each ordinary lane that the ego comes to, and kept inside junctions."""
+
+    def __init__(self, graph: LaneGraph, destination: Destination) -> None:
+        self._graph, self._destination = graph, destination
+        self._lane = -1
+        self._onward: dict[str, tuple[str, ...] | None] = {}
+        self.ways: list[Way] = []
+
+    def watch(self, o: Observation) -> None:
+        """Follow the ego: at every tick, in order; twice is as good as once."""
+        ego = o.ego
+        for way in self.ways:
+            way.s = way.line.project(ego.x, ego.y, way.s - _WINDOW_M, way.s + _WINDOW_M)[0]
+        if ego.lane in (-1, self._lane) or self._graph.network.lanes[ego.lane].internal:
+            return
+        self._lane = ego.lane
+        found = list(self._from(ego.lane, ego.s, o.route.path))
+        # Shorter ones first: where a junction has more exits than there are slots, the longest ways are left out.
+        self.ways = sorted(found, key=lambda way: way.end_s)[: at.WAYS]
+
+    def fill(self, record: at.Record, pose: Pose) -> None:
+        """Write `ways` and `way_known` as seen from a pose; after `watch`."""
+        for k, way in enumerate(self.ways):
+            points = np.array([way.line.point_at(way.s + ahead) for ahead in at.WAY_AHEAD_M])
+            record["way_known"][k] = 1
+            record["ways"][k, : -at.WAY_FACTS] = (to_frame(points, pose) / at.POSITION_SCALE_M).ravel()
+            record["ways"][k, -at.WAY_FACTS :] = (
+                math.cos(way.turn), math.sin(way.turn), (way.exit_s - way.s) / at.POSITION_SCALE_M,
+                min(way.end_s - way.s, _MOST_REMAINING_M) / at.REMAINING_SCALE_M, way.shown,
+            )  # fmt: skip
+
+    def _from(self, lane: int, s: float, route: RoutePath) -> Iterator[Way]:
+        edge, last = self._graph.edge_of(lane), self._destination.edge
+        if edge == last:
+            path = self._graph.path((edge,), lane, s, self._destination)
+            if path is not None:
+                yield Way(path.line, 0.0, path.destination_s, path.destination_s, 0.0, True)
+            return
+        after = dict(zip(route.edges, route.edges[1:], strict=False)).get(edge)
+        for exit_ in self._graph.successors(edge):
+            onward = self._route(exit_)
+            path = None if onward is None else self._graph.path((edge, *onward), lane, s, self._destination)
+            if path is None:
+                continue
+            turn = heading_change(self._graph.network, edge, exit_)
+            yield Way(path.line, 0.0, self._exit_s(path, edge), path.destination_s, turn, exit_ == after)
+
+    def _route(self, edge: str) -> tuple[str, ...] | None:
+        if edge not in self._onward:
+            self._onward[edge] = self._graph.route(edge, self._destination.edge)
+        return self._onward[edge]
+
+    def _exit_s(self, path: RoutePath, edge: str) -> float:
+        end = 0.0
+        for piece in path.pieces:
+            if self._graph.edge_of(piece.lane) != edge:
+                break
+            end = piece.s1
+        return end
