@@ -17,7 +17,7 @@ from tsbench.signs.model import ScenarioType
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 _COLUMNS = 5
-_ROUTE, _PATH, _WAYPOINTS, _SIGN = "#009e73", "#d55e00", "#0072b2", "#cc79a7"
+_ROUTE, _WAY, _PATH, _WAYPOINTS, _SIGN = "#009e73", "#7b3294", "#d55e00", "#0072b2", "#cc79a7"
 _BODIES = {
     at.CAR: "#56b4e9",
     at.BUS: "#0072b2",
@@ -29,7 +29,9 @@ _SIDE_M, _BACK_M = 20.0, 12.0
 
 
 def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType]) -> Figure:
-    """One panel a frame: patch, objects, plates, route (green), path (orange) and waypoints (blue) to be answered."""
+    """One panel a frame: patch, objects, plates, route (green), ways on (violet, dashed), and what is to be answered:
+    path (orange) and waypoints (blue).
+    """
     rows = -(-len(frames) // _COLUMNS)
     figure = Figure(figsize=(2.6 * _COLUMNS, 4.2 * rows), layout="constrained")
     for frame, axes in zip(frames, figure.subplots(rows, _COLUMNS, squeeze=False).flat, strict=False):
@@ -50,6 +52,9 @@ def _panel(axes: Axes, frame: at.Record, types: Sequence[ScenarioType]) -> None:
             ahead = place + 1.0 * speed * at.SPEED_SCALE_MPS * np.array([c, s])
             axes.plot(*_up(np.array([place, ahead])).T, color=_BODIES[kind], lw=0.8)
     _body(axes, np.zeros(2), (1.0, 0.0), (EGO_LENGTH_M, EGO_WIDTH_M), INK)
+    for way in frame["ways"][frame["way_known"].astype(bool)]:
+        points = way[: -at.WAY_FACTS].reshape(-1, 2) * at.POSITION_SCALE_M
+        axes.plot(*_up(points).T, "--", color=_WAY, lw=0.8)
     axes.plot(*_up(frame["route"] * at.POSITION_SCALE_M).T, "-", color=_ROUTE, lw=1.0)
     known = frame["path_known"].astype(bool), frame["waypoints_known"].astype(bool)
     axes.plot(*_up(frame["path"][known[0]]).T, ".", color=_PATH, ms=4)

@@ -1,0 +1,109 @@
+"""The ways on that `plant2-ft` is shown: one by each exit that leads to the destination."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from learned_scenes import Recorder, record, with_signs
+
+from tsbench.planners.base import Observation
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.ways import Ways
+from tsbench.sim.lanegraph import LaneGraph
+from tsbench.sim.navigation import Navigator
+from tsbench.sim.scene import Destination
+
+POINTS = slice(0, 2 * len(at.WAY_AHEAD_M))
+COS, SIN, EXIT, REMAINING, SHOWN = range(-at.WAY_FACTS, 0)
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recorder:
+    return record()
+
+
+@pytest.fixture(scope="module")
+def graph(drive: Recorder) -> LaneGraph:
+    return LaneGraph(drive.context.network)
+
+
+def seen_from(o: Observation, ways: Ways) -> at.Record:
+    record_: at.Records = np.zeros(1, dtype=at.SIGN_TOKENS)
+    ways.watch(o)
+    ways.fill(record_[0], (o.ego.x, o.ego.y, o.ego.heading))
+    return record_[0]
+
+
+def on_lane(drive: Recorder, graph: LaneGraph, lane: str, s: float, target: Destination) -> Observation:
+    o, index = drive.seen[0], graph.network.lane(lane).index
+    line = graph.network.lane(lane).line
+    x, y = line.point_at(s)
+    ego = replace(o.ego, x=x, y=y, heading=line.heading_at(s), lane=index, s=s)
+    return replace(o, ego=ego, route=Navigator(graph, target).update(ego))
+
+
+def test_each_exit_that_leads_there_has_a_way(drive: Recorder, graph: LaneGraph) -> None:
+    target = Destination("nw", 10.0)
+    seen = seen_from(on_lane(drive, graph, "sc_0", 20.0, target), Ways(graph, target))
+    known = seen["ways"][: int(seen["way_known"].sum())]
+    assert len(known) == 3
+    turns = np.degrees(np.arctan2(known[:, SIN], known[:, COS])).round()
+    assert sorted(turns.tolist()) == pytest.approx([-90.0, 0.0, 90.0], abs=2.0)
+    assert known[:, SHOWN].tolist() == [float(abs(turn) < 45.0) for turn in turns]
+    assert (np.diff(known[:, REMAINING]) >= 0.0).all()
+    to_exit = graph.network.lane("sc_0").line.length - 20.0
+    assert known[:, EXIT] * at.POSITION_SCALE_M == pytest.approx([to_exit] * 3, abs=0.5)
+
+
+def test_points_lie_on_the_way_and_turn_with_the_pose(drive: Recorder, graph: LaneGraph) -> None:
+    target = Destination("nw", 10.0)
+    end = graph.network.lane("sc_0").line.length
+    o = on_lane(drive, graph, "sc_0", end - 5.0, target)
+    known = seen_from(o, Ways(graph, target))["ways"][:3]
+    for way in known:
+        points = way[POINTS].reshape(-1, 2) * at.POSITION_SCALE_M
+        assert points[3] == pytest.approx([4.0, 0.0], abs=0.1)
+        turn = math.atan2(way[SIN], way[COS])
+        assert math.copysign(1.0, points[-1, 1]) == math.copysign(1.0, turn) or abs(turn) < 0.1
+    turned = np.zeros(1, dtype=at.SIGN_TOKENS)
+    ways = Ways(graph, target)
+    ways.watch(o)
+    ways.fill(turned[0], (o.ego.x, o.ego.y, o.ego.heading + math.pi / 2))
+    assert turned[0]["ways"][0, 0:2] == pytest.approx([known[0, 1], -known[0, 0]], abs=1e-6)
+
+
+def test_an_exit_without_a_way_on_is_left_out(drive: Recorder, graph: LaneGraph) -> None:
+    target = Destination("cs", 60.0)
+    o = on_lane(drive, graph, "sc_0", 20.0, Destination("cn", 60.0))
+    onward = {exit_ for exit_ in graph.successors("sc") if graph.route(exit_, "cs") is not None}
+    seen = seen_from(o, Ways(graph, target))
+    assert int(seen["way_known"].sum()) == len(onward) < len(graph.successors("sc")) + 1
+    none = seen_from(o, Ways(graph, Destination("sc", 1.0)))
+    assert none["way_known"].tolist() == [1, 0, 0, 0], "its own edge: the way along it"
+
+
+def test_ways_are_kept_inside_a_junction_and_followed(drive: Recorder, graph: LaneGraph) -> None:
+    target = Destination("nw", 10.0)
+    ways = Ways(graph, target)
+    first = seen_from(on_lane(drive, graph, "sc_0", 20.0, target), ways)
+    later = seen_from(on_lane(drive, graph, "sc_0", 30.0, target), ways)
+    gone = (first["ways"][:3, REMAINING] - later["ways"][:3, REMAINING]) * at.REMAINING_SCALE_M
+    assert gone == pytest.approx([10.0] * 3, abs=0.1)
+    inner = next(c.via[0] for c in graph.connections("sc", "cn"))
+    before = ways.ways
+    seen_from(on_lane(drive, graph, graph.network.lanes[inner].id, 1.0, target), ways)
+    assert ways.ways is before
+    seen_from(on_lane(drive, graph, "cn_0", 1.0, target), ways)
+    assert ways.ways is not before
+
+
+def test_signs_change_no_way(drive: Recorder, graph: LaneGraph) -> None:
+    target = Destination("nw", 10.0)
+    o = on_lane(drive, graph, "sc_0", 20.0, target)
+    with_, without = with_signs(o), replace(o, signs=())
+    assert (
+        seen_from(with_, Ways(graph, target)).tobytes() == seen_from(without, Ways(graph, target)).tobytes()
+    )
