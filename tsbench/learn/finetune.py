@@ -53,7 +53,7 @@ class Obedience:
         """The base's weights with the new parameters as drawn, or a fine-tuned network as it stands."""
         base, (size, _) = self._recipe.base, begins_with(self._recipe.base)
         begin = network_of(size, load_weights(name_of(base), base), name_of(base))
-        if isinstance(begin, Plant2FtNetwork) and begin.ways is not None:
+        if isinstance(begin, Plant2FtNetwork):
             return begin
         net = Plant2FtNetwork(size)
         net.take_over(begin)

@@ -80,11 +80,7 @@ def wished_speed(logits: Array) -> tuple[float, float]:
 def network_of(size: str, weights: Mapping[str, Any], name: str) -> Plant2Network:
     """A network with given arrays, the fine-tuned one where they have a part of it; InputError where they fit none."""
     try:
-        net = (
-            Plant2FtNetwork(size, "ways.weight" in weights)
-            if "speed_token" in weights
-            else Plant2Network(size)
-        )
+        net = Plant2FtNetwork(size) if "speed_token" in weights else Plant2Network(size)
         net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     except (KeyError, RuntimeError) as error:
         problem = " ".join(str(error).split())[:200]

@@ -18,11 +18,10 @@ from tsbench.planners.plant2.signs import CLASSES, VOCABULARY
 class Plant2FtNetwork(Plant2Network):
     """As `Plant2Network`; its tokens hold the fields of `layout.SIGN_TOKENS`. The wished speed is the new head's."""
 
-    def __init__(self, size: str, ways: bool = True) -> None:
+    def __init__(self, size: str) -> None:
         super().__init__(size)
         width = SIZES[size].width
-        # Weights of rounds 1 to 3 have none.
-        self.ways = nn.Linear(at.WAY_FEATURES, width) if ways else None
+        self.ways = nn.Linear(at.WAY_FEATURES, width)
         self.signs = ClassProjection(len(CLASSES) + 1, at.SIGN_FEATURES, width)
         self.sign_state = nn.Embedding(len(VOCABULARY) + 1, width)
         self.speed_token = nn.Parameter(0.02 * torch.randn(width))
@@ -33,7 +32,6 @@ class Plant2FtNetwork(Plant2Network):
         """Begin with a base network's weights; points of ways are read like the route's, what else is new as drawn."""
         left_out = self.load_state_dict(base.state_dict(), strict=False)
         assert not left_out.unexpected_keys
-        assert self.ways is not None
         with torch.no_grad():
             self.ways.weight[:, : 2 * at.ROUTE_POINTS] = self.route.weight
 
@@ -46,11 +44,9 @@ class Plant2FtNetwork(Plant2Network):
             self.speed_token.expand(b, 1, -1),
             self.sign_state(tokens["sign_state"].long())[:, None],
             self.signs(classes, tokens["signs"]),
+            per_sample(self.ways, tokens["ways"]),
         ]
-        unseen = [empty.new_zeros((b, 2)), classes == at.EMPTY]
-        if self.ways is not None:
-            new.append(per_sample(self.ways, tokens["ways"]))
-            unseen.append(tokens["way_known"] == 0)
+        unseen = [empty.new_zeros((b, 2)), classes == at.EMPTY, tokens["way_known"] == 0]
         split = x.shape[1] - objects
         return (
             torch.cat([x[:, :split], *new, x[:, split:]], dim=1),

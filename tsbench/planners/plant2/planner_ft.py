@@ -55,7 +55,7 @@ class Patience:
     docs/finetuning.md.
     """
 
-    share: float = 0.05
+    share: float = 0.1
     waits: float = 5.0
     rise: float = 0.02
     settles: float = 1.2
