@@ -24,6 +24,7 @@ SIGN_SIDE_M = 75.0
 
 ROUTE_POINTS = 20
 ROUTE_STEP_M = 1.0
+ROUTE_AHEAD_M = tuple(ROUTE_STEP_M * (k + 1) for k in range(ROUTE_POINTS))
 # The road's own limit here and this much farther along the route.
 LIMIT_AHEAD_M = (0.0, 30.0)
 
@@ -40,7 +41,8 @@ SIGN_FEATURES = 6
 # Ways to the destination by the exits ahead (`plant2-ft`): points so far along each (x, y), then cos and sin of the
 # turn at the exit, metres to it, metres to the destination, and whether it is the navigation's.
 WAYS = 4
-WAY_AHEAD_M = (*(float(metre) for metre in range(1, 21)), 25.0, 30.0, 40.0, 60.0)
+# The route's points come first: a fine-tuning begins by reading them as it reads the route's.
+WAY_AHEAD_M = (*ROUTE_AHEAD_M, 25.0, 30.0, 40.0, 60.0)
 WAY_FACTS = 5
 WAY_FEATURES = 2 * len(WAY_AHEAD_M) + WAY_FACTS
 

@@ -36,7 +36,7 @@ class Plant2FtNetwork(Plant2Network):
             self.ways.weight[:, : 2 * at.ROUTE_POINTS] = self.route.weight
 
     def embed(self, tokens: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """The base's tokens with speed token, sign state and signs before the objects."""
+        """The base's tokens with speed token, sign state, signs and ways before the objects."""
         x, empty = super().embed(tokens)
         classes = tokens["sign_classes"].long()
         b, objects = len(classes), tokens["objects"].shape[1]

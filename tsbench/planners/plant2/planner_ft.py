@@ -30,7 +30,7 @@ class SignTokeniser:
         self._memory = SignMemory(tokeniser.network)
 
     def watch(self, o: Observation) -> None:
-        """Remember the sign that holds: at every tick, in order; twice is as good as once."""
+        """Remember the sign that holds, follow the ways: at every tick, in order; twice is as good as once."""
         self._memory.update(o)
         self._ways.watch(o)
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from tsbench.geometry.polyline import Array
+from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.patch import Patches
-from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import ActorKind
 
 Pose = tuple[float, float, float]
@@ -53,8 +53,8 @@ class Tokeniser:
             count = len(rows)
             record["kinds"][:count] = [row[0] for row in rows]
             record["objects"][:count] = [row[1:] for row in rows]
-        record["route"] = route_points(o.route, here) / at.POSITION_SCALE_M
         path, s = o.route.path, o.route.s
+        record["route"] = points_ahead(path.line, s, at.ROUTE_AHEAD_M, here) / at.POSITION_SCALE_M
         record["limits"] = [
             min(path.limit_at(s + ahead), _NO_LIMIT_MPS) / at.SPEED_SCALE_MPS for ahead in at.LIMIT_AHEAD_M
         ]
@@ -86,11 +86,9 @@ def nearest(o: Observation, pose: Pose, side_m: float) -> tuple[list[tuple[float
     return rows, [entry[1] for entry in found[: at.OBJECTS]]
 
 
-def route_points(route: RouteView, pose: Pose) -> Array:
-    """(20, 2) points of the route at every metre ahead, in the pose's frame."""
-    line, s = route.path.line, route.s
-    points = np.array([line.point_at(s + at.ROUTE_STEP_M * (k + 1)) for k in range(at.ROUTE_POINTS)])
-    return to_frame(points, pose)
+def points_ahead(line: Polyline, s: float, ahead: Sequence[float], pose: Pose) -> Array:
+    """(k, 2) points of a line so far (m) ahead of arc length s, in the pose's frame."""
+    return to_frame(np.array([line.point_at(s + metres) for metres in ahead]), pose)
 
 
 def to_frame(points: Array, pose: Pose) -> Array:

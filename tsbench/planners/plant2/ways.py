@@ -10,12 +10,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.tokens import Pose, to_frame
+from tsbench.planners.plant2.tokens import Pose, points_ahead
 from tsbench.sim.lanegraph import LaneGraph, RoutePath, heading_change
 from tsbench.sim.scene import Destination
 
@@ -59,9 +57,9 @@ class Ways:
     def fill(self, record: at.Record, pose: Pose) -> None:
         """Write `ways` and `way_known` as seen from a pose; after `watch`."""
         for k, way in enumerate(self.ways):
-            points = np.array([way.line.point_at(way.s + ahead) for ahead in at.WAY_AHEAD_M])
+            points = points_ahead(way.line, way.s, at.WAY_AHEAD_M, pose)
             record["way_known"][k] = 1
-            record["ways"][k, : -at.WAY_FACTS] = (to_frame(points, pose) / at.POSITION_SCALE_M).ravel()
+            record["ways"][k, : -at.WAY_FACTS] = (points / at.POSITION_SCALE_M).ravel()
             record["ways"][k, -at.WAY_FACTS :] = (
                 math.cos(way.turn), math.sin(way.turn), (way.exit_s - way.s) / at.POSITION_SCALE_M,
                 min(way.end_s - way.s, _MOST_REMAINING_M) / at.REMAINING_SCALE_M, way.shown,
