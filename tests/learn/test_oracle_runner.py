@@ -22,6 +22,7 @@ from tsbench.planners.expert import IdmExpert
 from tsbench.planners.registry import names
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
+from tsbench.run.serving import InferenceServer
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
@@ -172,3 +173,25 @@ def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
     assert (tmp_path / "whole.parquet").read_bytes() == (tmp_path / "broken.parquet").read_bytes()
     assert {t["kind"] for t in read_tries(whole)} == {"rules"}
     assert verify(tmp_path / "whole.parquet", "train", None) == 2
+
+
+def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One worker has a network of its own, two ask the inference process: the same lines."""
+    served = []
+
+    class Seen(InferenceServer):
+        def __init__(self, device: str) -> None:
+            super().__init__(device)
+            served.append(device)
+
+    monkeypatch.setattr("tsbench.run.serving.InferenceServer", Seen)
+    request = Request(("plant2-e",), "train", ("bus_lane_road",), limit=2)
+    lines = []
+    for workers, servers in ((1, []), (2, ["cpu"])):
+        out = tmp_path / str(workers)
+        said = ProgressWatcher(Console(file=io.StringIO(), width=200))
+        assert collect(CollectOptions(request, out, workers=workers), said).experts["plant2-e"].solved == 2
+        assert served == servers
+        # The first line says what the journal is of, the others stand in the order in which they came.
+        lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))
+    assert lines[0] == lines[1]

@@ -155,7 +155,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Target:
     if not (ROOT / "scenarios" / "test.parquet").is_file():
         pytest.skip("no scenarios have been built")
     bench = Bench(ROOT, tmp_path_factory.mktemp("torture-real"))
-    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.run.episode:EpisodeRunner")
+    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.run.serving:WorkerRunner")
 
 
 @pytest.mark.torture

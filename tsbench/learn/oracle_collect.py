@@ -135,8 +135,7 @@ def _collect(
         if (name, spec.scenario_id) not in journal.done
     ]
     setup = Setup(
-        # Their networks in the workers: the runner of another process knows nothing of tries.
-        _RUNNER, tuple({**p, "served_on": []} for p in planners), mask_signs=False, device="cpu", trace="none",
+        _RUNNER, tuple(planners), mask_signs=False, device="cpu", trace="none",
         out=str(collection.path.resolve()), split=plan.request.split, contract=collection.manifest["contract"],
         recorder=_RECORDER, options={"most": options.tries, "probe": asdict(plan.table[0])},
     )  # fmt: skip

@@ -17,9 +17,9 @@ from tsbench.learn.trajectories import Commands, Intents, Rounded, fingerprints,
 from tsbench.metrics.comfort import comfort
 from tsbench.metrics.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.tracks import tracks_of
-from tsbench.run.episode import EpisodeRunner
 from tsbench.run.record import Record, Row, one_line
 from tsbench.run.result import EpisodeResult
+from tsbench.run.serving import WorkerRunner
 from tsbench.scenarios.spec import ScenarioSpec
 
 # What is kept of a try; None where the drive broke off. steps: ticks; comfort: share; mean_speed: m/s.
@@ -34,7 +34,7 @@ class Tried(EpisodeResult):
     intents: Intents
 
 
-class OracleRunner(EpisodeRunner):
+class OracleRunner(WorkerRunner):
     """Drives a scenario again, each time with another driver, until it succeeds.
 
     most: tries at most. probe: a scenario (as a mapping) on which it is found out whether the expert draws its driver

@@ -98,11 +98,13 @@ class Line:
         return answer[1:]
 
 
-class ServedRunner(EpisodeRunner):
-    """Runs episodes with a planner whose network is asked over a line."""
+class WorkerRunner(EpisodeRunner):
+    """Runs a worker's episodes. inference: where its planner's network is asked over a line, "" = it has its own."""
 
-    def __init__(self, planner_spec: str, planner_name: str, *, inference: str, **options: Any) -> None:
+    def __init__(self, planner_spec: str, planner_name: str, *, inference: str = "", **options: Any) -> None:
         super().__init__(planner_spec, planner_name, **options)
+        if not inference:
+            return
         planner: Any = self._loaded.factory
         assert isinstance(planner, Batched)
         made: Callable[..., Any] = self._loaded.factory

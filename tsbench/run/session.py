@@ -30,7 +30,7 @@ from tsbench.signs.catalog import load_catalog
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
-RUNNER = "tsbench.run.episode:EpisodeRunner"
+RUNNER = "tsbench.run.serving:WorkerRunner"
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,6 @@ from tsbench.scenarios.spec import ScenarioSpec
 Message = dict[str, Any]
 
 _PR_SET_PDEATHSIG = 1
-# By name: it needs nothing of this module, and a run without such planners nothing of it.
-_SERVED = "tsbench.run.serving:ServedRunner"
 
 
 class Runner(Protocol):
@@ -127,10 +125,10 @@ class Worker:
             self.close()
             who = self._setup["planners"][planner]
             self._pulse.beat(PLANNING)
-            kind, more = self._setup["runner"], dict(self._setup["options"])
+            more = dict(self._setup["options"])
             if self._setup["inference"] and self._setup["device"] in who["served_on"]:
-                kind, more = _SERVED, {"inference": self._setup["inference"], **more}
-            self._runner = _load(kind)(
+                more["inference"] = self._setup["inference"]
+            self._runner = _load(self._setup["runner"])(
                 who["spec"],
                 who["name"],
                 mask_signs=self._setup["mask_signs"],
