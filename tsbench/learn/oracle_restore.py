@@ -13,10 +13,10 @@ from pathlib import Path
 
 from tsbench.errors import InputError
 from tsbench.learn.oracle_runner import FIGURES, pack
-from tsbench.learn.oracle_store import KIND, beside, open_journal, read_tries
+from tsbench.learn.oracle_store import beside, open_journal, read_collection, read_tries
 from tsbench.learn.trajectories import Recorded, read_trajectories
 from tsbench.run.files import told_plainly, write_json
-from tsbench.run.manifest import NAME, read_manifest
+from tsbench.run.manifest import NAME
 from tsbench.run.record import Record, Row
 from tsbench.run.set_aside import SetAside
 
@@ -32,11 +32,7 @@ def restore(table: Path, folder: Path) -> int:
         raise InputError(f"{folder}: is not empty; choose another folder")
     tries, told = beside(table)
     rows = list(_lines(read_tries(tries), read_trajectories(table), table))
-    manifest = read_manifest(told.parent, told.name)
-    if manifest is None:
-        raise InputError(f"{told}: No such file (tsbench oracle select writes it)")
-    if manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{told}: not the manifest of a collection (tsbench oracle select writes it)")
+    manifest = read_collection(told.parent, "tsbench oracle select", told.name)
     with told_plainly(folder):
         folder.mkdir(parents=True, exist_ok=True)
         # Its table of tries is written by the next `collect`, from the journal.

@@ -14,10 +14,17 @@ from pathlib import Path
 
 from tsbench.errors import InputError
 from tsbench.learn.imitation_recipe import kept_for_validation
-from tsbench.learn.oracle_store import KIND, RULES, copy_beside, fingerprint, read_drives, read_tries
+from tsbench.learn.oracle_store import (
+    KIND,
+    RULES,
+    copy_beside,
+    fingerprint,
+    read_collection,
+    read_drives,
+    read_tries,
+)
 from tsbench.learn.trajectories import Recorded, write_trajectories
 from tsbench.run.contract import contract_hash
-from tsbench.run.manifest import NAME, read_manifest
 from tsbench.run.record import Row
 from tsbench.scenarios.seeds import seed_of
 from tsbench.scenarios.spec import ScenarioSpec
@@ -135,9 +142,7 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
 
 def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
     """The rows of the collection's split, by id."""
-    manifest = read_manifest(folder)
-    if manifest is None or manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{folder / NAME}: no collection (tsbench oracle collect makes one)")
+    manifest = read_collection(folder, "tsbench oracle collect")
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
     if manifest["contract"] != contract_hash((), load_catalog()):

@@ -182,6 +182,14 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     return old
 
 
+def read_collection(folder: Path, maker: str, name: str = NAME) -> Manifest:
+    """The manifest of a collection. Raises InputError, which names the command that makes one, where there is none."""
+    manifest = read_manifest(folder, name)
+    if manifest is None or manifest["effective"].get("collection") != KIND:
+        raise InputError(f"{folder / name}: no collection ({maker} makes one)")
+    return manifest
+
+
 def read_tries(path: Path) -> list[Row]:
     """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
     file = path / _TRIES if path.is_dir() else path
