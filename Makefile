@@ -29,10 +29,11 @@ PAGES := $(if $(filter all,$(VARIANTS)),docs/results-all.md,docs/results.md READ
 RUNS := $(RESULTS)/others $(RESULTS)/plant2-ft
 results: setup
 	$(BIN)/tsbench run $(addprefix --planner ,$(PLANNERS)) --split test --variants $(VARIANTS) --trace $(TRACE) \
-		--out $(RESULTS)/others
-	$(BIN)/tsbench run --planner plant2-ft --split test --variants $(VARIANTS) --out $(RESULTS)/plant2-ft
+		--workers $(WORKERS) --out $(RESULTS)/others
+	$(BIN)/tsbench run --planner plant2-ft --split test --variants $(VARIANTS) \
+		--workers $(WORKERS) --out $(RESULTS)/plant2-ft
 	$(BIN)/tsbench run --planner plant2-ft --split test --variants one-per-map --mask-signs --trace none \
-		--out runs/results-masked
+		--workers $(WORKERS) --out runs/results-masked
 	for name in main types intervals correlations failures; do \
 		$(BIN)/tsbench analyse $$name $(RUNS) --out $(RESULTS)/analyses || exit; done
 	$(BIN)/tsbench analyse ablation $(RESULTS)/plant2-ft runs/results-masked --out $(RESULTS)/analyses

@@ -41,7 +41,7 @@ def test_restore_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what:
         (full / "oracle_tries.parquet").unlink()
     elif what == "manifest":
         (full / "oracle.json").unlink()
-        told = "oracle.json: no collection"
+        told = r"oracle.json: no collection \(tsbench oracle select writes its manifest\)"
     else:
         with closing(collection(full / "other", rows[:1])) as made:
             made.keep(line("net-e", rows[0], 101))

@@ -32,7 +32,7 @@ def restore(table: Path, folder: Path) -> int:
         raise InputError(f"{folder}: is not empty; choose another folder")
     tries, told = beside(table)
     rows = list(_lines(read_tries(tries), read_trajectories(table), table))
-    manifest = read_collection(told.parent, "tsbench oracle select", told.name)
+    manifest = read_collection(told.parent, "tsbench oracle select writes its manifest", told.name)
     with told_plainly(folder):
         folder.mkdir(parents=True, exist_ok=True)
         # Its table of tries is written by the next `collect`, from the journal.

@@ -182,11 +182,11 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     return old
 
 
-def read_collection(folder: Path, maker: str, name: str = NAME) -> Manifest:
-    """The manifest of a collection. Raises InputError, which names the command that makes one, where there is none."""
+def read_collection(folder: Path, origin: str, name: str = NAME) -> Manifest:
+    """The manifest of a collection. Raises InputError, which says its origin (a command), where there is none."""
     manifest = read_manifest(folder, name)
     if manifest is None or manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{folder / name}: no collection ({maker} makes one)")
+        raise InputError(f"{folder / name}: no collection ({origin})")
     return manifest
 
 
