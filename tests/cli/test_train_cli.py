@@ -25,7 +25,7 @@ def test_measure_refuses_what_is_not_there(capsys: pytest.CaptureFixture[str], t
     train = in_process("train", capsys)
     assert "plant2-ft.json" in refused(train, "measure", str(tmp_path))
     assert "--patience" in refused(
-        train, "measure", "--planner", "plant2", "--patience", "0.1", "5", "0.02", "0"
+        train, "measure", "--planner", "plant2", "--patience", "0.1", "5", "0.02", "0", "3"
     )
 
 
@@ -39,4 +39,4 @@ def test_measure_says_how_weights_drive_by_type(capsys: pytest.CaptureFixture[st
         ["speed_limit", "1"],
         ["zone_speed_limit", "1"],
     ]
-    assert "SCD 0.0 %" in train(*few, "--patience", "0", "5", "0", "0")[0]
+    assert "SCD 0.0 %" in train(*few, "--patience", "0", "5", "0", "0", "3")[0]

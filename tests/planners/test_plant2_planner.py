@@ -108,6 +108,26 @@ def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -
     assert halted == [False] * 4 + [True] * 11 + [False] * 15
 
 
+@pytest.mark.parametrize(("standing", "most"), [(0.9, -3.0), (0.0, 2.5)])
+def test_a_halt_brakes_to_the_end(drive: Recorder, standing: float, most: float) -> None:
+    """In proportion to half a metre a second it would brake by 0.75 m/s2, and roll on for decimetres."""
+
+    def infer(records: np.ndarray) -> np.ndarray:
+        answer = np.zeros(len(records), dtype=PLAN)
+        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
+        answer["speed"], answer["standing"] = 4.0, standing
+        return answer
+
+    planner, o = Plant2Ft(infer), drive.seen[0]
+    planner._patience = Patience(share=0.3, brakes=3.0)
+    planner.reset(drive.context)
+    slow = replace(o.ego, speed=0.5, acceleration=0.0)
+    # The first tick makes a plan, the second follows it.
+    assert [planner.act(replace(o, ego=slow, step=k)).acceleration for k in (0, 1)] == [most, most]
+    fast = planner.act(replace(o, ego=replace(slow, speed=8.0), step=2)).acceleration
+    assert fast == pytest.approx(-6.0)
+
+
 def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
     planner = Plant2(folder=folder)
     driven, fresh = commands(planner, drive, signs=False), drive.seen[: 8 * HOLD_TICKS : HOLD_TICKS]

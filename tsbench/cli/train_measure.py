@@ -26,15 +26,16 @@ _SHARES = {
 @click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
 @click.option("--each", default=4, show_default=True, type=click.IntRange(min=1), help="Episodes of a type.")
 @click.option(
-    "--patience", type=(float, float, float, float), metavar="SHARE WAITS RISE SETTLES",
+    "--patience", type=(float,) * 5, metavar="SHARE WAITS RISE SETTLES BRAKES",
     help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
-    "each second (1/s) after a wait of so many seconds, and how many seconds a halt lasts beyond the last such plan.",
+    "each second (1/s) after a wait of so many seconds, how many seconds a halt lasts beyond the last such plan, and "
+    "its least deceleration (m/s2).",
 )  # fmt: skip
 @share.types
 @share.seed
 @share.workers
 def measure(
-    folder: Path | None, planner: str, each: int, patience: tuple[float, float, float, float] | None, types: str,
+    folder: Path | None, planner: str, each: int, patience: tuple[float, ...] | None, types: str,
     seed: int, workers: int | None,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -49,16 +49,18 @@ class SignTokeniser:
 class Patience:
     """When a plan halts: from which share of standing on, and what is added to it each second (1/s) after `waits` s.
 
-    settles: seconds that a halt lasts beyond the last plan that halts. Between waiting and going the mean speed is to
-    creep, which is neither. The network has no memory: where nothing moves it sees the same for ever, so the share
-    rises with the wait; and of many plans one is wrong, so one alone does not set it off. Chosen on kept-out maps:
-    docs/finetuning.md.
+    settles: seconds that a halt lasts beyond the last plan that halts. brakes: least deceleration of a halt, m/s2: in
+    proportion to the speed alone the last half metre takes for ever, and leads over the line. Between waiting and going
+    the mean speed is to creep, which is neither. The network has no memory: where nothing moves it sees the same for
+    ever, so the share rises with the wait; and of many plans one is wrong, so one alone does not set it off. Chosen on
+    kept-out maps: docs/finetuning.md.
     """
 
-    share: float = 0.1
+    share: float = 0.3
     waits: float = 5.0
     rise: float = 0.02
     settles: float = 1.2
+    brakes: float = 3.0
 
     def halts(self, standing: float, waited: float) -> bool:
         """Does a plan with this share of standing halt after a wait of so many seconds?"""
@@ -95,11 +97,16 @@ class Plant2Ft(Plant2):
         assert self._plan is not None
         if self._halts(self._plan):
             self._halted = observation.step
-        return command
+        if not self._waits(self._plan):
+            return command
+        return replace(command, acceleration=min(command.acceleration, -self._patience.brakes))
 
     def wish(self, plan: Record) -> float:
         """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
-        return 0.0 if self._settling or self._halts(plan) else super().wish(plan)
+        return 0.0 if self._waits(plan) else super().wish(plan)
+
+    def _waits(self, plan: Record) -> bool:
+        return self._settling or self._halts(plan)
 
     def _halts(self, plan: Record) -> bool:
         return self._patience.halts(float(plan["standing"]), self._stood * DT_S)
