@@ -108,6 +108,27 @@ def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -
     assert halted == [False] * 4 + [True] * 11 + [False] * 15
 
 
+def test_plant2_ft_tells_others_where_its_path_leads(drive: Recorder) -> None:
+    """The path is a straight line along each way in turn; a plan that is two ticks old tells what it told."""
+    planner, o = Plant2Ft(lambda records: plans.pop(0)), drive.seen[0]
+    planner.reset(drive.context)
+    plans = [np.zeros(1, dtype=PLAN) for _ in range(2)]
+    for plan, far in zip(plans, (20.0, 1.0), strict=True):
+        plan["path"][0, :, 0], plan["speed"] = np.linspace(far / PATH_POINTS, far, PATH_POINTS), 4.0
+    asked = []
+
+    def meant(x: float, y: float, ahead: float) -> tuple[str, ...]:
+        asked.append((x, y, ahead))
+        return ("a", "b") if ahead > 10.0 else ()
+
+    planner._signs.ways.meant = meant  # type: ignore[method-assign]
+    turned = replace(o.ego, heading=math.pi / 2)
+    told = [planner.act(replace(o, ego=replace(turned), step=k)).intent for k in range(4)]
+    assert told == [("a", "b"), ("a", "b"), (), ()]
+    assert asked[0] == pytest.approx((turned.x, turned.y + 20.0, 20.0))
+    assert len(asked) == 2
+
+
 @pytest.mark.parametrize(("standing", "most"), [(0.9, -3.0), (0.0, 2.5)])
 def test_a_halt_brakes_to_the_end(drive: Recorder, standing: float, most: float) -> None:
     """In proportion to half a metre a second it would brake by 0.75 m/s2, and roll on for decimetres."""

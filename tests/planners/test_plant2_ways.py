@@ -110,3 +110,33 @@ def test_signs_change_no_way(drive: Recorder, graph: LaneGraph) -> None:
     assert (
         seen_from(with_, Ways(graph, target)).tobytes() == seen_from(without, Ways(graph, target)).tobytes()
     )
+
+
+@pytest.mark.parametrize("to_exit", [5.0, 30.0])
+def test_the_way_that_a_plan_leads_to_is_meant(drive: Recorder, graph: LaneGraph, to_exit: float) -> None:
+    """Others are told only where the plan leads beyond the exit, by another than the navigation's."""
+    target, end = Destination("nw", 10.0), graph.network.lane("sc_0").line.length
+    ways = Ways(graph, target)
+    seen_from(on_lane(drive, graph, "sc_0", end - to_exit, target), ways)
+    for way in ways.ways:
+        ways._meant = next(w for w in ways.ways if w.shown)
+        x, y = way.line.point_at(way.s + 20.0)
+        told = to_exit < 20.0 and not way.shown
+        assert ways.meant(x, y, 20.0) == (way.edges if told else ())
+        assert (way.edges[0], way.edges[-1]) == ("sc", "nw")
+
+
+def test_who_meant_a_way_goes_on_with_it_where_ways_run_together(drive: Recorder, graph: LaneGraph) -> None:
+    target, end = Destination("nw", 10.0), graph.network.lane("sc_0").line.length
+    ways = Ways(graph, target)
+    seen_from(on_lane(drive, graph, "sc_0", end - 5.0, target), ways)
+    turn, straight = (next(w for w in ways.ways if w.shown is shown) for shown in (False, True))
+    together, apart = turn.line.point_at(turn.s + 6.0), turn.line.point_at(turn.s + 20.0)
+    assert ways.meant(*together, 6.0) == ()
+    assert ways.meant(*apart, 20.0) == turn.edges
+    assert ways.meant(*together, 6.0) == turn.edges
+    assert ways.meant(*straight.line.point_at(straight.s + 20.0), 20.0) == ()
+
+
+def test_off_the_navigations_way_nothing_is_told(drive: Recorder, graph: LaneGraph) -> None:
+    assert Ways(graph, Destination("nw", 10.0)).meant(0.0, 0.0, 20.0) == ()

@@ -16,7 +16,7 @@ from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
 from tsbench.planners.plant2.ways import Ways
-from tsbench.sim.world import DT_S
+from tsbench.sim.world import DT_S, EgoState
 
 # A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
 _GOES_MPS = 1.5
@@ -26,13 +26,13 @@ class SignTokeniser:
     """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
     def __init__(self, tokeniser: Tokeniser, ways: Ways) -> None:
-        self._tokeniser, self._ways = tokeniser, ways
+        self._tokeniser, self.ways = tokeniser, ways
         self._memory = SignMemory(tokeniser.network)
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds, follow the ways: at every tick, in order; twice is as good as once."""
         self._memory.update(o)
-        self._ways.watch(o)
+        self.ways.watch(o)
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
         """As `Tokeniser.fill`, into a record with the fields of `layout.SIGN_TOKENS`; after `watch`."""
@@ -41,7 +41,7 @@ class SignTokeniser:
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0
         fill_signs(record, o, here, order)
         record["sign_state"] = self._memory.state
-        self._ways.fill(record, here)
+        self.ways.fill(record, here)
         return origins
 
 
@@ -80,11 +80,13 @@ class Plant2Ft(Plant2):
         self._signs: SignTokeniser
         self._patience = Patience()
         self._stood, self._halted, self._settling = 0, -math.inf, False
+        self._intent: tuple[str, ...] = ()
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode: no sign holds."""
         super().reset(context)
         self._stood, self._halted, self._settling = 0, -math.inf, False
+        self._intent = ()
         assert self._tokeniser is not None
         self._signs = SignTokeniser(self._tokeniser, Ways(context.graph, context.destination))
 
@@ -97,9 +99,15 @@ class Plant2Ft(Plant2):
         assert self._plan is not None
         if self._halts(self._plan):
             self._halted = observation.step
-        if not self._waits(self._plan):
-            return command
-        return replace(command, acceleration=min(command.acceleration, -self._patience.brakes))
+        if self._since is observation.ego:
+            self._intent = self._meant(self._plan, observation.ego)
+        most = -self._patience.brakes if self._waits(self._plan) else math.inf
+        return replace(command, acceleration=min(command.acceleration, most), intent=self._intent)
+
+    def _meant(self, plan: Record, ego: EgoState) -> tuple[str, ...]:
+        """The way that a new plan's path leads to, for the indicators: others give way by it."""
+        (x, y), c, s = plan["path"][-1].tolist(), math.cos(ego.heading), math.sin(ego.heading)
+        return self._signs.ways.meant(ego.x + c * x - s * y, ego.y + s * x + c * y, math.hypot(x, y))
 
     def wish(self, plan: Record) -> float:
         """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""

@@ -18,13 +18,16 @@ from tsbench.sim.lanegraph import LaneGraph, RoutePath, heading_change
 from tsbench.sim.scene import Destination
 
 _WINDOW_M = 15.0
+# A plan that is so much nearer to another way means that one: less is a wide or a cut corner.
+_MEANT_M = 1.0
 _MOST_REMAINING_M = 1000.0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Way:
     """A way by one exit. s: where the ego is on it; exit_s: where it leaves the edge; turn: change of heading there."""
 
+    edges: tuple[str, ...]
     line: Polyline
     s: float
     exit_s: float
@@ -41,6 +44,7 @@ class Ways:
         self._lane = -1
         self._onward: dict[str, tuple[str, ...] | None] = {}
         self.ways: list[Way] = []
+        self._meant: Way | None = None
 
     def watch(self, o: Observation) -> None:
         """Follow the ego: at every tick, in order; twice is as good as once."""
@@ -53,6 +57,27 @@ class Ways:
         found = list(self._from(ego.lane, ego.s, o.route.path))
         # Shorter ones first: where a junction has more exits than there are slots, the longest ways are left out.
         self.ways = sorted(found, key=lambda way: way.end_s)[: at.WAYS]
+        self._meant = next((way for way in self.ways if way.shown), None)
+
+    def meant(self, x: float, y: float, ahead: float) -> tuple[str, ...]:
+        """Edges of the way that somebody means who plans to be at a point (world, m) `ahead` metres from here.
+
+        () for the navigation's, and where that is none of the ways. Who meant a way goes on with it where ways run
+        together.
+        """
+        if self._meant is None:
+            return ()
+        # Before the exit ways differ by lane, and a lane is no turn.
+        aside = {
+            k: abs(way.line.project(x, y, way.s, way.s + ahead + _WINDOW_M)[1])
+            for k, way in enumerate(self.ways)
+            if way.exit_s < way.s + ahead
+        }
+        now = self.ways.index(self._meant)
+        nearest = min(aside, key=aside.__getitem__, default=now)
+        if now in aside and aside[nearest] < aside[now] - _MEANT_M:
+            self._meant = self.ways[nearest]
+        return () if self._meant.shown else self._meant.edges
 
     def fill(self, record: at.Record, pose: Pose) -> None:
         """Write `ways` and `way_known` as seen from a pose; after `watch`."""
@@ -70,7 +95,7 @@ class Ways:
         if edge == last:
             path = self._graph.path((edge,), lane, s, self._destination)
             if path is not None:
-                yield Way(path.line, 0.0, path.destination_s, path.destination_s, 0.0, True)
+                yield Way(path.edges, path.line, 0.0, path.destination_s, path.destination_s, 0.0, True)
             return
         after = dict(zip(route.edges, route.edges[1:], strict=False)).get(edge)
         for exit_ in self._graph.successors(edge):
@@ -79,7 +104,8 @@ class Ways:
             if path is None:
                 continue
             turn = heading_change(self._graph.network, edge, exit_)
-            yield Way(path.line, 0.0, self._exit_s(path, edge), path.destination_s, turn, exit_ == after)
+            exit_s, shown = self._exit_s(path, edge), exit_ == after
+            yield Way(path.edges, path.line, 0.0, exit_s, path.destination_s, turn, shown)
 
     def _route(self, edge: str) -> tuple[str, ...] | None:
         if edge not in self._onward:
