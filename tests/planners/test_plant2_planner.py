@@ -61,6 +61,14 @@ def test_same_episode_same_commands(drive: Recorder, folder: Path) -> None:
     assert len({c.acceleration for c in once}) > 1
 
 
+def straight_plans(count: int, speed: float, standing: float = 0.0, step_m: float = 1.0) -> np.ndarray:
+    """As many answers of a network: straight ahead."""
+    answer = np.zeros(count, dtype=PLAN)
+    answer["path"][..., 0] = step_m * np.arange(1, PATH_POINTS + 1)
+    answer["speed"], answer["standing"] = speed, standing
+    return answer
+
+
 def test_patience_ends() -> None:
     patience = Patience(share=0.1, waits=5.0, rise=0.02)
     assert patience.halts(0.1, 0.0)
@@ -91,13 +99,7 @@ def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -
     """A halt lasts `settles` = 0.6 s beyond the last plan that halts: six ticks at 10 Hz."""
     stands = iter([0.0, 0.0, 0.9, 0.0, 0.9, *[0.0] * 15])
 
-    def infer(records: np.ndarray) -> np.ndarray:
-        answer = np.zeros(len(records), dtype=PLAN)
-        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
-        answer["speed"], answer["standing"] = 4.0, next(stands)
-        return answer
-
-    planner, o = Plant2Ft(infer), drive.seen[0]
+    planner, o = Plant2Ft(lambda records: straight_plans(len(records), 4.0, next(stands))), drive.seen[0]
     planner._patience = Patience(share=0.1, settles=0.6)
     planner.reset(drive.context)
     halted = []
@@ -109,12 +111,10 @@ def test_one_plan_that_goes_does_not_end_a_halt(drive: Recorder, folder: Path) -
 
 
 def test_plant2_ft_tells_others_where_its_path_leads(drive: Recorder) -> None:
-    """The path is a straight line along each way in turn; a plan that is two ticks old tells what it told."""
-    planner, o = Plant2Ft(lambda records: plans.pop(0)), drive.seen[0]
+    """One plan of 20 m, one of 1 m: between two plans it tells what the last one told."""
+    steps = iter([1.0, 0.05])
+    planner = Plant2Ft(lambda records: straight_plans(len(records), 4.0, step_m=next(steps)))
     planner.reset(drive.context)
-    plans = [np.zeros(1, dtype=PLAN) for _ in range(2)]
-    for plan, far in zip(plans, (20.0, 1.0), strict=True):
-        plan["path"][0, :, 0], plan["speed"] = np.linspace(far / PATH_POINTS, far, PATH_POINTS), 4.0
     asked = []
 
     def meant(x: float, y: float, ahead: float) -> tuple[str, ...]:
@@ -122,6 +122,7 @@ def test_plant2_ft_tells_others_where_its_path_leads(drive: Recorder) -> None:
         return ("a", "b") if ahead > 10.0 else ()
 
     planner._signs.ways.meant = meant  # type: ignore[method-assign]
+    o = drive.seen[0]
     turned = replace(o.ego, heading=math.pi / 2)
     told = [planner.act(replace(o, ego=replace(turned), step=k)).intent for k in range(4)]
     assert told == [("a", "b"), ("a", "b"), (), ()]
@@ -133,13 +134,7 @@ def test_plant2_ft_tells_others_where_its_path_leads(drive: Recorder) -> None:
 def test_a_halt_brakes_to_the_end(drive: Recorder, standing: float, most: float) -> None:
     """In proportion to half a metre a second it would brake by 0.75 m/s2, and roll on for decimetres."""
 
-    def infer(records: np.ndarray) -> np.ndarray:
-        answer = np.zeros(len(records), dtype=PLAN)
-        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
-        answer["speed"], answer["standing"] = 4.0, standing
-        return answer
-
-    planner, o = Plant2Ft(infer), drive.seen[0]
+    planner, o = Plant2Ft(lambda records: straight_plans(len(records), 4.0, standing)), drive.seen[0]
     planner._patience = Patience(share=0.3, brakes=3.0)
     planner.reset(drive.context)
     slow = replace(o.ego, speed=0.5, acceleration=0.0)
@@ -164,10 +159,7 @@ def test_between_two_plans_the_last_one_is_followed_from_where_the_ego_is(
 
     def infer(records: np.ndarray) -> np.ndarray:
         asked.append(len(records))
-        answer = np.zeros(len(records), dtype=PLAN)
-        answer["path"][..., 0] = np.arange(1, PATH_POINTS + 1)
-        answer["speed"] = drive.seen[0].ego.speed
-        return answer
+        return straight_plans(len(records), drive.seen[0].ego.speed)
 
     planner = Plant2(infer)
     planner.reset(drive.context)

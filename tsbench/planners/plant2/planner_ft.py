@@ -68,7 +68,7 @@ class Patience:
 
 
 class Plant2Ft(Plant2):
-    """The planner. Of earlier ticks it keeps the sign that holds, how long it has stood, and which plan last halted."""
+    """The planner. Of earlier ticks it keeps the sign that holds, the way it means, its wait, the last halt."""
 
     sign_access = True
     weights: ClassVar[str] = "plant2-ft"
@@ -80,13 +80,12 @@ class Plant2Ft(Plant2):
         self._signs: SignTokeniser
         self._patience = Patience()
         self._stood, self._halted, self._settling = 0, -math.inf, False
-        self._intent: tuple[str, ...] = ()
+        self._intent: tuple[str, ...]
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode: no sign holds."""
         super().reset(context)
         self._stood, self._halted, self._settling = 0, -math.inf, False
-        self._intent = ()
         assert self._tokeniser is not None
         self._signs = SignTokeniser(self._tokeniser, Ways(context.graph, context.destination))
 
@@ -97,11 +96,13 @@ class Plant2Ft(Plant2):
         self._settling = (observation.step - self._halted) * DT_S < self._patience.settles
         command = super().act(observation)
         assert self._plan is not None
-        if self._halts(self._plan):
+        halts = self._halts(self._plan)
+        if halts:
             self._halted = observation.step
+        # The plan is of this tick.
         if self._since is observation.ego:
             self._intent = self._meant(self._plan, observation.ego)
-        most = -self._patience.brakes if self._waits(self._plan) else math.inf
+        most = -self._patience.brakes if self._settling or halts else math.inf
         return replace(command, acceleration=min(command.acceleration, most), intent=self._intent)
 
     def _meant(self, plan: Record, ego: EgoState) -> tuple[str, ...]:
@@ -111,10 +112,7 @@ class Plant2Ft(Plant2):
 
     def wish(self, plan: Record) -> float:
         """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
-        return 0.0 if self._waits(plan) else super().wish(plan)
-
-    def _waits(self, plan: Record) -> bool:
-        return self._settling or self._halts(plan)
+        return 0.0 if self._settling or self._halts(plan) else super().wish(plan)
 
     def _halts(self, plan: Record) -> bool:
         return self._patience.halts(float(plan["standing"]), self._stood * DT_S)

@@ -69,14 +69,13 @@ class Ways:
             return ()
         # Before the exit ways differ by lane, and a lane is no turn.
         aside = {
-            k: abs(way.line.project(x, y, way.s, way.s + ahead + _WINDOW_M)[1])
-            for k, way in enumerate(self.ways)
+            way: abs(way.line.project(x, y, way.s, way.s + ahead + _WINDOW_M)[1])
+            for way in self.ways
             if way.exit_s < way.s + ahead
         }
-        now = self.ways.index(self._meant)
-        nearest = min(aside, key=aside.__getitem__, default=now)
-        if now in aside and aside[nearest] < aside[now] - _MEANT_M:
-            self._meant = self.ways[nearest]
+        nearest = min(aside, key=aside.__getitem__, default=self._meant)
+        if self._meant in aside and aside[nearest] < aside[self._meant] - _MEANT_M:
+            self._meant = nearest
         return () if self._meant.shown else self._meant.edges
 
     def fill(self, record: at.Record, pose: Pose) -> None:
