@@ -21,3 +21,8 @@ def data_root() -> Path:
         hint = "TSBENCH_DATA" if named else "set TSBENCH_DATA to a clone of the repository"
         raise InputError(f"{root}: no sign_catalog/ here ({hint})")
     return root
+
+
+def fetch_hint(part: str) -> str:
+    """The words that say how to get a part of the data that does not come with the package."""
+    return f"tsbench data fetch --from DIR|URL {part}"
