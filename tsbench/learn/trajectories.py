@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from tsbench.errors import PlannerOutputError, SimulationError
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_root
+from tsbench.paths import data_root, fetch_hint
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.run.command import to_command
 from tsbench.run.episode import EpisodeRunner
@@ -31,6 +31,9 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
+
+# What is said where a table of the oracle's is missing: the released ones do not come with the package.
+ORIGIN = f"{fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
 
 # Steps of the stored commands in a unit: 1e-3 m/s2 and 1e-4 rad. The vehicle's limits take a fifth of an int16.
 STEPS = (1000, 10000)
@@ -196,7 +199,7 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 def read_trajectories(path: Path) -> list[Recorded]:
     """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    table = open_table(path, SCHEMA, "tsbench oracle select makes it").combine_chunks()
+    table = open_table(path, SCHEMA, ORIGIN).combine_chunks()
     flat: dict[str, list[Any]] = {name: table[name].to_pylist() for name in (*_FLAT, "ego", "others")}
     series = [pc.list_flatten(table[name]).to_numpy() for name in ("acceleration", "steering")]
     commands = np.column_stack(series).astype(np.int16)
