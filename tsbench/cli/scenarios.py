@@ -84,6 +84,7 @@ def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -
 def certify(types: str, split: str | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
     from tsbench.certify.recheck import recheck
+    from tsbench.scenarios.store import check_files
 
     chosen = words_of(types)
     rows = [
@@ -91,6 +92,7 @@ def certify(types: str, split: str | None, workers: int) -> None:
         for s in _all_rows()
         if (not chosen or s.scenario_type in chosen) and (split is None or s.split == split)
     ]
+    check_files(rows)
     with _progress() as bar:
         task = bar.add_task("certify", total=len(rows))
         failures = recheck(rows, data_root() / "scenarios", workers, lambda n: bar.update(task, completed=n))
