@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from tsbench.errors import PlannerOutputError, SimulationError
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_root
+from tsbench.paths import data_file, fetch_hint
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.run.command import to_command
 from tsbench.run.episode import EpisodeRunner
@@ -175,7 +175,7 @@ class Replayer(EpisodeRunner):
 
 def trajectories_path() -> Path:
     """Where the oracle's drives stand."""
-    return data_root() / "scenarios" / "oracle.parquet"
+    return data_file("scenarios/oracle.parquet")
 
 
 def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
@@ -196,7 +196,7 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 def read_trajectories(path: Path) -> list[Recorded]:
     """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    table = open_table(path, SCHEMA, "tsbench oracle select makes it").combine_chunks()
+    table = open_table(path, SCHEMA, f"{fetch_hint('oracle')}; tsbench oracle select makes it anew").combine_chunks()
     flat: dict[str, list[Any]] = {name: table[name].to_pylist() for name in (*_FLAT, "ego", "others")}
     series = [pc.list_flatten(table[name]).to_numpy() for name in ("acceleration", "steering")]
     commands = np.column_stack(series).astype(np.int16)
