@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from simworld import SceneMaker, actors, road_plain, simulation, speed_plate
+from simworld import SceneMaker, actors, road_plain, simulation, speed_plate, store_scenes
 
 from tsbench.certify.prover import Prover
 from tsbench.certify.recheck import recheck
@@ -21,7 +21,9 @@ from tsbench.scenarios.certificates import (
     read_certificates,
     write_certificates,
 )
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
 from tsbench.screening import Screener
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import Actors
@@ -43,8 +45,12 @@ def scene(maker: SceneMaker, name: str, limit: float = 30.0, horizon: int = 600)
     return replace(spec, scenario_type="speed_limit", map_id=name)
 
 
+def prover(maker: SceneMaker) -> Prover:
+    return Prover(simulation(), SceneLoader(SceneFolder(maker.root)))
+
+
 def prove(maker: SceneMaker, spec: ScenarioSpec, asked: float = 0.0, realised: float = 0.0) -> Certificate:
-    return Prover(simulation(), maker.root).prove(spec, "idm", 2, asked, realised)
+    return prover(maker).prove(spec, "idm", 2, asked, realised)
 
 
 def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
@@ -56,7 +62,7 @@ def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
 
 
 def test_who_breaks_the_rule_of_a_scene(maker: SceneMaker) -> None:
-    screener = Screener(simulation(), maker.root)
+    screener = Screener(simulation(), SceneLoader(SceneFolder(maker.root)))
     assert [screener.breaks(name, scene(maker, "tempts")) for name in ("idm", "idm-e")] == [True, False]
     # Not enough time to reach the plate, and no episode at all: nobody was seen breaking anything.
     assert not screener.breaks("idm", scene(maker, "short", horizon=5))
@@ -126,10 +132,10 @@ def test_the_same_row_gives_the_same_certificate(maker: SceneMaker) -> None:
     first = prove(maker, spec)
     assert prove(maker, spec).digest == first.digest
     assert prove(maker, replace(spec, horizon=40)).digest != first.digest
-    again = Prover(simulation(), maker.root).again(spec, first)
+    again = prover(maker).again(spec, first)
     assert again == replace(first, reproduced=True, arrival_gap_s=again.arrival_gap_s)
-    assert Prover(simulation(), maker.root).again(spec, replace(first, digest="0")).reproduced is False
-    assert Prover(simulation(), maker.root).again(spec, replace(first, code="older")).reproduced is None
+    assert prover(maker).again(spec, replace(first, digest="0")).reproduced is False
+    assert prover(maker).again(spec, replace(first, code="older")).reproduced is None
 
 
 def test_other_processes_renew_certificates(maker: SceneMaker) -> None:
@@ -139,6 +145,7 @@ def test_other_processes_renew_certificates(maker: SceneMaker) -> None:
     kept = [prove(maker, good), prove(maker, bad), replace(prove(maker, false), digest="0" * 64)]
     write_certificates(kept, path)
     told: list[int] = []
+    store_scenes([good, bad, false], maker.root, maker.root)
     problems = recheck([good, bad, false], maker.root, 2, told.append)
     assert problems == [("bad", "no expert solves it"), ("false", "two processes drove it differently")]
     assert told == [1, 2, 3]

@@ -54,6 +54,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
     ]  # fmt: skip
     rows[1] = replace(rows[1], variant=1, density=4.0)
     write_table(rows, table_path("test", root))
+    world.store_scenes(rows, root, root)
     write_certificates([certificate("row0", 0.0), certificate("row1", 13.3)], certificates_path(root))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TSBENCH_DATA", str(tmp_path / "data"))

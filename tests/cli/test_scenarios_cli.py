@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import importlib
 import shutil
 import sys
@@ -33,13 +34,14 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two maps, one of them test; three rows each."""
     root = tmp_path_factory.mktemp("data")
     build_net(world.cross_plain(), root / "cross.net.xml.gz")
-    folder = root / "scenarios"
+    folder, built = root / "scenarios", root / "built"
     shutil.copytree(ROOT / "scenarios" / "recipes", folder / "recipes")
+    built.mkdir()
     (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
     (root / "sumo_nets").mkdir()
-    net = folder / "cross.net.xml.gz"
+    net = built / "cross.net.xml.gz"
     shutil.move(root / "cross.net.xml.gz", net)
-    maker = world.SceneMaker(folder, net, read_network(net))
+    maker = world.SceneMaker(built, net, read_network(net))
     sign = world.plate(maker.network, "s_in", 139.0, junction="x", approach="s_in", main_in="w_in e_in")
     start, way = EgoStart("s_in_0", 60.0, 7.75), ("s_in", "n_out")
     rows: dict[str, list[ScenarioSpec]] = {"train": [], "test": []}
@@ -48,6 +50,7 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
             spec = maker.make(f"yield-j-{split}-v{k}", start, Destination("n_out", 60.0), way, sign)
             rows[split].append(replace(spec, map_id=f"j-{split}", split=split, variant=k))
         write_table(rows[split], table_path(split, folder))
+        world.store_scenes(rows[split], built, folder)
     pool = [madepool.crossroads("j-train", east=0.0), madepool.crossroads("j-test", east=5000.0)]
     write_pool(pool, root / "sumo_nets" / "pool.parquet")
     (folder / "build_report.json").write_text(
@@ -100,13 +103,21 @@ def test_show(data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) ->
 
 
 def test_open_prints_a_command_on_files_that_are_there(
-    data: Path, capsys: pytest.CaptureFixture[str]
+    data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    words = run(capsys, "open", "yield-j-test-v1").split()
+    folder = tmp_path / "files"
+    said, command = run(capsys, "open", "yield-j-test-v1", "--out", str(folder)).splitlines()
+    words = command.split()
     assert words[0] == "sumo-gui"
-    net, additional = words[words.index("-n") + 1], words[words.index("-a") + 1]
-    assert Path(net).is_file()
-    assert Path(additional).is_file()
+    net, additional = Path(words[words.index("-n") + 1]), Path(words[words.index("-a") + 1])
+    assert said == f"scene: {net} and {additional}"
+    assert {net, additional} == set(folder.iterdir())
+    assert net.read_bytes() == gzip.decompress((data / "built" / "cross.net.xml.gz").read_bytes())
+    assert b'id="sign_0"' in additional.read_bytes()
+    (tmp_path / "taken").touch()
+    assert "cannot be written here" in run(
+        capsys, "open", "yield-j-test-v1", "--out", str(tmp_path / "taken" / "in"), expect=2
+    )
 
 
 def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -116,8 +127,9 @@ def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = data / "scenarios"
-    (folder / "yield-j-test-v0.add.xml.gz").unlink()
-    (folder / "yield-j-test-v2.add.xml.gz").write_bytes(b"<additional/>")
+    rows = read_table(table_path("test", folder))
+    (data / "built" / "yield-j-test-v2.add.xml.gz").write_bytes(b"<additional/>")
+    world.store_scenes(rows[1:], data / "built", folder)
     table = table_path("train", folder)
     rows = read_table(table)
     write_table([replace(rows[0], scenario_type="fly"), *rows[1:]], table)

@@ -18,7 +18,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.navigation import Navigator, RouteView
-from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
+from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 LENGTH_M = 500.0
@@ -51,8 +51,8 @@ def sign() -> SignInstance:
 
 def scene(obstacles: tuple[Obstacle, ...] = (), destination_m: float = 400.0) -> Scene:
     return Scene(
-        net_path=Path("net.xml"), additional_path=Path("scene.xml"), network=road(), signs=(sign(),),
-        target="plate", obstacles=obstacles, start=EgoStart("east_0", 10.0, 5.0),
+        net=SceneFile(Path("net.xml"), b""), additional=SceneFile(Path("scene.xml"), b""), network=road(),
+        signs=(sign(),), target="plate", obstacles=obstacles, start=EgoStart("east_0", 10.0, 5.0),
         destination=Destination("east", destination_m), convoy=None, horizon=600, seed=7,
         route_hint=("east",),
     )  # fmt: skip

@@ -19,7 +19,7 @@ from tsbench.sim.ego import Motion, advance
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.place import LaneLocator
-from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
+from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 DATA = Path(__file__).parent / "data"
@@ -180,7 +180,8 @@ def verdict(world: World) -> Verdict:
     assert world.privilege is not None
     sign = world.privilege.sign
     scene = Scene(
-        Path("test.net.xml"), Path("test.add.xml"), world.network, (sign,), sign.id, world.obstacles,
+        SceneFile(Path("test.net.xml"), b""), SceneFile(Path("test.add.xml"), b""),
+        world.network, (sign,), sign.id, world.obstacles,
         EgoStart(world.start_lane, world.start_s, world.start_speed), world.destination, None, 600, 1,
     )  # fmt: skip
     monitor = make_monitor(sign, load_catalog(), scene)

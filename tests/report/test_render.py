@@ -26,7 +26,7 @@ from tsbench.report.staging import draw_start, staged_cars
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.signs.countries import load_country
-from tsbench.sim.scene import Obstacle, Scene
+from tsbench.sim.scene import Obstacle, Scene, SceneFile
 
 SIZE = PageSize(640, 480)
 CONES = Obstacle("o", "cones", 150.0, -4.8, 0.0, 5.0, 0.5, "east_0")
@@ -61,10 +61,8 @@ STAGED = """<additional>
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Scene:
-    path = tmp_path / "scene.xml"
-    path.write_text(STAGED)
-    return replace(made.scene((CONES,)), additional_path=path)
+def scene() -> Scene:
+    return replace(made.scene((CONES,)), additional=SceneFile(Path("scene.xml"), STAGED.encode()))
 
 
 def bird(trace: Trace, scene: Scene) -> BirdsEye:

@@ -36,7 +36,7 @@ from tsbench.rules.registry import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.place import LaneLocator
-from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
+from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 # Length and width of who says none, m.
@@ -137,8 +137,8 @@ def scene_of(case: Spec, view: Transform) -> Scene:
     if view.mirror and "mirrored" in case:
         signs[0] = replace(signs[0], code=case["mirrored"])
     return Scene(
-        net_path=Path("case.net.xml"), additional_path=Path("case.add.xml"), network=view.network(net),
-        signs=tuple(view.sign(s) for s in signs), target=signs[0].id,
+        net=SceneFile(Path("case.net.xml"), b""), additional=SceneFile(Path("case.add.xml"), b""),
+        network=view.network(net), signs=tuple(view.sign(s) for s in signs), target=signs[0].id,
         obstacles=tuple(view.obstacle(_obstacle(o, net)) for o in case.get("obstacles", [])),
         start=EgoStart(net.lanes[0].id, 0.0, 0.0), destination=Destination(net.lanes[0].edge, 0.0),
         convoy=None, horizon=600, seed=0,

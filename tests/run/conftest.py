@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,18 +12,21 @@ import pytest
 from run_helpers import ROOT, Bench, specs
 
 from tsbench.maps.pool import POOL_SCHEMA
+from tsbench.scenarios.store import store_path, write_store
 from tsbench.scenarios.table import write_table
 
 
 def write_data(root: Path) -> Path:
     """40 scenarios of two types, on two maps each."""
-    (root / "scenarios" / "nets").mkdir(parents=True)
-    (root / "scenarios" / "scenes").mkdir()
+    root.mkdir(parents=True)
     (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
     rows = specs()
-    for row in rows:
-        (root / "scenarios" / row.net).touch()
-        (root / "scenarios" / row.additional).touch()
+    for kind in {row.scenario_type for row in rows}:
+        maps: dict[str, dict[str, bytes]] = defaultdict(dict)
+        for row in rows:
+            if row.scenario_type == kind:
+                maps[row.map_id] |= {row.net: b"", row.additional: b""}
+        write_store(maps.items(), store_path("test", kind, root / "scenarios"))
     write_table(rows, root / "scenarios" / "test.parquet")
     (root / "sumo_nets").mkdir()
     maps = pa.table({"map_id": sorted({row.map_id for row in rows})})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from tsbench.errors import InputError
 from tsbench.run.doctor import data, examine, machine
 from tsbench.run.doctor.finding import REPAIR, Finding, Status, alone
 from tsbench.run.doctor.packages import check_packages, judge_packages, locked
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +51,16 @@ def test_other_versions_than_the_pinned_are_a_note() -> None:
     assert found[-1].text.endswith("known to work together: pyarrow 23.0 instead of ==23.0.1")
 
 
+def _store(rows: list[ScenarioSpec], root: Path, names: dict[str, str] | None = None) -> None:
+    """The files of rows of one map in a store below `root`; names: other names for some of them, "" = not at all."""
+    committed, named = SceneStore(ROOT / "scenarios"), {}
+    for row in rows:
+        for name in (row.net, row.additional):
+            named[(names or {}).get(name, name)] = committed.read(row, name).content
+    named.pop("", None)
+    write_store([(rows[0].map_id, named)], store_path("test", rows[0].scenario_type, root))
+
+
 @pytest.fixture
 def copy(tmp_path: Path) -> Iterator[Path]:
     """A data folder with three scenarios of the real test split."""
@@ -57,9 +70,7 @@ def copy(tmp_path: Path) -> Iterator[Path]:
         (root / name).symlink_to(ROOT / name)
     rows = read_table(table_path("test", ROOT / "scenarios"))[:3]
     write_table(rows, table_path("test", root / "scenarios"))
-    for name in {name for row in rows for name in (row.net, row.additional)}:
-        (root / "scenarios" / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / "scenarios" / name, root / "scenarios" / name)
+    _store(rows, root / "scenarios")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TSBENCH_DATA", str(root))
         paths.data_root.cache_clear()
@@ -77,15 +88,27 @@ def test_data_that_is_whole_and_a_split_that_is_not_there(copy: Path) -> None:
 
 
 def test_scene_files_that_are_missing_or_changed(copy: Path) -> None:
-    first, second, _ = read_table(table_path("test", copy))
-    shutil.copy(copy / second.additional, copy / first.additional)
+    rows = read_table(table_path("test", copy))
+    first, second, _ = rows
+    path = store_path("test", first.scenario_type, copy)
+    _store(rows, copy, {first.additional: second.additional, second.additional: first.additional})
     (text,) = failed(data.check_data())
-    assert "0 scene files missing, 1 of " in text
-    assert text.endswith(f"first {copy / first.additional}")
-    (copy / second.additional).unlink()
+    assert "0 scene files missing, 2 of 4 hashed ones changed" in text
+    assert text.endswith(f"first {path / first.additional}")
+    _store(rows, copy, {second.additional: ""})
     (text,) = failed(data.check_data())
     assert "1 scene files missing" in text
-    assert text.endswith(f"first {copy / second.additional}")
+    assert text.endswith(f"first {path / second.additional}")
+
+
+@pytest.mark.parametrize(("split", "status"), [("test", Status.FAILED), ("train", Status.NOTE)])
+def test_scenes_that_were_not_fetched(copy: Path, split: str, status: Status) -> None:
+    rows = [replace(row, split=split) for row in read_table(table_path("test", copy))]
+    shutil.rmtree(copy / "scenes")
+    table_path("test", copy).unlink()
+    write_table(rows, table_path(split, copy))
+    (found,) = (finding for finding in data.check_data() if "no scene files here" in finding.text)
+    assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL scenes-{split}")
 
 
 def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

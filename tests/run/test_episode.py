@@ -21,6 +21,7 @@ from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.rehearse import lead_time
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.traffic import Car
 from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
@@ -58,7 +59,7 @@ def runner(root: Path, planner: str, **more: object) -> EpisodeRunner:
     """A runner on the hand-made scenes, with the one simulation of this process."""
     made = EpisodeRunner(f"scripted:{planner}", planner.lower(), **more)  # type: ignore[arg-type]
     made.simulation = world.simulation()
-    made._loader = SceneLoader(root)
+    made._loader = SceneLoader(SceneFolder(root))
     return made
 
 

@@ -29,6 +29,7 @@ from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.families.speed_zone import posted_limit
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import Site, SiteBuilder
 from tsbench.scenarios.spec import ScenarioSpec
@@ -252,7 +253,7 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
     one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
     assert one.reason == ""
     assert [r.variant for r in one.rows] == [0, 1]
-    loader = SceneLoader(tmp_path / "one")
+    loader = SceneLoader(SceneFolder(tmp_path / "one"))
     for row, certificate in zip(one.rows, one.certificates, strict=True):
         density = certificate.realised_density
         scene, roads = loader.load(row)
@@ -290,7 +291,7 @@ def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch:
     )
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
-    loader = SceneLoader(tmp_path)
+    loader = SceneLoader(SceneFolder(tmp_path))
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
@@ -309,7 +310,7 @@ def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.M
 def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
-    SceneLoader(tmp_path).load(site.rows[1])
+    SceneLoader(SceneFolder(tmp_path)).load(site.rows[1])
     dull = build("yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
 

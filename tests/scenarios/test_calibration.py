@@ -24,7 +24,9 @@ from tsbench.scenarios.calibration import (
     published,
     sample_rows,
 )
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.traffic import Car
 from tsbench.scenarios.variants import DENSITIES, INITIAL_SPEEDS_MPS
 from tsbench.sim.nuplan import quantile_speed
@@ -110,7 +112,7 @@ def busy(on_road: SceneMaker) -> ScenarioSpec:
 
 def test_speeds_are_those_of_moving_background_cars(busy: ScenarioSpec, scene_root: Path) -> None:
     seen: list[int] = []
-    speeds = driven_speeds([busy, busy], simulation(), scene_root, seen.append)
+    speeds = driven_speeds([busy, busy], simulation(), SceneLoader(SceneFolder(scene_root)), seen.append)
     assert seen == [1, 2]
     # 200 m at 6 m/s, every half second, two cars, twice.
     assert len(speeds) == pytest.approx(2 * 2 * 60, abs=12)

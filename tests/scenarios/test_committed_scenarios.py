@@ -19,6 +19,7 @@ from tsbench.scenarios.recipe import load_recipe
 from tsbench.scenarios.seeds import seed_of
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.split import split_pool
+from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.scenarios.variants import variants_of
 from tsbench.scenarios.verify import verify_rows, verify_split
@@ -139,9 +140,13 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
 
 
 def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
-    named = {f for r in rows for f in (r.net, r.additional)}
-    there = {p.relative_to(SCENARIOS).as_posix() for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()}
-    assert named == there
+    named: dict[Path, dict[str, str]] = defaultdict(dict)
+    for r in rows:
+        named[store_path(r.split, r.scenario_type)] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
+    assert {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()} == set(named)
+    store = SceneStore()
+    for path, files in named.items():
+        assert store.names(path.parent.name, path.stem) == files
 
 
 def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
@@ -153,18 +158,18 @@ def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
 
 
 def test_a_sample_has_the_right_hashes_and_is_sound(rows: list[ScenarioSpec]) -> None:
-    assert verify_rows(sample(rows), SCENARIOS, lambda _: None) == []
+    assert verify_rows(sample(rows), SceneLoader(), lambda _: None) == []
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_a_busy_scene_runs_in_sumo(rows: list[ScenarioSpec], type_id: str) -> None:
     spec = next(r for r in rows if (r.scenario_type, r.split, r.density) == (type_id, "test", 5.5))
-    scene, roads = SceneLoader(SCENARIOS).load(spec)
+    scene, roads = SceneLoader().load(spec)
     lane = roads.network.lane(scene.start.lane)
     x, y = lane.line.point_at(scene.start.s)
     motion = Motion(x, y, lane.line.heading_at(scene.start.s), scene.start.speed)
     sim = simulation()
-    sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+    sim.load_scene(scene)
     sim.start_ego(motion, lane.edge, lane.order)
     sim.step()
     actors = sim.actors()

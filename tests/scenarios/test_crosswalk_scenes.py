@@ -31,6 +31,7 @@ from tsbench.scenarios.families.crosswalk_net import bend_speed, kerb_to_kerb, t
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import Site, SiteBuilder
 from tsbench.scenarios.variants import Variant, variants_of
@@ -224,14 +225,14 @@ def test_a_site_is_sound_and_tells_who_yields(
 ) -> None:
     site = build(name, tmp_path, monkeypatch, (0, 1, 2))
     assert site.reason == ""
-    loader = SceneLoader(tmp_path)
+    loader = SceneLoader(SceneFolder(tmp_path))
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         assert scene.walkers is not None
         results = {}
         for planner in ("idm", "idm-e"):
-            runner = EpisodeRunner(planner, planner, simulation=simulation(), loader=SceneLoader(tmp_path))
+            runner = EpisodeRunner(planner, planner, simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
             results[planner] = runner.run(row)
         for result in results.values():
             assert result.error == ""
@@ -246,12 +247,12 @@ def test_a_site_is_sound_and_tells_who_yields(
 
 def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     row = build("two_way", tmp_path, monkeypatch, (0,)).rows[0]
-    scene, _ = SceneLoader(tmp_path).load(row)
+    scene, _ = SceneLoader(SceneFolder(tmp_path)).load(row)
     assert scene.walkers is not None
     places = walker_places(scene)
     assert len(places) == len(scene.walkers.persons)
     # Where the first tick of an episode sees them.
-    runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(tmp_path))
+    runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
     facts = runner.run(row).facts
     assert facts is not None
     first = facts.snapshots[0].actors
@@ -284,7 +285,7 @@ print(digest(eval(sys.argv[4]), Path(sys.argv[3]), Simulation()))
 
 def digest(row: object, root: Path, sim: Simulation) -> str:
     """What `idm-e` and everybody around it did, to the last bit."""
-    runner = EpisodeRunner("idm-e", "idm-e", simulation=sim, loader=SceneLoader(root))
+    runner = EpisodeRunner("idm-e", "idm-e", simulation=sim, loader=SceneLoader(SceneFolder(root)))
     facts = runner.run(row).facts  # type: ignore[arg-type]
     assert facts is not None
     found = hashlib.sha256()

@@ -26,6 +26,7 @@ from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapErro
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import SiteBuilder
 from tsbench.scenarios.spec import ScenarioSpec
@@ -188,18 +189,18 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
     root, rows = site
     for type_id, specs in rows.items():
         for spec in specs:
-            scene, roads = SceneLoader(root).load(spec)
+            scene, roads = SceneLoader(SceneFolder(root)).load(spec)
             assert list(lint_scene(scene, roads.graph)) == []
             if type_id == "blocked_road" and spec.variant:
                 closed = {scene.target_sign.edge, scene.target_sign.edge.replace("out", "in")}
-                ways = routes_of(read_additional(scene.additional_path))
+                ways = routes_of(read_additional(scene.additional.path, scene.additional.content))
                 assert len(ways) > 5
                 assert not [way for way in ways if closed & set(way)]
 
 
 def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
     """An episode's trace, and its row and events as a run records them."""
-    loader = SceneLoader(root)
+    loader = SceneLoader(SceneFolder(root))
     result = EpisodeRunner(planner, planner, simulation=simulation(), loader=loader).run(spec)
     assert result.facts is not None, result.error
     row, events = score(spec, planner, False, result.facts)
@@ -233,7 +234,7 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
     judge = Judge(load_catalog())
-    monkeypatch.setattr(judge, "_loader", SceneLoader(root))
+    monkeypatch.setattr(judge, "_loader", SceneLoader(SceneFolder(root)))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []
     # A trace that is cut off before the stop is complete, or says more than happened, does not pass.

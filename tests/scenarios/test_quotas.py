@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 from collections import Counter
 from collections.abc import Callable
@@ -13,9 +14,19 @@ import pytest
 from madepool import row
 
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, stratum_of
+from tsbench.scenarios import build as build_module
+from tsbench.scenarios.build import (
+    BuildRequest,
+    TypeBuilder,
+    TypeReport,
+    _reason_class,
+    build_scenarios,
+    stratum_of,
+)
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore, store_path
+from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}
@@ -44,8 +55,14 @@ class Pool:
     def __init__(self, unfit: dict[str, str] | None = None) -> None:
         self.unfit, self.asked = unfit or {}, []  # type: ignore[var-annotated]
 
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
     def submit(self, _: object, recipe: Recipe, pool_row: PoolRow, split: str, request: BuildRequest) -> Any:
-        name, root = pool_row.map_id, request.root
+        name, root = pool_row.map_id, request.workplace
         self.asked.append(name)
         reason = self.unfit.get(name, "")
         files = {k: f"scenes/detour_right/{name}/{k}.gz" for k in ("net", "additional")}
@@ -56,7 +73,7 @@ class Pool:
         )
         for file in files.values() if rows else ():
             (root / file).parent.mkdir(parents=True, exist_ok=True)
-            (root / file).touch()
+            (root / file).write_bytes(gzip.compress(file.encode()))
         return _Done({"map_id": name, "rows": rows, "certificates": [], "reason": reason})
 
 
@@ -168,7 +185,7 @@ def test_what_changed_is_built_again(tmp_path: Path) -> None:
 def test_what_lost_its_files_is_built_again(tmp_path: Path) -> None:
     rows, again = strewn(12), Pool()
     names = fill(tmp_path, rows)[0]
-    for file in (tmp_path / "scenes" / "detour_right" / names[0]).iterdir():
+    for file in (tmp_path / "build" / "scenes" / "detour_right" / names[0]).iterdir():
         file.unlink()
     assert fill(tmp_path, rows, again)[0] == names
     assert again.asked == [names[0]]
@@ -192,3 +209,38 @@ def test_a_build_that_was_broken_off_goes_on(tmp_path: Path) -> None:
     assert len(rest.asked) == len(whole.asked) - kept
     record = json.loads(next((tmp_path / "build" / "detour_right").glob("*.json")).read_text())
     assert set(record) == {"map_id", "rows", "certificates", "reason", "stamp"}
+
+
+def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows, pools = strewn(24), [Pool(), Pool(), Pool({"c-straight-2-1": "unfit"})]
+    sides = {r.map_id: "test" if k % 2 else "train" for k, r in enumerate(rows)}
+    waiting = iter(pools)
+    monkeypatch.setattr(build_module, "read_pool", lambda _: rows)
+    monkeypatch.setattr(build_module, "split_pool", lambda _: sides)
+    monkeypatch.setattr(build_module, "load_recipe", lambda *_: recipe())
+    monkeypatch.setattr(build_module, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
+
+    def build(root: Path) -> dict[str, bytes]:
+        build_scenarios(BuildRequest(("detour_right",), root, root, 2, ""), lambda *_: None)
+        files = [p for p in root.rglob("*.parquet") if "build" not in p.relative_to(root).parts]
+        return {p.relative_to(root).as_posix(): p.read_bytes() for p in files}
+
+    first = build(tmp_path / "a")
+    assert {name for name in first if name.startswith("scenes")} == {
+        f"scenes/{split}/detour_right.parquet" for split in ("train", "test")
+    }
+    store = SceneStore(tmp_path / "a")
+    for split in ("train", "test"):
+        table = read_table(table_path(split, tmp_path / "a"))
+        assert len(table) == (24 if split == "train" else 6)
+        named = {name for r in table for name in (r.net, r.additional)}
+        assert set(store.names(split, "detour_right")) == named
+        assert all(store.read(r, r.net).content == r.net.encode() for r in table)
+    # Resumed, nothing is built again, and what was lost is written again.
+    store_path("test", "detour_right", tmp_path / "a").unlink()
+    assert build(tmp_path / "a") == first
+    assert pools[1].asked == []
+    # Another map, another store.
+    assert build(tmp_path / "b")["scenes/test/detour_right.parquet"] != first["scenes/test/detour_right.parquet"]

@@ -22,6 +22,7 @@ from tsbench.scenarios.families.lane_users import way_from_standstill
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import SiteBuilder
 from tsbench.scenarios.variants import Variant, variants_of
@@ -236,7 +237,7 @@ def test_a_site_is_sound_and_its_users_are_there(
     monkeypatch.setattr(site_module, "variants_of", some)
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(ROW, None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader = SceneLoader(tmp_path)
+    loader = SceneLoader(SceneFolder(tmp_path))
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []

@@ -16,6 +16,7 @@ from tsbench.maps.network import read_network
 from tsbench.maps.plain import PlainNode
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.traffic import Car
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Destination, EgoStart, Obstacle
@@ -37,7 +38,7 @@ def problems(
         "linted", start, end, route, sign or plate(made.network, "ta", 139.0), cars=cars, obstacles=obstacles,
         convoy_at=convoy_at, change=add_compliant if compliant else None,
     )  # fmt: skip
-    scene, roads = SceneLoader(made.root).load(spec)
+    scene, roads = SceneLoader(SceneFolder(made.root)).load(spec)
     return list(lint_scene(scene, roads.graph))
 
 

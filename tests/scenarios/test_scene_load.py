@@ -12,8 +12,9 @@ from simworld import SceneMaker, plate
 
 from tsbench.errors import InputError
 from tsbench.maps.network import read_network
-from tsbench.scenarios.load import SceneLoader, load_scene
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.verify import verify_rows
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.xmlfile import read_plain, sha256
@@ -32,32 +33,31 @@ def made(on_block: SceneMaker, tmp_path: Path) -> tuple[Path, ScenarioSpec]:
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
     with pytest.raises(InputError) as told:
-        SceneLoader(root).load(spec)
+        SceneLoader(SceneFolder(root)).load(spec)
     text = str(told.value)
     assert "\n" not in text
     # What `scenarios verify` and a run say is the same line.
-    assert verify_rows([spec], root, lambda _: None) == [(spec.scenario_id, text)]
+    assert verify_rows([spec], SceneLoader(SceneFolder(root)), lambda _: None) == [(spec.scenario_id, text)]
     return text
 
 
 def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    scene, roads = SceneLoader(root).load(spec)
+    scene, roads = SceneLoader(SceneFolder(root)).load(spec)
     assert scene.network is roads.network is roads.graph.network is roads.locator.network
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert (scene.seed, scene.horizon) == (spec.seed, spec.horizon)
-    assert load_scene(spec, root).route_hint == scene.route_hint
 
 
 def test_rows_of_one_map_share_its_network(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    loader = SceneLoader(root)
+    loader = SceneLoader(SceneFolder(root))
     assert loader.load(spec)[1] is loader.load(replace(spec, scenario_id="two"))[1]
 
 
 def test_more_maps_than_are_kept(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    loader = SceneLoader(root)
+    loader = SceneLoader(SceneFolder(root))
     first = loader.load(spec)[1]
     for k in range(6):
         shutil.copy(root / spec.net, root / f"copy{k}.net.xml.gz")
@@ -71,7 +71,7 @@ def test_a_hash_is_of_the_content_not_of_its_packing(made: tuple[Path, ScenarioS
     root, spec = made
     path = root / spec.additional
     path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()), compresslevel=1))
-    SceneLoader(root).load(spec)
+    SceneLoader(SceneFolder(root)).load(spec)
     bare = root / "bare.add.xml"
     bare.write_bytes(gzip.decompress(path.read_bytes()))
     assert sha256(read_plain(bare, "scene file")) == spec.additional_sha256
@@ -123,5 +123,5 @@ def test_a_row_of_an_unknown_type(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     odd = replace(spec, scenario_type="fly")
     counted: list[int] = []
-    assert verify_rows([odd, spec], root, counted.append) == [("one", "unknown scenario type 'fly'")]
+    assert verify_rows([odd, spec], SceneLoader(SceneFolder(root)), counted.append) == [("one", "unknown scenario type 'fly'")]
     assert counted == [1, 2]

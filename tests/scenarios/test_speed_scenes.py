@@ -19,6 +19,7 @@ from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.families.speed_zone import task_limit
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.store import SceneFolder
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.site import SiteBuilder
 from tsbench.scenarios.variants import INITIAL_SPEEDS_MPS, Variant, variants_of
@@ -169,8 +170,8 @@ def test_a_site_is_sound_and_its_leader_is_there(
         site = builder.build(replace(ROW, map_id=f"c-made-{k}"), None, "test")  # type: ignore[arg-type]
         assert site.reason == ""
         for row in site.rows:
-            scene, roads = SceneLoader(tmp_path).load(row)
+            scene, roads = SceneLoader(SceneFolder(tmp_path)).load(row)
             assert list(lint_scene(scene, roads.graph)) == []
-            vehicles = {v.get("id") for v in read_additional(scene.additional_path).iterfind("vehicle")}
+            vehicles = {v.get("id") for v in read_additional(scene.additional.path, scene.additional.content).iterfind("vehicle")}
             leaders += "leader_0" in vehicles
     assert (leaders > 0) == (type_id == "min_speed")

@@ -32,6 +32,7 @@ from tsbench.scenarios.elements import (
     write_additional,
 )
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.scenarios.traffic import Car
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.ego import Motion
@@ -179,3 +180,15 @@ class SceneMaker:
 
     def path(self, spec: ScenarioSpec) -> Path:
         return self.root / spec.additional
+
+
+def store_scenes(rows: Sequence[ScenarioSpec], built: Path, root: Path) -> None:
+    """Stores below `root` with the files of rows that stand below `built`, as a build ends."""
+    stores: dict[Path, dict[str, dict[str, bytes]]] = {}
+    folder = SceneFolder(built)
+    for row in rows:
+        maps = stores.setdefault(store_path(row.split, row.scenario_type, root), {})
+        files = maps.setdefault(row.map_id, {})
+        files |= {name: folder.read(row, name).content for name in (row.net, row.additional)}
+    for path, maps in stores.items():
+        write_store(maps.items(), path)

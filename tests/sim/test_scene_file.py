@@ -16,7 +16,7 @@ from simworld import obstacle, plate
 from tsbench.errors import InputError
 from tsbench.maps.network import RoadNetwork
 from tsbench.scenarios.elements import write_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, WalkersPlan
+from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, SceneFile, WalkersPlan
 from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
 
 NUMBER = st.floats(0.001, 1e4, allow_nan=False)
@@ -75,7 +75,9 @@ def test_a_plain_file_is_read_as_well(block: RoadNetwork, tmp_path: Path) -> Non
 
 def test_a_scene_is_its_layout_on_its_network(block: RoadNetwork, tmp_path: Path) -> None:
     whole = layout(block)
-    scene = scene_from_layout(whole, block, tmp_path / "n", tmp_path / "a", 600, 11)
+    files = SceneFile(tmp_path / "n", b"<net/>"), SceneFile(tmp_path / "a", b"<additional/>")
+    scene = scene_from_layout(whole, block, *files, 600, 11)
+    assert (scene.net, scene.additional) == files
     assert (scene.start, scene.destination, scene.convoy) == (whole.start, whole.destination, whole.convoy)
     assert scene.walkers == whole.walkers
     assert scene.target_sign is scene.signs[0]
@@ -88,8 +90,9 @@ def broken(block: RoadNetwork, path: Path, change) -> str:
     elements = layout_elements(layout(block), block)
     change(elements)
     write_additional(elements, path)
+    file = SceneFile(path, b"")
     with pytest.raises(InputError) as told:
-        scene_from_layout(read_layout(path), block, path, path, 600, 1)
+        scene_from_layout(read_layout(path), block, file, file, 600, 1)
     return one_line(told.value, path)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -24,11 +23,10 @@ EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
 
 
 class Prover:
-    """Proves rows in the process's one simulation. `root`: the `scenarios/` folder with the rows' files."""
+    """Proves rows in the process's one simulation. loader: gives their scenes."""
 
-    def __init__(self, simulation: Simulation, root: Path) -> None:
-        self._simulation = simulation
-        self._loader = SceneLoader(root)
+    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
+        self._simulation, self._loader = simulation, loader
         self._runners: dict[str, EpisodeRunner] = {}
 
     def prove(

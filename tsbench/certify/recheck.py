@@ -26,7 +26,9 @@ from tsbench.scenarios.certificates import (
     read_certificates,
     write_certificates,
 )
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore
 from tsbench.sim.sumo import Simulation
 
 Problem = tuple[str, str]
@@ -36,7 +38,7 @@ _AT_ONCE = 64
 
 @lru_cache(maxsize=1)
 def _prover(root: Path) -> Prover:
-    return Prover(Simulation(), root)
+    return Prover(Simulation(), SceneLoader(SceneStore(root)))
 
 
 def _drive(batch: _Batch, root: Path) -> list[Certificate]:

@@ -139,23 +139,32 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 
 @scenarios.command("open")
 @click.argument("scenario_id")
-@click.option("--run", "launch", is_flag=True, help="Start sumo-gui instead of printing the command.")
-def open_(scenario_id: str, launch: bool) -> None:
-    """The sumo-gui command that opens a scene's files as they are."""
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default=None, metavar="DIR",
+    help="Folder for the scene's files.  [default: runs/scenes/ID]",
+)  # fmt: skip
+@click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
+def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
+    """Write a scene's files into a folder, and print the sumo-gui command that opens them."""
     import shlex
     import subprocess
 
-    spec = _find(scenario_id)
-    root = data_root() / "scenarios"
-    command = [
-        "sumo-gui",
-        "-n",
-        str(root / spec.net),
-        "-a",
-        str(root / spec.additional),
-        "--step-length",
-        "0.1",
-    ]
+    from tsbench.scenarios.load import load_scene
+
+    scene = load_scene(_find(scenario_id))
+    folder = out or Path("runs/scenes") / scenario_id
+    files = {
+        folder / file.path.name.removesuffix(".gz"): file.content for file in (scene.net, scene.additional)
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for path, content in files.items():
+            path.write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{folder}: the scene cannot be written here ({error.strerror})") from None
+    net, additional = map(str, files)
+    command = ["sumo-gui", "-n", net, "-a", additional, "--step-length", "0.1"]
+    click.echo(f"scene: {net} and {additional}")
     click.echo(shlex.join(command))
     if launch:
         try:
@@ -168,12 +177,13 @@ def open_(scenario_id: str, launch: bool) -> None:
 @click.option("--split", type=click.Choice(SPLITS), default=None)
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
+    from tsbench.scenarios.load import SceneLoader
     from tsbench.scenarios.verify import verify_rows, verify_split
 
     rows = [s for s in _all_rows() if split is None or s.split == split]
     with _progress() as bar:
         task = bar.add_task("verify", total=len(rows))
-        problems = verify_rows(rows, None, lambda n: bar.update(task, completed=n))
+        problems = verify_rows(rows, SceneLoader(), lambda n: bar.update(task, completed=n))
     problems += verify_split(rows)
     for name, problem in problems:
         click.echo(f"{name}: {problem}")
@@ -245,6 +255,7 @@ def calibration(split: str | None, scenes: int, out: Path) -> None:
     from tsbench.report.analyses.shown import print_analysis
     from tsbench.scenarios.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.scenarios.certificates import certificates_path, read_certificates
+    from tsbench.scenarios.load import SceneLoader
     from tsbench.sim.sumo import Simulation
 
     rows = [s for s in _all_rows() if split is None or s.split == split]
@@ -254,8 +265,8 @@ def calibration(split: str | None, scenes: int, out: Path) -> None:
     chosen = sample_rows(rows, scenes)
     with _progress() as bar:
         task = bar.add_task("drive", total=len(chosen))
-        sim, root = Simulation(), data_root() / "scenarios"
-        cruise = driven_speeds(chosen, sim, root, lambda n: bar.update(task, completed=n))
+        sim = Simulation()
+        cruise = driven_speeds(chosen, sim, SceneLoader(), lambda n: bar.update(task, completed=n))
         sim.close()
     analysis = compared(calibrate(grid_speeds(rows), cruise, densities), split)
     print_analysis(analysis, table_console())

@@ -196,7 +196,8 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 def read_trajectories(path: Path) -> list[Recorded]:
     """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    table = open_table(path, SCHEMA, f"{fetch_hint('oracle')}; tsbench oracle select makes it anew").combine_chunks()
+    hint = f"{fetch_hint('oracle')}; tsbench oracle select makes it anew"
+    table = open_table(path, SCHEMA, hint).combine_chunks()
     flat: dict[str, list[Any]] = {name: table[name].to_pylist() for name in (*_FLAT, "ego", "others")}
     series = [pc.list_flatten(table[name]).to_numpy() for name in ("acceleration", "steering")]
     commands = np.column_stack(series).astype(np.int16)

@@ -34,7 +34,7 @@ def staged_cars(scene: Scene) -> list[StagedCar]:
     """All cars that the scene itself is made of; not the ego, the background's, nor what stands for an obstacle."""
     held = scene.convoy.vehicles if scene.convoy is not None else ()
     others = {EGO_ID, *(o.id for o in scene.obstacles)}
-    root = read_additional(scene.additional_path)
+    root = read_additional(scene.additional.path, scene.additional.content)
     types = {t.get("id"): t for t in root.iterfind("vType")}
     cars = []
     for vehicle in root.iterfind("vehicle"):
@@ -60,7 +60,7 @@ def walker_places(scene: Scene) -> list[tuple[float, float]]:
     if scene.walkers is None:
         return []
     places = []
-    for person in read_additional(scene.additional_path).iterfind("person"):
+    for person in read_additional(scene.additional.path, scene.additional.content).iterfind("person"):
         walk = person.find("walk")
         if person.get("id") in scene.walkers.persons and walk is not None:
             lane = scene.network.edge_lanes(str(walk.get("edges", "")).split()[0])[0]

@@ -93,7 +93,7 @@ class Monitor(ABC):
         value = self.sign.params.get(key, "")
         if not value:
             raise InputError(
-                f"{self.scene.additional_path}: sign {self.sign.id!r}: param {key!r} is missing, "
+                f"{self.scene.additional}: sign {self.sign.id!r}: param {key!r} is missing, "
                 f"rule {self.rule.name} needs it"
             )
         return value
@@ -104,7 +104,7 @@ class Monitor(ABC):
         for edge in edges:
             if edge not in self.scene.network.edges:
                 raise InputError(
-                    f"{self.scene.additional_path}: sign {self.sign.id!r}: param {key!r}: no edge {edge!r}"
+                    f"{self.scene.additional}: sign {self.sign.id!r}: param {key!r}: no edge {edge!r}"
                 )
         return edges
 

@@ -63,7 +63,7 @@ class Crosswalk(Monitor):
         crossing = scene.network.crossings.get(self.param("crossing"))
         if crossing is None:
             wanted = self.param("crossing")
-            raise InputError(f"{scene.additional_path}: sign {self.sign.id!r}: no crossing {wanted!r}")
+            raise InputError(f"{scene.additional}: sign {self.sign.id!r}: no crossing {wanted!r}")
         return crossing
 
     def step(self, snapshot: WorldSnapshot) -> None:

@@ -55,7 +55,7 @@ class Detour(Monitor):
         found = [o for o in scene.obstacles if o.id == wanted]
         if not found or found[0].lane not in scene.network.lane_index:
             problem = f"no obstacle {wanted!r}" if not found else f"no lane {found[0].lane!r}"
-            raise InputError(f"{scene.additional_path}: sign {self.sign.id!r}: {problem}")
+            raise InputError(f"{scene.additional}: sign {self.sign.id!r}: {problem}")
         return found[0]
 
     def step(self, snapshot: WorldSnapshot) -> None:

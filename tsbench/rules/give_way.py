@@ -38,7 +38,7 @@ class GiveWay(Monitor):
         self.line = ApproachLine(scene.network, approach)
         self._paths = junction_paths(scene.network, approach)
         if not self._paths:
-            raise InputError(f"{scene.net_path}: edge {approach!r} leads nowhere (sign {sign.id!r})")
+            raise InputError(f"{scene.net}: edge {approach!r} leads nowhere (sign {sign.id!r})")
         self._foe_paths: tuple[JunctionPath, ...] = tuple(
             p for e in self.edges("main_in") for p in junction_paths(scene.network, e)
         )
@@ -57,7 +57,7 @@ class GiveWay(Monitor):
         for edge in (approach, *self.edges("main_in")):
             if self._network.edges[edge].target != junction:
                 raise InputError(
-                    f"{self.scene.additional_path}: sign {self.sign.id!r}: edge {edge!r} does not lead to "
+                    f"{self.scene.additional}: sign {self.sign.id!r}: edge {edge!r} does not lead to "
                     f"junction {junction!r}"
                 )
 

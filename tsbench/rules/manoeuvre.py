@@ -33,7 +33,7 @@ class Manoeuvre(Monitor):
         approach, junction = self.edges("approach")[0], self.param("junction")
         if scene.network.edges[approach].target != junction:
             raise InputError(
-                f"{scene.additional_path}: sign {sign.id!r}: edge {approach!r} does not lead to junction "
+                f"{scene.additional}: sign {sign.id!r}: edge {approach!r} does not lead to junction "
                 f"{junction!r}"
             )
         self._line = ApproachLine(scene.network, approach)

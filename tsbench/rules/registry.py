@@ -48,7 +48,7 @@ def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
     if monitor is None:
         known = ", ".join(sorted(MONITORS))
         raise InputError(
-            f"{scene.additional_path}: sign {sign.id!r}: no monitor for rule {rule.name!r}, only for {known}"
+            f"{scene.additional}: sign {sign.id!r}: no monitor for rule {rule.name!r}, only for {known}"
         )
     return monitor(sign, rule, scene)
 

@@ -37,7 +37,7 @@ class ReservedLane(Monitor):
         self._edges = frozenset(scene.network.lanes[i].edge for i in self._lanes)
         zone = self.edges("zone_edges")
         if sign.edge != zone[0]:
-            where = f"{scene.additional_path}: sign {sign.id!r}"
+            where = f"{scene.additional}: sign {sign.id!r}"
             raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {zone[0]!r}")
         self._road = Road(scene.network, (*self.edges("approach"), *zone))
         self._plate = self._road.starts[sign.edge] + sign.position_m
@@ -53,7 +53,7 @@ class ReservedLane(Monitor):
         for lane in ids:
             if lane not in index:
                 raise InputError(
-                    f"{scene.additional_path}: sign {self.sign.id!r}: param 'lanes': no lane {lane!r}"
+                    f"{scene.additional}: sign {self.sign.id!r}: param 'lanes': no lane {lane!r}"
                 )
         return frozenset(index[lane] for lane in ids)
 

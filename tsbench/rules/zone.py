@@ -19,7 +19,7 @@ class Zone:
     def __init__(self, monitor: Monitor) -> None:
         sign, scene = monitor.sign, monitor.scene
         edges = monitor.edges("zone_edges")
-        where = f"{scene.additional_path}: sign {sign.id!r}"
+        where = f"{scene.additional}: sign {sign.id!r}"
         if sign.edge != edges[0]:
             raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {edges[0]!r}")
         self.road = Road(scene.network, edges, sign.lane)
@@ -47,5 +47,5 @@ def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInsta
 def posted_kmh(monitor: Monitor) -> float:
     """The number on the plate; InputError where a speed sign carries none."""
     if monitor.sign.value is None:
-        raise InputError(f"{monitor.scene.additional_path}: sign {monitor.sign.id!r}: value is missing")
+        raise InputError(f"{monitor.scene.additional}: sign {monitor.sign.id!r}: value is missing")
     return monitor.sign.value

@@ -63,7 +63,7 @@ class _Loops:
     def bare(self, spec: ScenarioSpec) -> tuple[float, int, int]:
         """SUMO alone."""
         scene, _ = self.loader.load(spec)
-        self.sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        self.sim.load_scene(scene)
         began = time.process_time()
         for _ in range(TICKS):
             self.sim.step()
@@ -76,7 +76,7 @@ class _Loops:
         lane = scene.network.lane(scene.start.lane)
         x, y = lane.line.point_at(scene.start.s)
         motion = Motion(x, y, lane.line.heading_at(scene.start.s), 5.0)
-        self.sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        self.sim.load_scene(scene)
         self.sim.start_ego(motion, lane.edge, lane.order)
         state = EgoState(x, y, motion.heading, 5.0, 0.0, 0.0, 0.0, lane.index, scene.start.s, 0.0, True)
         line = Navigator(roads.graph, scene.destination).update(state).path.line

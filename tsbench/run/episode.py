@@ -181,7 +181,7 @@ class Episode:
         x, y = start.line.point_at(scene.start.s)
         self.motion = Motion(x, y, start.line.heading_at(scene.start.s), scene.start.speed)
         self.ego = self._locate(start.index)
-        sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        sim.load_scene(scene)
         sim.start_ego(self.motion, start.edge, start.order)
         if scene.convoy:
             for vehicle in scene.convoy.vehicles:

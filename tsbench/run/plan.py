@@ -12,6 +12,7 @@ from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import known_map_ids
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog
 
@@ -138,9 +139,11 @@ def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> N
 
 def _check_files(path: Path, rows: Sequence[ScenarioSpec]) -> None:
     """A scene that is not there would fail every episode on it: say so before the run."""
+    store = SceneStore(path.parent)
+    kinds = {(row.split, row.scenario_type) for row in rows}
+    there = {kind: store.names(*kind) for kind in sorted(kinds)}
     for row in rows:
         for name in (row.net, row.additional):
-            if not (path.parent / name).is_file():
-                raise InputError(
-                    f"{path}: row {row.scenario_id} (map {row.map_id}): {path.parent / name}: no such file"
-                )
+            if name not in there[row.split, row.scenario_type]:
+                where = store_path(row.split, row.scenario_type, path.parent) / name
+                raise InputError(f"{path}: row {row.scenario_id} (map {row.map_id}): {where}: no such file")

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
@@ -30,11 +29,13 @@ from tsbench.scenarios.certificates import (
 )
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.fingerprint import maker_fingerprint
+from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.recipe import Recipe, load_recipe, recipe_types
 from tsbench.scenarios.seeds import seed_of
 from tsbench.scenarios.site import Prover, Site, SiteBuilder
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.split import split_pool
+from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
@@ -60,6 +61,11 @@ class BuildRequest:
     workers: int
     prover: str
     splits: tuple[str, ...] = SPLITS
+
+    @property
+    def workplace(self) -> Path:
+        """Where maps are built, one file each, and what resuming needs stays."""
+        return self.root / "build"
 
 
 @dataclass(frozen=True)
@@ -96,14 +102,15 @@ def _tools(root: Path, prover: str) -> tuple[Simulation, Prover | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
     module, _, name = prover.partition(":")
-    return sim, getattr(importlib.import_module(module), name)(sim, root) if prover else None
+    loader = SceneLoader(SceneFolder(root))
+    return sim, getattr(importlib.import_module(module), name)(sim, loader) if prover else None
 
 
 def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, object]:
     """In a worker process: one site, as plain data."""
-    sim, prover = _tools(request.root, request.prover)
+    sim, prover = _tools(request.workplace, request.prover)
     source = _source(row.source, request.osm)
-    site = SiteBuilder(recipe, request.root, sim, prover).build(row, source, split)
+    site = SiteBuilder(recipe, request.workplace, sim, prover).build(row, source, split)
     return {
         "map_id": site.map_id,
         "rows": [asdict(r) for r in site.rows],
@@ -131,7 +138,7 @@ class TypeBuilder:
         self, request: BuildRequest, recipe: Recipe, pool: Executor, split_of: dict[str, str]
     ) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
-        self.cache = request.root / "build" / recipe.type.id
+        self.cache = request.workplace / recipe.type.id
         self.cache.mkdir(parents=True, exist_ok=True)
         self.key = f"{maker_fingerprint(placement_of(recipe))}|{recipe}"
 
@@ -213,7 +220,7 @@ class TypeBuilder:
         stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
         if path.is_file():
             kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-            if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.root):
+            if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.workplace):
                 return lambda: kept
         future = self.pool.submit(_build_one, self.recipe, row, split, self.request)
 
@@ -228,7 +235,6 @@ class TypeBuilder:
 
 
 def _files_there(site: Site, root: Path) -> bool:
-    """Maps that were not taken lose their files; a later build may need them after all."""
     return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
 
 
@@ -236,13 +242,6 @@ def _reason_class(reason: str) -> str:
     """A reason without its numbers and names, for counting."""
     words = ["#" if any(c.isdigit() for c in w) else w for w in reason.split()]
     return " ".join(w for w in words if "/" not in w)
-
-
-def _remove_unused(root: Path, type_id: str, keep: set[str]) -> None:
-    folder = root / "scenes" / type_id
-    for place in sorted(folder.iterdir()) if folder.is_dir() else []:
-        if place.name not in keep:
-            shutil.rmtree(place)
 
 
 def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeReport]:
@@ -261,14 +260,16 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
         for split in [s for s in reversed(SPLITS) if s in request.splits]:
             for recipe in recipes:
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
-                _keep(request.root, recipe.type.id, split, sites)
+                _keep(request, recipe.type.id, split, sites)
                 _write_report(request.root, report)
                 reports.append(report)
     return reports
 
 
-def _keep(root: Path, type_id: str, split: str, sites: list[Site]) -> None:
-    """Replace one type's rows and certificates in one split; drop scene files that no row names."""
+def _keep(request: BuildRequest, type_id: str, split: str, sites: list[Site]) -> None:
+    """Replace one type's scenes, rows and certificates in one split."""
+    root, built = request.root, SceneFolder(request.workplace)
+    write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))
     path = table_path(split, root)
     others = [s for s in read_table(path) if s.scenario_type != type_id] if path.is_file() else []
     write_table([*others, *(r for s in sites for r in s.rows)], path)
@@ -276,11 +277,12 @@ def _keep(root: Path, type_id: str, split: str, sites: list[Site]) -> None:
     old = read_certificates(kept) if kept.is_file() else []
     new = [c for s in sites for c in s.certificates]
     write_certificates([*(c for c in old if (c.scenario_type, c.split) != (type_id, split)), *new], kept)
-    used = {s.map_id for s in sites}
-    for side in SPLITS:
-        if side != split and table_path(side, root).is_file():
-            used |= {r.map_id for r in read_table(table_path(side, root)) if r.scenario_type == type_id}
-    _remove_unused(root, type_id, used)
+
+
+def _contents(built: SceneFolder, site: Site) -> dict[str, bytes]:
+    """The files that the rows of a site name."""
+    named = {name: row for row in site.rows for name in (row.net, row.additional)}
+    return {name: built.read(row, name).content for name, row in named.items()}
 
 
 def _write_report(root: Path, report: TypeReport) -> None:

@@ -134,13 +134,13 @@ def sample_rows(rows: Sequence[ScenarioSpec], count: int) -> list[ScenarioSpec]:
 
 
 def driven_speeds(
-    rows: Sequence[ScenarioSpec], sim: Simulation, root: Path, progress: Callable[[int], None]
+    rows: Sequence[ScenarioSpec], sim: Simulation, loader: SceneLoader, progress: Callable[[int], None]
 ) -> Array:
     """Speeds (m,) of moving background cars in the first 30 s of scenes, every half second; SUMO drives the ego too."""
-    loader, found = SceneLoader(root), []
+    found: list[float] = []
     for k, row in enumerate(rows):
         scene, _ = loader.load(row)
-        sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        sim.load_scene(scene)
         for tick in range(int(SPEEDS_OVER_S / DT_S)):
             sim.step()
             if tick % SPEEDS_EVERY_TICKS == 0:

@@ -102,7 +102,7 @@ def _lint_bodies(scene: Scene) -> Iterator[str]:
     lane = scene.network.lane(scene.start.lane)
     x, y = lane.line.point_at(scene.start.s)
     bodies = [("ego", x, y, lane.line.heading_at(scene.start.s), EGO_LENGTH_M, EGO_WIDTH_M)]
-    root = read_additional(scene.additional_path)
+    root = read_additional(scene.additional.path, scene.additional.content)
     sizes = {
         t.attrib["id"]: (float(t.attrib["length"]), float(t.attrib["width"])) for t in root.iterfind("vType")
     }

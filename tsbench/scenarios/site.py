@@ -37,7 +37,7 @@ from tsbench.scenarios.variants import Variant, variants_of
 from tsbench.sim.ego import Motion
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.place import LaneLocator
-from tsbench.sim.scene import ConvoyPlan
+from tsbench.sim.scene import ConvoyPlan, SceneFile
 from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -84,7 +84,7 @@ class Site:
 
 
 class SiteBuilder:
-    """Builds sites of one type below `root` (the `scenarios/` folder); `sim` is the process's one simulation.
+    """Builds sites of one type below `root` (`scenarios/build/`); `sim` is the process's one simulation.
 
     prover: without one every first draw is kept.
     """
@@ -102,8 +102,9 @@ class SiteBuilder:
             folder.mkdir(parents=True, exist_ok=True)
             net = folder / NET_NAME
             build_net(plain, net)
-            network = read_network(net)
-            roads = Roads(network, LaneGraph(network), LaneLocator(network))
+            file = SceneFile(net, read_plain(net, "network"))
+            network = read_network(net, file.content)
+            roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
             built = self._variants(row, roads, folder, split)
         except (UnfitMapError, SimulationError) as error:
             return Site(row.map_id, (), (), " ".join(str(error).split()))
@@ -172,8 +173,8 @@ class SiteBuilder:
             sign_value=target.value, map_id=row.map_id, family=row.family, shape=row.shape, slot=row.slot,
             variant=variant.number, split=split, seed=seed, initial_speed=a.start.speed,
             route_length=a.route_length, density=variant.density, drivers=variant.drivers, layout=variant.layout,
-            horizon=recipe.horizon, net=(folder / NET_NAME).relative_to(self.root).as_posix(), additional=relative,
-            net_sha256=sha256(read_plain(folder / NET_NAME, "network")), additional_sha256=files.sha256,
+            horizon=recipe.horizon, net=roads.file.path.relative_to(self.root).as_posix(), additional=relative,
+            net_sha256=sha256(roads.file.content), additional_sha256=files.sha256,
         )  # fmt: skip
         return spec, density
 
@@ -198,7 +199,6 @@ class _SceneFiles:
     ) -> None:  # fmt: skip
         self.sim, self.roads, self.variant, self.a = sim, roads, variant, a
         self.drivers, self.seed, self.name = drivers, seed, scenario_id
-        self.net = folder / NET_NAME
         self.path = folder / f"v{variant.number}.add.xml.gz"
         self.trial = folder / f"v{variant.number}.trial.xml"
         self.sha256 = ""
@@ -242,7 +242,7 @@ class _SceneFiles:
         assert c is not None
         write_additional(self._convoy_elements(c), self.trial)
         seconds = lead_time(
-            self.sim, self.net, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
+            self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
         )
         ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
         return ConvoyPlan(ids, c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps)
@@ -264,7 +264,7 @@ class _SceneFiles:
             standing = standing_cars(network, graph, ask, rng)
             if not rehearsal:
                 write_additional([*fixed, *self._types(), *background(standing)], self.trial)
-            self.sim.load(self.net, self.trial, network, self.seed)
+            self.sim.load(self.roads.file.path, self.trial, network, self.seed)
             inflow = Inflow(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
             if best is None or abs(mean - goal) < abs(best[0] - goal):
@@ -285,10 +285,12 @@ class _SceneFiles:
         lane = network.lane(a.start.lane)
         x, y = lane.line.point_at(a.start.s)
         motion = Motion(x, y, lane.line.heading_at(a.start.s), a.start.speed)
-        scene = scene_from_layout(read_layout(self.path), network, self.net, self.path, 1, self.seed)
+        additional = SceneFile(self.path, read_plain(self.path, "scene file"))
+        layout = read_layout(self.path, additional.content)
+        scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
         for problem in lint_scene(scene, self.roads.graph):
             raise UnfitMapError(problem)
-        self.sim.load(self.net, self.path, network, self.seed)
+        self.sim.load_scene(scene)
         self.sim.start_ego(motion, lane.edge, lane.order)
         present = {name for name, *_ in self.sim.fleet()}
         wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import shapely
 
@@ -18,10 +17,9 @@ from tsbench.scenarios.split import APART_M, extents
 
 
 def verify_rows(
-    specs: Sequence[ScenarioSpec], root: Path | None, progress: Callable[[int], None]
+    specs: Sequence[ScenarioSpec], loader: SceneLoader, progress: Callable[[int], None]
 ) -> list[tuple[str, str]]:
     """(scenario id, problem) of every row that is not what it says; empty if all are sound."""
-    loader = SceneLoader(root)
     known = set(recipe_types())
     problems: list[tuple[str, str]] = []
     for k, spec in enumerate(specs):

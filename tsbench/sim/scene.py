@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tsbench.maps.network import RoadNetwork
@@ -74,6 +74,17 @@ class WalkersPlan:
     ego_turn_mps: float
 
 
+@dataclass(frozen=True, slots=True)
+class SceneFile:
+    """A file of a scene: where it was found (in a store: the store's path, then its name) and its plain content."""
+
+    path: Path
+    content: bytes = field(repr=False)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
 @dataclass(frozen=True)
 class Scene:
     """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps.
@@ -82,8 +93,8 @@ class Scene:
     is another one. Both are for lint and pictures; no planner sees them.
     """
 
-    net_path: Path
-    additional_path: Path
+    net: SceneFile
+    additional: SceneFile
     network: RoadNetwork
     signs: tuple[SignInstance, ...]
     target: str

@@ -16,7 +16,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.footprint import corners
 from tsbench.maps.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene, WalkersPlan
+from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene, SceneFile, WalkersPlan
 from tsbench.xmlfile import parse, read_plain
 
 EGO_ID = "ego"
@@ -191,12 +191,12 @@ def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None
 
 
 def scene_from_layout(
-    layout: SceneLayout, network: RoadNetwork, net_path: Path, additional_path: Path, horizon: int, seed: int
+    layout: SceneLayout, network: RoadNetwork, net: SceneFile, additional: SceneFile, horizon: int, seed: int
 ) -> Scene:
     """Network and layout as one scene. Raises InputError where the layout names a lane or edge that is not there."""
-    _check_places(layout, network, additional_path)
+    _check_places(layout, network, additional.path)
     return Scene(
-        net_path=net_path, additional_path=additional_path, network=network, signs=layout.signs,
+        net=net, additional=additional, network=network, signs=layout.signs,
         target=layout.target, obstacles=layout.obstacles, start=layout.start, destination=layout.destination,
         convoy=layout.convoy, horizon=horizon, seed=seed, route_hint=layout.route_hint,
         compliant_hint=layout.compliant_hint, walkers=layout.walkers,

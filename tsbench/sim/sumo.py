@@ -8,6 +8,9 @@ reaches `moveToXY`, which makes a vehicle with NaN vanish without a word.
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import libsumo
@@ -16,6 +19,7 @@ import numpy as np
 from tsbench.errors import SimulationError
 from tsbench.maps.network import RoadNetwork
 from tsbench.sim.ego import Motion
+from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, Box
 
@@ -68,8 +72,17 @@ def sumo_version() -> str:
     return str(libsumo.getVersion()[1])
 
 
+@contextmanager
+def _in_memory(content: bytes) -> Iterator[str]:
+    """A path by which SUMO, in this process, can read `content`: gone with the block, or with the process."""
+    with os.fdopen(os.memfd_create("scene.xml"), "wb") as file:
+        file.write(content)
+        file.flush()
+        yield f"/proc/self/fd/{file.fileno()}"
+
+
 class Simulation:
-    """SUMO with one scene at a time. `load`, then `place_ego` and `step` in turn, then `actors`."""
+    """SUMO with one scene at a time. `load_scene`, then `place_ego` and `step` in turn, then `actors`."""
 
     def __init__(self) -> None:
         self._running = False
@@ -83,9 +96,17 @@ class Simulation:
         self._ego_there = False
         self._ego_front = (0.0, 0.0)
 
+    def load_scene(self, scene: Scene) -> None:
+        """Load a scene. Raises SimulationError where SUMO refuses it (its words are on stderr)."""
+        with _in_memory(scene.net.content) as net, _in_memory(scene.additional.content) as additional:
+            self._load(net, additional, scene.network, scene.seed, scene.additional.path)
+
     def load(self, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
-        """Load a scene's files. Raises SimulationError where SUMO refuses them (its words are on stderr)."""
-        options = ["-n", str(net), "-a", str(additional), "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
+        """Load files of a scene that is being built; raises as `load_scene` does."""
+        self._load(str(net), str(additional), network, seed, additional)
+
+    def _load(self, net: str, additional: str, network: RoadNetwork, seed: int, where: Path) -> None:
+        options = ["-n", net, "-a", additional, "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
         if self._placed:
             # A move that no step has carried out outlives its simulation and crashes the next one.
             self.step()
@@ -97,7 +118,7 @@ class Simulation:
                 self._running = True
         except _SUMO_ERRORS as error:
             self._running = False
-            raise SimulationError(f"{additional}: SUMO does not load the scene ({error})") from error
+            raise SimulationError(f"{where}: SUMO does not load the scene ({error})") from error
         self._lane_index = network.lane_index
         self._table = ActorTable()
         self._bodies = {}
@@ -106,7 +127,7 @@ class Simulation:
 
     @property
     def table(self) -> ActorTable:
-        """Road users seen since `load`."""
+        """Road users seen since the scene was loaded."""
         return self._table
 
     def start_ego(self, motion: Motion, edge: str, lane_order: int) -> None:

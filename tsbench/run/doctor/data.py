@@ -9,6 +9,7 @@ from pathlib import Path
 from tsbench.errors import InputError
 from tsbench.paths import fetch_hint
 from tsbench.run.doctor.finding import REPAIR, Finding, Status, alone, installed
+from tsbench.scenarios.spec import ScenarioSpec
 
 SAMPLE = 200
 
@@ -36,7 +37,7 @@ def simulate() -> None:
     try:
         spec = read_table(table_path("test"))[0]
         scene, sim = load_scene(spec), Simulation()
-        sim.load(scene.net_path, scene.additional_path, scene.network, scene.seed)
+        sim.load_scene(scene)
         for _ in range(10):
             sim.step()
         print(f"a simulation started ({spec.scenario_id}, {len(sim.fleet())} vehicles after 1 s)")
@@ -57,7 +58,8 @@ def check_data() -> Iterator[Finding]:
     for split in SPLITS:
         path = table_path(split)
         if not path.is_file():
-            yield Finding(Status.NOTE, "data", f"{path}: not there", f"needed for --split {split} only: {fetch_hint(split)}")
+            remedy = f"needed for --split {split} only: {fetch_hint(split)}"
+            yield Finding(Status.NOTE, "data", f"{path}: not there", remedy)
             continue
         rows = sorted(read_table(path), key=lambda row: row.scenario_id)
         lost = [row for row in rows if row.map_id not in maps]
@@ -65,24 +67,33 @@ def check_data() -> Iterator[Finding]:
             text = f"{path}: map {lost[0].map_id} of {lost[0].scenario_id} is not in the pool"
             yield Finding(Status.FAILED, "data", text, "fetch the repository's data again")
             continue
-        nets = [(row.net, row.net_sha256) for row in rows]
-        yield _files(path, nets, [(row.additional, row.additional_sha256) for row in rows])
+        yield _files(path, rows)
 
 
-def _files(table: Path, *columns: list[tuple[str, str]]) -> Finding:
-    """columns: (path below the table's folder, SHA-256 of its content) of each row."""
-    from tsbench.xmlfile import read_plain, sha256
+def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
+    """All files that the rows name are in the stores, and a sample of them has the rows' hashes."""
+    from tsbench.scenarios.store import SceneStore, store_path
+    from tsbench.xmlfile import sha256
 
-    named = [pair for column in columns for pair in dict.fromkeys(column)]
-    missing = [name for name, _ in named if not (table.parent / name).is_file()]
-    step = max(len(named) // SAMPLE, 1)
-    changed = [name for name, digest in named[::step] if name not in missing
-               and sha256(read_plain(table.parent / name, "scene file")) != digest]  # fmt: skip
+    split, store = table.stem, SceneStore(table.parent)
+    folder = store_path(split, "", table.parent).parent
+    if not folder.is_dir():
+        # Those of the train split do not come with the package.
+        status = Status.NOTE if split == "train" else Status.FAILED
+        return Finding(status, "data", f"{folder}: no scene files here", fetch_hint(split))
+    there = {kind: store.names(split, kind) for kind in sorted({row.scenario_type for row in rows})}
+    nets = {row.net: (row, row.net_sha256) for row in rows}
+    named = nets | {row.additional: (row, row.additional_sha256) for row in rows}
+    missing = [name for name, (row, _) in named.items() if name not in there[row.scenario_type]]
+    sample = [name for name in list(named)[:: max(len(named) // SAMPLE, 1)] if name not in missing]
+    changed = [name for name in sample if sha256(store.read(named[name][0], name).content) != named[name][1]]
     if not missing and not changed:
-        there = f"all {len(named)} scene files there, {len(named[::step])} hashed"
-        text = f"{table.name}: {len(columns[0])} scenarios, {there}"
+        text = (
+            f"{table.name}: {len(rows)} scenarios, all {len(named)} scene files there, {len(sample)} hashed"
+        )
         return Finding(Status.OK, "data", text)
     first = (missing or changed)[0]
-    told = f"{len(missing)} scene files missing, {len(changed)} of {len(named[::step])} hashed ones changed"
+    told = f"{len(missing)} scene files missing, {len(changed)} of {len(sample)} hashed ones changed"
+    where = store_path(split, named[first][0].scenario_type, table.parent) / first
     remedy = "fetch the repository's data again; tsbench scenarios verify names every file"
-    return Finding(Status.FAILED, "data", f"{table.name}: {told}, first {table.parent / first}", remedy)
+    return Finding(Status.FAILED, "data", f"{table.name}: {told}, first {where}", remedy)
