@@ -108,7 +108,7 @@ def test_scenes_that_were_not_fetched(copy: Path, split: str, status: Status) ->
     table_path("test", copy).unlink()
     write_table(rows, table_path(split, copy))
     (found,) = (finding for finding in data.check_data() if "no scene files here" in finding.text)
-    assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL scenes-{split}")
+    assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL {split}")
 
 
 def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
