@@ -12,6 +12,11 @@ from tsbench.learn.trajectories import Recorded, write_trajectories
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
+NO_TABLE = (
+    "no such table (tsbench data fetch --from DIR|URL oracle brings the released one, "
+    "tsbench oracle select makes one)"
+)
+
 
 @pytest.fixture
 def oracle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
@@ -40,8 +45,9 @@ def drive(scenario: str, planner: str, rank: int) -> Recorded:
         (["collect", "--types", "nonsense"], "--types nonsense: no such type or group"),
         (["collect", "--types", "yield", "--limit", "1", "--out", "mine"], "mine: is neither empty nor a collection"),
         (["select", "nowhere"], "nowhere/run.json: no collection (tsbench oracle collect makes one)"),
-        (["stats", "--table", "none.parquet"], "none.parquet: no such table (tsbench oracle select makes it)"),
-        (["verify", "--table", "none.parquet"], "none.parquet: no such table (tsbench oracle select makes it)"),
+        (["stats", "--table", "none.parquet"], f"none.parquet: {NO_TABLE}"),
+        (["verify", "--table", "none.parquet"], f"none.parquet: {NO_TABLE}"),
+        (["restore", "--table", "none.parquet"], f"none_tries.parquet: {NO_TABLE}"),
     ],
 )  # fmt: skip
 def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[str], told: str) -> None:

@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from tsbench.errors import InputError
 from tsbench.learn.oracle_runner import FIGURES, lost_try, unpack
-from tsbench.learn.trajectories import Commands, Intents
+from tsbench.learn.trajectories import ORIGIN, Commands, Intents
 from tsbench.parquet import VERSION_KEY, open_table, save_table
 from tsbench.run.files import told_plainly, write_atomic, write_json
 from tsbench.run.folder import error_path
@@ -192,8 +192,8 @@ def read_collection(folder: Path, origin: str, name: str = NAME) -> Manifest:
 
 def read_tries(path: Path) -> list[Row]:
     """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
-    file = path / _TRIES if path.is_dir() else path
-    rows: list[Row] = open_table(file, SCHEMA, "tsbench oracle collect makes it").to_pylist()
+    file, hint = (path / _TRIES, "tsbench oracle collect makes it") if path.is_dir() else (path, ORIGIN)
+    rows: list[Row] = open_table(file, SCHEMA, hint).to_pylist()
     return rows
 
 

@@ -32,6 +32,9 @@ from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motio
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
 
+# What is said where a table of the oracle's is missing: the released ones do not come with the package.
+ORIGIN = f"{fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
+
 # Steps of the stored commands in a unit: 1e-3 m/s2 and 1e-4 rad. The vehicle's limits take a fifth of an int16.
 STEPS = (1000, 10000)
 
@@ -196,8 +199,7 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 def read_trajectories(path: Path) -> list[Recorded]:
     """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    hint = f"{fetch_hint('oracle')}; tsbench oracle select makes it anew"
-    table = open_table(path, SCHEMA, hint).combine_chunks()
+    table = open_table(path, SCHEMA, ORIGIN).combine_chunks()
     flat: dict[str, list[Any]] = {name: table[name].to_pylist() for name in (*_FLAT, "ego", "others")}
     series = [pc.list_flatten(table[name]).to_numpy() for name in ("acceleration", "steering")]
     commands = np.column_stack(series).astype(np.int16)
