@@ -4,13 +4,14 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 WORKERS ?= 2
 OSM ?= sumo_nets/sources
+BASE := $(VENV)/.base
 READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
-COMMONROAD := tests/report/export/commonroad-requirements.txt
+COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results torture mutation setup lint format maps scenarios bench clean
+.PHONY: run test results torture mutation base setup lock package manifest lint format maps scenarios bench clean
 
-run: setup
+run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
@@ -51,18 +52,56 @@ mutation: $(BIN)/mutmut
 	$(BIN)/mutmut results --all true | $(BIN)/python tests/rules/mutation_table.py
 
 $(BIN)/mutmut: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[mutation]"
+	$(call install,mutation)
+	touch $@
+
+# `base`: what a run needs. `setup`: all that the tests need. Every package has the version and a hash that
+# requirements.lock names; this pip is the first that takes hashes from a file of constraints.
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+ASKED := import sys, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	print(*p["dependencies"], *(r for e in sys.argv[1:] for r in p["optional-dependencies"][e]), sep="\n")
+define install
+	$(BIN)/python -c '$(ASKED)' $(1) > $(VENV)/asked.txt
+	$(PIP) install --require-hashes --constraint requirements.lock --requirement $(VENV)/asked.txt
+endef
+
+base: $(BASE)
+
+$(BASE): pyproject.toml requirements.lock
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install pip==26.3
+	$(call install,build)
+	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt $(COMMONROAD)
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[learn,ray,mcap,dev]"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
-		--target $(VENV)/commonroad --requirement $(COMMONROAD)
+# torch first and alone: among builds whose hashes it knows, pip takes PyPI's with CUDA (3 GB with what that needs), also
+# where an index nearer by has the one without. Its version is the lock file's, and so is all that it needs.
+$(READY): $(BASE) $(COMMONROAD)
+	$(PIP) install --no-deps "$$(grep -o '^torch==[^ ]*' requirements.lock)"
+	$(call install,report video make learn ray mcap dev)
+	$(PIP) install --require-hashes --no-deps --upgrade --target $(VENV)/commonroad --requirement $(COMMONROAD)
 	touch $@
+
+# The lock files anew from what is asked for, with as few other versions as can be; UPGRADE=--upgrade: with the newest.
+UV := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes $(UPGRADE) \
+	--custom-compile-command "make lock"
+lock:
+	$(PYTHON) -m venv build/uv
+	build/uv/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
+	$(UV) $(addprefix --extra ,report video make learn ray mcap dev mutation build) pyproject.toml -o requirements.lock
+	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
+
+# Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
+package: setup
+	rm -rf dist
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist . ./packaging/tsbench-data
+	$(BIN)/python packaging/data_sets.py lay-out dist/data
+
+# Sizes and SHA-256 of all data files anew, after data were made.
+manifest: setup
+	$(BIN)/python packaging/data_sets.py manifest
 
 lint: setup
 	$(BIN)/ruff check .
@@ -82,8 +121,8 @@ scenarios: setup
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
 
-bench: setup
+bench: base
 	$(BIN)/tsbench bench
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache mutants
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache mutants build dist

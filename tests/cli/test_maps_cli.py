@@ -61,7 +61,7 @@ def test_a_bad_box_is_one_line(box: str) -> None:
 
 def test_fetch_without_osmnx(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "osmnx", None)
-    with pytest.raises(InputError, match=r"pip install 'tsbench\[fetch\]'"):
+    with pytest.raises(InputError, match=r"pip install 'tsbench\[make\]'"):
         fetch_extract(tmp_path, name=None, place="Arbat, Moscow", box=None)
     with pytest.raises(InputError, match="not both"):
         fetch_extract(tmp_path, name=None, place=None, box=None)

@@ -12,8 +12,8 @@ import pytest
 from tsbench import paths
 from tsbench.errors import InputError
 from tsbench.run.doctor import data, examine, machine
-from tsbench.run.doctor.finding import Finding, Status, alone
-from tsbench.run.doctor.packages import check_packages, judge_packages
+from tsbench.run.doctor.finding import REPAIR, Finding, Status, alone
+from tsbench.run.doctor.packages import check_packages, judge_packages, locked
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
@@ -34,7 +34,7 @@ def test_packages_that_lack_or_are_too_new() -> None:
     there = {"numpy": "2.1", "pyarrow": "24.0"}
     first, extra = judge_packages(ASKED, (), there)
     assert (first.status, first.text) == (Status.FAILED, "not as required: pyarrow 24.0 (<24,>=23)")
-    assert first.remedy == "make setup"
+    assert first.remedy == REPAIR
     assert (extra.status, extra.text) == (Status.NOTE, "extra learn: lacks torch (not there)")
     (lacking, _) = judge_packages(ASKED, (), {"pyarrow": "23.1"})
     assert lacking.text == "not as required: numpy (not there)"
@@ -42,7 +42,10 @@ def test_packages_that_lack_or_are_too_new() -> None:
 
 def test_other_versions_than_the_pinned_are_a_note() -> None:
     there = {"numpy": "2.1", "pyarrow": "23.0", "torch": "2.13.0+cpu"}
-    pins = ("# a comment", "pyarrow==23.0.1", "torch==2.13.0", "elsewhere==1.0")
+    pins = locked(
+        "# a comment\npyarrow==23.0.1 \\\n    --hash=sha256:00\ntorch==2.13.0 ; python_version > '3' \\\nelsewhere==1.0\n"
+        "numpy==2.0 ; python_version < '3' \\\n    # via scipy\n"
+    )
     found = list(judge_packages(ASKED, pins, there))
     assert not failed(iter(found))
     assert found[-1].text.endswith("known to work together: pyarrow 23.0 instead of ==23.0.1")
@@ -80,7 +83,8 @@ def test_data_that_is_whole_and_a_split_that_is_not_there(copy: Path) -> None:
     assert not failed(iter(found))
     assert any("test.parquet: 3 scenarios, all " in finding.text for finding in found)
     (train,) = (finding for finding in found if "train" in finding.text)
-    assert (train.status, train.remedy) == (Status.NOTE, "needed for --split train only")
+    assert train.status is Status.NOTE
+    assert train.remedy == "needed for --split train only: tsbench data fetch --from DIR|URL train"
 
 
 def test_scene_files_that_are_missing_or_changed(copy: Path) -> None:
@@ -104,7 +108,7 @@ def test_scenes_that_were_not_fetched(copy: Path, split: str, status: Status) ->
     table_path("test", copy).unlink()
     write_table(rows, table_path(split, copy))
     (found,) = (finding for finding in data.check_data() if "no scene files here" in finding.text)
-    assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL scenes-{split}")
+    assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL {split}")
 
 
 def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,7 +104,7 @@ def test_a_scene_is_loaded_from_its_store(
 def test_a_store_that_is_not_there(made: ScenarioSpec, tmp_path: Path) -> None:
     text = refuse(tmp_path, replace(made, split="train"))
     path = store_path("train", "yield", tmp_path)
-    assert text == f"{path}: no such scene files (tsbench data fetch --from DIR|URL scenes-train)"
+    assert text == f"{path}: no such scene files (tsbench data fetch --from DIR|URL train)"
 
 
 def test_a_map_and_a_file_that_a_store_does_not_have(made: ScenarioSpec, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from collections.abc import Mapping
@@ -12,6 +11,7 @@ import click
 
 from tsbench import __version__
 from tsbench.errors import InputError, TsbenchError
+from tsbench.extras import load, missing_extra
 
 # Command, where it is, and its line in --help.
 COMMANDS = {
@@ -29,6 +29,7 @@ COMMANDS = {
     "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
     "oracle": ("tsbench.cli.oracle:oracle", "Collect and choose the drives that plant2-ft learns from."),
     "train": ("tsbench.cli.train:train", "Train a learned planner."),
+    "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
     "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),
     "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
 }
@@ -51,7 +52,7 @@ class LazyGroup(click.Group):
         if cmd_name not in self._lazy:
             return None
         module, _, attribute = self._lazy[cmd_name][0].partition(":")
-        command: click.Command = getattr(importlib.import_module(module), attribute)
+        command: click.Command = getattr(load(module), attribute)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
@@ -74,6 +75,11 @@ def main(arguments: list[str] | None = None) -> None:
         _fail(str(problem))
     except TsbenchError as problem:
         _fail(str(problem), EXIT_FAILED)
+    except ModuleNotFoundError as problem:
+        told = missing_extra(problem)
+        if told is None:
+            raise
+        _fail(str(told))
     except click.exceptions.NoArgsIsHelpError as problem:
         problem.show()
         sys.exit(EXIT_INPUT)

@@ -45,7 +45,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     from tsbench.maps.harvest import harvest as run_harvest
     from tsbench.maps.stats import count_tables
 
-    target = out or paths.pool_file()
+    target = out or paths.sumo_nets() / "pool.parquet"
     report = target.with_name("harvest.json")
     columns = (TextColumn("{task.description:>14}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True)) as progress:

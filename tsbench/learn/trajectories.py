@@ -21,7 +21,7 @@ import pyarrow.compute as pc
 from tsbench.errors import PlannerOutputError, SimulationError
 from tsbench.metrics.outcome import EpisodeFacts
 from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_root, fetch_hint
+from tsbench.paths import data_file, fetch_hint
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.run.command import to_command
 from tsbench.run.episode import EpisodeRunner
@@ -178,7 +178,7 @@ class Replayer(EpisodeRunner):
 
 def trajectories_path() -> Path:
     """Where the oracle's drives stand."""
-    return data_root() / "scenarios" / "oracle.parquet"
+    return data_file("scenarios/oracle.parquet")
 
 
 def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:

@@ -8,7 +8,7 @@ from functools import cache
 import yaml
 
 from tsbench.errors import InputError
-from tsbench.maps.paths import sumo_nets
+from tsbench.paths import data_file
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Extract:
 @cache
 def known_extracts() -> dict[str, Extract]:
     """The extracts that the repository knows, by name."""
-    path = sumo_nets() / "harvest.yaml"
+    path = data_file("sumo_nets/harvest.yaml")
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.get("schema") != 1:
         raise InputError(f"{path}: expected `schema: 1`")

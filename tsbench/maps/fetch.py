@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import importlib
 import json
 import re
 import tempfile
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.errors import InputError
+from tsbench.extras import load
 from tsbench.maps.osm import sha256_of
 
 Box = tuple[float, float, float, float]  # west, south, east, north, degrees
@@ -83,7 +83,7 @@ def fetch_extract(out_dir: Path, *, name: str | None, place: str | None, box: Bo
 
 def _download(place: str | None, box: Box | None) -> bytes:
     """OSM XML of the car roads, straight from OSMnx."""
-    osmnx = _osmnx()
+    osmnx: Any = load("osmnx")
     osmnx.settings.use_cache = False
     osmnx.settings.all_oneway = True
     osmnx.settings.useful_tags_way = list(WAY_TAGS)
@@ -104,12 +104,3 @@ def _download(place: str | None, box: Box | None) -> bytes:
         raise InputError(
             f"{what}: OSMnx got no extract from the network ({type(failure).__name__}: {reason})"
         ) from failure
-
-
-def _osmnx() -> Any:
-    try:
-        return importlib.import_module("osmnx")
-    except ImportError:
-        raise InputError(
-            "maps fetch needs OSMnx, which is not installed: pip install 'tsbench[fetch]'"
-        ) from None

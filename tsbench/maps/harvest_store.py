@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.maps.osm import sha256_of
-from tsbench.maps.paths import build_dir, netconvert_file, sumo_nets
+from tsbench.maps.paths import build_dir, netconvert_file
 from tsbench.maps.pool import PoolRow
+from tsbench.paths import data_file
 
 
 def harvest_key(extracts: Sequence[Path]) -> str:
     """A digest of extracts, configurations and this package's code: other inputs, another folder."""
-    inputs = [*extracts, sumo_nets() / "harvest.yaml"]
+    inputs = [*extracts, data_file("sumo_nets/harvest.yaml")]
     inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg", "moscow.typ.xml")]
     inputs += sorted(Path(__file__).parent.rglob("*.py"))
     digest = hashlib.blake2b(digest_size=8)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tsbench.paths import data_root
+from tsbench.paths import data_file, data_root
 
 
 def sumo_nets() -> Path:
-    """The folder of map data: configurations, pool index, crops."""
+    """The folder that map data is made in: extracts, what was made of them, the pool's index."""
     return data_root() / "sumo_nets"
 
 
 def pool_file() -> Path:
     """The committed pool index."""
-    return sumo_nets() / "pool.parquet"
+    return data_file("sumo_nets/pool.parquet")
 
 
 def sources_dir() -> Path:
@@ -29,4 +29,4 @@ def build_dir() -> Path:
 
 def netconvert_file(name: str) -> Path:
     """A netconvert configuration or type map, e.g. `extract.netccfg`."""
-    return sumo_nets() / "netconvert" / name
+    return data_file(f"sumo_nets/netconvert/{name}")

@@ -8,7 +8,6 @@ from dataclasses import astuple
 from pathlib import Path
 
 import cv2
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image as PilImage
 
@@ -80,6 +79,8 @@ def _frames(trace: Trace, scene: Scene, country: Country | None) -> Iterator[Ima
 
 def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
     """Frames (I420) through ffmpeg into an MP4."""
+    import imageio_ffmpeg  # an extra of its own: only films need it
+
     command = [
         imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-nostdin", "-loglevel", "error",
         "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{size.width}x{size.height}", "-r", f"{round(1 / DT_S)}",

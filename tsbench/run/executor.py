@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
+from tsbench.extras import load
 from tsbench.run.handout import HandOut
 from tsbench.run.memory import MemoryUse
 from tsbench.run.process import Setup
@@ -69,9 +70,8 @@ def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> 
     Raises InputError where Ray is asked for and not installed, or its cluster cannot be reached.
     """
     if kind == "ray":
-        from tsbench.run.ray_executor import RayExecutor
-
-        return RayExecutor(workers, most, limits)
+        executor: Executor = load("tsbench.run.ray_executor").RayExecutor(workers, most, limits)
+        return executor
     from tsbench.run.workers import Pool
 
     cores = own_cores()

@@ -19,6 +19,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import ray
+from ray.exceptions import RayError
+
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.executor import Limits
@@ -29,12 +32,6 @@ from tsbench.run.process import Setup
 from tsbench.run.record import Record, error_row, lost_timing
 from tsbench.run.seat import Seat, greeting
 from tsbench.run.trace import trace_path
-
-try:
-    import ray
-    from ray.exceptions import RayError
-except ImportError:
-    raise InputError("--executor ray: Ray is not installed (pip install 'tsbench[ray]')") from None
 
 _TICK_S = 0.25
 _FAREWELL_S = 5.0

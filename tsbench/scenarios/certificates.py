@@ -12,7 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_root
+from tsbench.paths import data_file
 
 SCHEMA_VERSION = 1
 DENSITY_TOLERANCE = 0.25
@@ -82,7 +82,7 @@ SCHEMA = pa.schema(
 
 def certificates_path(root: Path | None = None) -> Path:
     """Where the certificates stand."""
-    return (data_root() / "scenarios" if root is None else root) / "certificates.parquet"
+    return data_file("scenarios/certificates.parquet") if root is None else root / "certificates.parquet"
 
 
 def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:

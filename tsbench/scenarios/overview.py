@@ -14,7 +14,7 @@ from typing import Any
 from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import read_pool
-from tsbench.paths import data_root
+from tsbench.paths import data_file
 from tsbench.scenarios.build import stratum_of
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.spec import ScenarioSpec
@@ -55,7 +55,7 @@ def places(points: Sequence[tuple[float, float]]) -> int:
 
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
     """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
-    path = (data_root() / "scenarios" if root is None else root) / "build_report.json"
+    path = data_file("scenarios/build_report.json") if root is None else root / "build_report.json"
     try:
         report: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

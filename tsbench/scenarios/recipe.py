@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from tsbench.errors import InputError
-from tsbench.paths import data_root
+from tsbench.paths import data_file
 from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
@@ -46,7 +46,7 @@ class Recipe:
 
 def recipes_folder() -> Path:
     """Where the recipes stand."""
-    return data_root() / "scenarios" / "recipes"
+    return data_file("scenarios/recipes")
 
 
 def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> Recipe:

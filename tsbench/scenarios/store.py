@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from tsbench.errors import InputError
 from tsbench.parquet import VERSION_KEY
-from tsbench.paths import data_root, fetch_hint
+from tsbench.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneFile
 from tsbench.xmlfile import read_plain, sha256
@@ -50,7 +50,8 @@ class SceneFiles(Protocol):
 
 def store_path(split: str, type_id: str, root: Path | None = None) -> Path:
     """Where the scenes of a type in a split stand; root: the `scenarios/` folder."""
-    return (data_root() / "scenarios" if root is None else root) / "scenes" / split / f"{type_id}.parquet"
+    name = f"scenes/{split}/{type_id}.parquet"
+    return data_file(f"scenarios/{name}") if root is None else root / name
 
 
 def write_store(maps: Iterable[tuple[str, Mapping[str, bytes]]], path: Path) -> None:
@@ -127,7 +128,7 @@ class SceneStore:
     """Reads scenes below `root` (default: the data folder's `scenarios/`); the last few maps stay unpacked."""
 
     def __init__(self, root: Path | None = None) -> None:
-        self.root = data_root() / "scenarios" if root is None else root
+        self.root = root
         self._opened: dict[Path, _Opened] = {}
         self._maps: OrderedDict[tuple[Path, str], tuple[dict[str, int], pa.Table]] = OrderedDict()
 
@@ -170,7 +171,7 @@ class SceneStore:
         opened = self._opened.get(path)
         if opened is None:
             if not path.is_file():
-                hint = fetch_hint(f"scenes-{path.parent.name}")
+                hint = fetch_hint(path.parent.name)
                 raise InputError(f"{path}: no such scene files ({hint})")
             try:
                 source = pa.memory_map(str(path))

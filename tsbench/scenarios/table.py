@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from tsbench.errors import InputError
 from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_root
+from tsbench.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import SCHEMA_VERSION, ScenarioSpec
 
 SPLITS = ("train", "test")
@@ -39,7 +39,7 @@ SCHEMA = pa.schema([_field(f.name) for f in fields(ScenarioSpec)]).with_metadata
 
 def table_path(split: str, root: Path | None = None) -> Path:
     """Where the table of a split stands."""
-    return (data_root() / "scenarios" if root is None else root) / f"{split}.parquet"
+    return data_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
 
 
 def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
@@ -50,7 +50,7 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
 
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    rows = open_table(path, SCHEMA, "tsbench scenarios build makes it").to_pylist()
+    rows = open_table(path, SCHEMA, fetch_hint(path.stem)).to_pylist()
     specs = [ScenarioSpec(**row) for row in rows]
     _check(specs, path)
     return specs

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from tsbench.errors import InputError
-from tsbench.paths import data_root
+from tsbench.paths import data_file
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import SCHEMA, parse_rule, parse_sign
 
@@ -81,7 +81,7 @@ def load_catalog(root: Path | None = None) -> Catalog:
     Raises:
         InputError: one line: file, key, what is wrong.
     """
-    return _load((data_root() / "sign_catalog" if root is None else root).resolve())
+    return _load((data_file("sign_catalog") if root is None else root).resolve())
 
 
 @cache

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.paths import data_root
+from tsbench.paths import data_file
 
 
 @cache
 def statistics() -> dict[str, Any]:
     """The figures of `scenarios/nuplan_statistics.json`."""
-    path = data_root() / "scenarios" / "nuplan_statistics.json"
+    path = data_file("scenarios/nuplan_statistics.json")
     loaded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return loaded
 

@@ -194,5 +194,5 @@ def test_a_missing_extra_is_one_line(run: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     monkeypatch.delitem(sys.modules, WRITERS["mcap"][0].partition(":")[0], raising=False)
     monkeypatch.delitem(sys.modules, "tsbench.report.export.shapes", raising=False)
-    with pytest.raises(InputError, match=r"foxglove is not installed \(pip install 'tsbench\[mcap\]'\)"):
+    with pytest.raises(InputError, match=r"foxglove, which is not installed: pip install 'tsbench\[mcap\]'"):
         export_episode(run, "idm/speed_limit", "mcap", None)

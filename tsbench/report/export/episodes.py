@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.extras import load
 from tsbench.report.bulk import Job, Progress, Tally, make_files
 from tsbench.report.selection import Chosen, Selection, select_traces
 from tsbench.run.trace import Trace, find_trace, read_trace
 from tsbench.scenarios.load import load_scene
 from tsbench.sim.scene import Scene
 
-# By format: where its writer is, its files' suffix, and the extra that it needs ("" for none).
+# By format: where its writer is, and its files' suffix.
 WRITERS = {
-    "commonroad": ("tsbench.report.export.commonroad:write_commonroad", ".xml", ""),
-    "mcap": ("tsbench.report.export.recording:write_recording", ".mcap", "mcap"),
+    "commonroad": ("tsbench.report.export.commonroad:write_commonroad", ".xml"),
+    "mcap": ("tsbench.report.export.recording:write_recording", ".mcap"),
 }
 FORMATS = tuple(WRITERS)
 
@@ -48,16 +47,8 @@ def _path(folder: Path, trace: Path, kind: str) -> Path:
 
 def _writer(kind: str) -> Callable[[Trace, Scene, Path], None]:
     """The format's writer; InputError where the extra that it needs is not installed."""
-    target, _, extra = WRITERS[kind]
-    module, _, name = target.partition(":")
-    try:
-        writer: Callable[[Trace, Scene, Path], None] = getattr(importlib.import_module(module), name)
-    except ModuleNotFoundError as missing:
-        if not extra:
-            raise
-        raise InputError(
-            f"--format {kind}: {missing.name} is not installed (pip install 'tsbench[{extra}]')"
-        ) from None
+    module, _, name = WRITERS[kind][0].partition(":")
+    writer: Callable[[Trace, Scene, Path], None] = getattr(load(module), name)
     return writer
 
 

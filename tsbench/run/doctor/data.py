@@ -7,23 +7,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tsbench.errors import InputError
-from tsbench.paths import data_root, fetch_hint
-from tsbench.run.doctor.finding import Finding, Status, alone, installed
+from tsbench.paths import fetch_hint
+from tsbench.run.doctor.finding import REPAIR, Finding, Status, alone, installed
 from tsbench.scenarios.spec import ScenarioSpec
 
 SAMPLE = 200
 
 
 def check_sumo() -> Iterator[Finding]:
-    """Its three packages must be of one version, and a scene of the test split must start."""
-    there = installed(("eclipse-sumo", "libsumo", "sumolib"))
+    """Its packages must be of one version, and a scene of the test split must start."""
+    there = installed(("libsumo", "sumolib", "eclipse-sumo"))  # the last comes with the extra `make`
     told = ", ".join(f"{name} {number}" for name, number in there.items())
-    if len(there) < 3 or len(set(there.values())) != 1:
-        yield Finding(Status.FAILED, "SUMO", f"its packages do not belong together: {told}", "make setup")
+    if not {"libsumo", "sumolib"} <= there.keys() or len(set(there.values())) != 1:
+        yield Finding(Status.FAILED, "SUMO", f"its packages do not belong together: {told}", REPAIR)
         return
     code, words = alone("from tsbench.run.doctor.data import simulate; simulate()")
     if code:
-        yield Finding(Status.FAILED, "SUMO", f"{told}; a simulation does not start: {words}", "make setup")
+        yield Finding(Status.FAILED, "SUMO", f"{told}; a simulation does not start: {words}", REPAIR)
     else:
         yield Finding(Status.OK, "SUMO", f"{told}; {words}")
 
@@ -52,14 +52,14 @@ def check_data() -> Iterator[Finding]:
     from tsbench.scenarios.table import SPLITS, read_table, table_path
     from tsbench.signs.catalog import load_catalog
 
-    root = data_root()
     catalog, maps = load_catalog(), known_map_ids(pool_file())
     signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
-    yield Finding(Status.OK, "data", f"{root}: {signs}")
+    yield Finding(Status.OK, "data", f"{pool_file().parent.parent}: {signs}")
     for split in SPLITS:
         path = table_path(split)
         if not path.is_file():
-            yield Finding(Status.NOTE, "data", f"{path}: not there", f"needed for --split {split} only")
+            remedy = f"needed for --split {split} only: {fetch_hint(split)}"
+            yield Finding(Status.NOTE, "data", f"{path}: not there", remedy)
             continue
         rows = sorted(read_table(path), key=lambda row: row.scenario_id)
         lost = [row for row in rows if row.map_id not in maps]
@@ -80,7 +80,7 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
     if not folder.is_dir():
         # Those of the train split do not come with the package.
         status = Status.NOTE if split == "train" else Status.FAILED
-        return Finding(status, "data", f"{folder}: no scene files here", fetch_hint(f"scenes-{split}"))
+        return Finding(status, "data", f"{folder}: no scene files here", fetch_hint(split))
     there = {kind: store.names(split, kind) for kind in sorted({row.scenario_type for row in rows})}
     nets = {row.net: (row, row.net_sha256) for row in rows}
     named = nets | {row.additional: (row, row.additional_sha256) for row in rows}

@@ -10,6 +10,7 @@ from enum import StrEnum
 from importlib.metadata import PackageNotFoundError, version
 
 TIMEOUT_S = 120
+REPAIR = "make setup in a clone; else pip install --force-reinstall tsbench tsbench-data"
 
 
 class Status(StrEnum):

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from tsbench.run.doctor.finding import TIMEOUT_S, Finding, Status, alone, installed
+from tsbench.run.doctor.finding import REPAIR, TIMEOUT_S, Finding, Status, alone, installed
 
 LEAST_PYTHON = (3, 11)
 # A worker that drives `idm` was measured at 0.18 GiB, a trace at 0.12 MB: with some room, and for 5,800 scenes.
@@ -55,16 +55,16 @@ def check_machine() -> Iterator[Finding]:
 
 def check_tools() -> Iterator[Finding]:
     """Programs that only some commands need."""
-    import imageio_ffmpeg
-
     try:
+        import imageio_ffmpeg
+
         program = imageio_ffmpeg.get_ffmpeg_exe()
         done = subprocess.run(
             [program, "-version"], capture_output=True, text=True, timeout=TIMEOUT_S, check=True
         )
         yield Finding(Status.OK, "ffmpeg", " ".join(done.stdout.split()[:3]))
-    except (RuntimeError, OSError, subprocess.SubprocessError) as problem:
-        remedy = "needed for --format mp4 only: pip install --force-reinstall imageio-ffmpeg"
+    except (ImportError, RuntimeError, OSError, subprocess.SubprocessError) as problem:
+        remedy = "needed for --format mp4 only: pip install --force-reinstall 'tsbench[video]'"
         yield Finding(Status.NOTE, "ffmpeg", f"does not run: {problem}", remedy)
     browser = next(
         (p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None
@@ -79,14 +79,14 @@ def check_tools() -> Iterator[Finding]:
 def check_gpu() -> Iterator[Finding]:
     """Whether torch is there and sees a GPU."""
     if not installed(("torch",)):
-        remedy = "needed for learned planners only: pip install -c constraints.txt -e '.[learn]'"
+        remedy = "needed for learned planners only: pip install 'tsbench[learn]'"
         yield Finding(Status.NOTE, "torch", "not installed", remedy)
         return
     see = "torch.cuda.get_device_name(0) if torch.cuda.is_available() else ''"
     code, words = alone(f"import torch; print(torch.__version__ + '|' + ({see}))")
     number, _, gpu = words.partition("|")
     if code:
-        yield Finding(Status.FAILED, "torch", f"cannot be imported: {words}", "make setup")
+        yield Finding(Status.FAILED, "torch", f"cannot be imported: {words}", REPAIR)
     elif gpu:
         yield Finding(Status.OK, "torch", f"{number}, GPU: {gpu}")
     else:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsbench.run.doctor.finding import Finding, Status, installed
+from tsbench.run.doctor.finding import REPAIR, Finding, Status, installed
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
+
+_FOR_DEVELOPERS = ("build", "dev", "mutation")
 
 
 def check_packages() -> Iterator[Finding]:
@@ -18,15 +20,20 @@ def check_packages() -> Iterator[Finding]:
     try:
         asked = requires("tsbench") or []
     except PackageNotFoundError:
-        yield Finding(Status.FAILED, "packages", "tsbench itself is not installed", "make setup")
+        yield Finding(Status.FAILED, "packages", "tsbench itself is not installed", REPAIR)
         return
-    pins = Path(__file__).resolve().parents[3] / "constraints.txt"
-    lines = pins.read_text(encoding="utf-8").splitlines() if pins.is_file() else []
-    yield from judge_packages(asked, lines, installed(_names((*asked, *lines))))
+    lock = Path(__file__).resolve().parents[3] / "requirements.lock"
+    pins = locked(lock.read_text(encoding="utf-8")) if lock.is_file() else []
+    yield from judge_packages(asked, pins, installed(_names((*asked, *pins))))
 
 
-def judge_packages(asked: Iterable[str], pins: Iterable[str], there: Mapping[str, str]) -> Iterator[Finding]:
-    """asked: requirement lines with markers; pins: of constraints.txt; there: version by package name."""
+def locked(text: str) -> list[str]:
+    """The requirement lines of a lock file, without their hashes."""
+    return [line.rstrip(" \\") for line in text.splitlines() if line[:1].isalnum()]
+
+
+def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Finding]:
+    """asked: requirement lines with markers; pins: of the lock file, none outside a clone; there: version by package name."""
     from packaging.requirements import Requirement
 
     core, extras = list[Requirement](), dict[str, list[Requirement]]()
@@ -37,20 +44,22 @@ def judge_packages(asked: Iterable[str], pins: Iterable[str], there: Mapping[str
         (extras.setdefault(extra, []) if extra else core).append(requirement)
     wrong = _unmet(core, there)
     if wrong:
-        yield Finding(Status.FAILED, "packages", f"not as required: {', '.join(wrong)}", "make setup")
+        yield Finding(Status.FAILED, "packages", f"not as required: {', '.join(wrong)}", REPAIR)
     else:
         yield Finding(Status.OK, "packages", f"all {len(core)} required packages are there")
     for extra, wanted in sorted(extras.items()):
+        if extra in _FOR_DEVELOPERS and not pins:
+            continue
         wrong = _unmet(wanted, there)
         text = f"extra {extra}: " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
-        remedy = f"only if you need it: pip install -c constraints.txt -e '.[{extra}]'" if wrong else ""
+        remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
         yield Finding(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
-    pinned = [Requirement(line) for line in pins if line.strip() and not line.startswith("#")]
+    pinned = [r for r in map(Requirement, pins) if r.marker is None or r.marker.evaluate()]
     other = [f"{r.name} {there[r.name]} instead of {r.specifier}" for r in pinned
              if r.name in there and not r.specifier.contains(there[r.name], prereleases=True)]  # fmt: skip
     if other:
         text = f"other versions than those known to work together: {', '.join(other)}"
-        yield Finding(Status.NOTE, "packages", text, "if something fails: make setup")
+        yield Finding(Status.NOTE, "packages", text, f"if something fails: {REPAIR}")
 
 
 def _unmet(wanted: Iterable[Requirement], there: Mapping[str, str]) -> list[str]:
@@ -67,4 +76,4 @@ def _unmet(wanted: Iterable[Requirement], there: Mapping[str, str]) -> list[str]
 def _names(lines: Iterable[str]) -> list[str]:
     from packaging.requirements import Requirement
 
-    return [Requirement(line).name for line in lines if line.strip() and not line.startswith("#")]
+    return [Requirement(line).name for line in lines]

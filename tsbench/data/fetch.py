@@ -1,0 +1,95 @@
+"""Files from a folder or an http(s) address, put in place only when they are the ones that were asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import http.client
+import os
+import tempfile
+import urllib.parse
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from tsbench.data.manifest import DataFile, DataSet
+from tsbench.errors import InputError
+
+_BLOCK = 1 << 20
+_PATIENCE_S = 60.0
+
+
+def fetch_set(data: DataSet, source: str, root: Path, report: Callable[[DataFile], None]) -> int:
+    """Bring a set's files from below `source` (a folder, or an http(s) URL) to below `root`; how many were missing.
+
+    Files that are there are skipped, so that a broken-off fetch goes on. `report` is told of each file that came.
+    Raises InputError: what is wrong with which file; files that came before it stay.
+    """
+    missing = []
+    for file in data.files:
+        place = root / file.name
+        if file.is_at(place):
+            continue
+        if place.exists():
+            raise InputError(f"{place}: is another file than the {data.name} data's: move it away first")
+        missing.append(file)
+    base = source.rstrip("/")
+    for file in missing:
+        name = urllib.parse.quote(file.name) if _is_url(source) else file.name
+        fetch_file(f"{base}/{name}", file.size, file.sha256, root / file.name)
+        report(file)
+    return len(missing)
+
+
+def fetch_file(source: str, size: int, sha256: str, target: Path) -> None:
+    """Copy `source` (a path, or an http(s) URL) to `target`, atomically, if it has this size (bytes) and SHA-256 (hex).
+
+    Never reads more than a block beyond the size. Raises InputError, and then leaves nothing behind.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with _temporary(target) as (part, file):
+            digest, read = hashlib.sha256(), 0
+            with _opened(source) as stream:
+                while block := stream.read(min(_BLOCK, size + 1 - read)):
+                    read += len(block)
+                    if read > size:
+                        raise InputError(f"{source}: is larger than the {size} bytes that it should have")
+                    digest.update(block)
+                    file.write(block)
+            if read < size:
+                raise InputError(f"{source}: ends after {read} of {size} bytes")
+            if digest.hexdigest() != sha256:
+                raise InputError(f"{source}: has not the SHA-256 {sha256[:12]}… that it should have")
+            file.close()
+            part.replace(target)
+    except (OSError, http.client.HTTPException, ValueError) as problem:
+        raise InputError(f"{source}: cannot be fetched ({problem})") from None
+
+
+def _is_url(source: str) -> bool:
+    return source.startswith(("http://", "https://"))
+
+
+@contextmanager
+def _opened(source: str) -> Iterator[IO[bytes]]:
+    if _is_url(source):
+        with urllib.request.urlopen(source, timeout=_PATIENCE_S) as answer:
+            yield answer
+    else:
+        with Path(source).open("rb") as file:
+            yield file
+
+
+@contextmanager
+def _temporary(target: Path) -> Iterator[tuple[Path, IO[bytes]]]:
+    """A file beside `target` that is gone afterwards, unless it was moved."""
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    part = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            yield part, file
+        target.chmod(0o644)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,42 @@
+"""Packages that not every installation has: the extras of pyproject.toml, by the modules that only they bring."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from tsbench.errors import InputError
+
+EXTRA_OF = {
+    "jinja2": "report",
+    "matplotlib": "report",
+    "PIL": "report",
+    "resvg_py": "report",
+    "statsmodels": "report",
+    "imageio_ffmpeg": "video",
+    "osmium": "make",
+    "osmnx": "make",
+    "sumo": "make",
+    "gymnasium": "learn",
+    "greenlet": "learn",
+    "stable_baselines3": "learn",
+    "torch": "learn",
+    "ray": "ray",
+    "foxglove": "mcap",
+}
+
+
+def missing_extra(problem: ModuleNotFoundError) -> InputError | None:
+    """What to tell the user where the module that is missing is one of an extra; None for any other module."""
+    name = (problem.name or "").partition(".")[0]
+    if name not in EXTRA_OF:
+        return None
+    return InputError(f"this needs {name}, which is not installed: pip install 'tsbench[{EXTRA_OF[name]}]'")
+
+
+def load(module: str) -> ModuleType:
+    """Import a module. Raises InputError naming the extra where a package of one is missing."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as problem:
+        raise missing_extra(problem) or problem from None
