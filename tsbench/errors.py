@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 
+def cause_of(error: BaseException) -> str:
+    """Kind and text of somebody else's exception, on one line, fit for any file: its text may be no text at all."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = "(its text cannot be had)"
+    return f"{type(error).__name__}: {text}".encode(errors="backslashreplace").decode()
+
+
 class TsbenchError(Exception):
     """Base of the errors that tsbench raises on purpose."""
 

@@ -11,6 +11,7 @@ import os
 import signal
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -18,7 +19,6 @@ import faults
 
 import tsbench.cli
 import tsbench.cli.run as command
-from tsbench.run.executor import Limits
 from tsbench.run.journal import Journal
 from tsbench.run.session import Options
 
@@ -27,14 +27,14 @@ LIMITS = {"call": 30.0, "first_call": 30.0, "phase": 30.0, "start": 90.0}
 
 
 def main(arguments: list[str] | None = None) -> None:
-    limits = Limits(**{**LIMITS, **json.loads(os.environ.get("TSBENCH_TEST_LIMITS", "{}"))})
+    limits = {**LIMITS, **json.loads(os.environ.get("TSBENCH_TEST_LIMITS", "{}"))}
     runner = os.environ.get("TSBENCH_TEST_RUNNER", "fake_runner:FakeRunner")
     with ExitStack() as stack:
 
         def options(**given):
             # It was blocked at the start: no program can answer Ctrl-C before its first import is done.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            return Options(**given, runner=runner, limits=limits)
+            return Options(**{**given, "runner": runner, "limits": replace(given["limits"], **limits)})
 
         stack.enter_context(patch.object(command, "Options", options))
         if "TSBENCH_TEST_PAUSE" in os.environ:

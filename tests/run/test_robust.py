@@ -24,9 +24,12 @@ EXPECTED = {
     "Nan": ("invalid_output", "acceleration nan"),
     "Inf": ("invalid_output", "steering inf"),
     "WrongShape": ("invalid_output", "shapes"),
-    "Sleeps": ("planner_timeout", "one call of the planner took more than 4 s"),
+    "Sleeps": (
+        "planner_timeout",
+        "one call of the planner took more than 4 s of processor time, or 4 s in all",
+    ),
     "Exits": ("planner_error", "the worker process ended in the planner: exit code 7"),
-    "SysExits": ("planner_error", "the worker process ended in the planner: exit code 1"),
+    "SysExits": ("planner_error", "SystemExit: bye"),
     "Segfaults": ("planner_error", "the worker process ended in the planner: SIGSEGV"),
     "KilledAlways": ("planner_error", "the worker process ended in the planner: SIGKILL"),
     "LeavesChild": ("planner_error", "the worker process ended in the planner: exit code 3"),
@@ -46,7 +49,7 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory, make_data) -> Path:
     done = bench.run(
         *args("Prints", "Good", "Forks", *EXPECTED, types="speed_limit", out="run", workers="2"),
         expect=1,
-        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0}',
+        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0}',
     )
     assert len(done.stdout) < 20_000
     assert "xxxxx" not in done.stdout + done.stderr
@@ -114,7 +117,7 @@ def test_a_worker_killed_from_outside_costs_nothing(bench: Bench) -> None:
         (None, "there is no file"),
         ("import no_such_module_at_all", "no_such_module_at_all"),
         ("class P:\n    def act(self, o): ...", "no method reset"),
-        ("import os; os._exit(9)", "importing it ended the process (exit code 9)"),
+        ("import os; os._exit(9)", "importing or making it ended the process (exit code 9)"),
         ("1 +", "SyntaxError"),
     ],
 )

@@ -12,7 +12,7 @@ from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.console import table_console
 from tsbench.cli.options import words_of
 from tsbench.planners.batched import DEVICES
-from tsbench.run.executor import EXECUTORS
+from tsbench.run.executor import EXECUTORS, Limits
 from tsbench.run.plan import TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Ending, Options
@@ -48,6 +48,14 @@ EXIT_ERRORS = 1
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core.")
 @click.option(
+    "--memory-limit",
+    type=click.IntRange(min=512),
+    default=int(Limits.most_memory),
+    show_default=True,
+    metavar="MB",
+    help="Most that a worker, with all that its planner has started, may take in an episode.",
+)
+@click.option(
     "--executor",
     type=click.Choice(EXECUTORS),
     default="local",
@@ -76,7 +84,7 @@ EXIT_ERRORS = 1
 )
 def run(
     planners: tuple[str, ...], split: str, types: str, limit: int | None, variants: str, workers: int | None,
-    executor: str, out: Path | None, trace: str, device: str, mask_signs: bool, allow_partial: bool,
+    memory_limit: int, executor: str, out: Path | None, trace: str, device: str, mask_signs: bool, allow_partial: bool,
 ) -> None:  # fmt: skip
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
@@ -85,7 +93,7 @@ def run(
     options = Options(
         request=Request(planners, split, words_of(types), limit, variants),
         workers=workers, executor=executor, out=out, trace=trace, device=device, mask_signs=mask_signs,
-        allow_partial=allow_partial,
+        allow_partial=allow_partial, limits=Limits(most_memory=float(memory_limit)),
     )  # fmt: skip
     ending = run_session(options, ProgressWatcher(Console(stderr=True)))
     _tell(ending, table_console())

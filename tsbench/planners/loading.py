@@ -1,4 +1,4 @@
-"""Imports what a user names, module or file; whatever goes wrong becomes one line with its place."""
+"""Imports what a user names, module or file; whatever goes wrong becomes one line with its place and its remedy."""
 
 from __future__ import annotations
 
@@ -7,10 +7,17 @@ import importlib
 import importlib.util
 import sys
 import traceback
+from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from types import ModuleType
 
-from tsbench.errors import InputError
+from tsbench.errors import InputError, cause_of
+
+# Packages that are not called as what is imported from them.
+_PACKAGES = {
+    "PIL": "pillow", "commonroad": "commonroad-io", "cv2": "opencv-python-headless", "foxglove": "foxglove-sdk",
+    "yaml": "pyyaml",
+}  # fmt: skip
 
 
 def import_attribute(source: str, attribute: str, where: str) -> object:
@@ -46,9 +53,11 @@ def _from_module(name: str, where: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
             raise InputError(f"{where}: there is no module {error.name}") from None
-        raise InputError(f"{where}: {name} does not import: {_cause(error)}") from error
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{where}: {name} does not import: {_cause(error)}") from error
+        raise InputError(f"{where}: {name} does not import: {cause_with_place(error)}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"{where}: {name} does not import: {cause_with_place(error)}") from error
 
 
 def _from_file(path: Path, where: str) -> ModuleType:
@@ -69,18 +78,36 @@ def _from_file(path: Path, where: str) -> ModuleType:
         sys.path.append(str(path.parent))
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         del sys.modules[name]
-        raise InputError(f"{where}: {path} does not import: {_cause(error)}") from error
+        raise InputError(f"{where}: {path} does not import: {cause_with_place(error)}") from error
     return module
 
 
-def _cause(error: BaseException) -> str:
-    """The error in one line, with the file and the line of its cause."""
-    text = " ".join(str(error).split())
+def cause_with_place(error: BaseException) -> str:
+    """The error in one line, with the file and the line of its cause, and how to install what it lacks."""
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg} ({error.filename}, line {error.lineno})"
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
     own = [f for f in frames if f.filename != __file__ and "importlib" not in f.filename]
     place = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
-    return f"{type(error).__name__}: {text}{place}" if text else f"{type(error).__name__}{place}"
+    lacks = error.name if isinstance(error, ModuleNotFoundError) else None
+    return f"{cause_of(error).removesuffix(': ')}{place}" + (f"; {remedy(lacks)}" if lacks else "")
+
+
+def remedy(module: str) -> str:
+    """The command that installs what a missing module is from: the extra of tsbench that has it, or the package."""
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    top = module.partition(".")[0]
+    package = canonicalize_name(_PACKAGES.get(top, top))
+    try:
+        asked = [Requirement(line) for line in requires("tsbench") or ()]
+    except PackageNotFoundError:
+        asked = []
+    markers = [str(r.marker or "") for r in asked if canonicalize_name(r.name) == package]
+    extras = [extra for marker in markers if (extra := marker.partition('extra == "')[2].partition('"')[0])]
+    return f"to install it: pip install {repr(f'tsbench[{extras[0]}]') if extras else package}"

@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import tsbench.planners
+from tsbench.errors import InputError
 from tsbench.planners.batched import DEVICES, is_served
+from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.sources import closure
 
@@ -24,9 +26,10 @@ def describe(spec: str) -> dict[str, Any]:
     """Name, spec, privileged, sign_access, served_on, weights_sha256 and code_sha256 (None where there is none).
 
     Raises:
-        InputError: there is no such planner, or it does not import.
+        InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
     loaded = resolve(spec)
+    _make(loaded)
     return {
         "name": loaded.name,
         "spec": loaded.spec,
@@ -36,6 +39,16 @@ def describe(spec: str) -> dict[str, Any]:
         "weights_sha256": None if loaded.weights is None else loaded.weights.sha256,
         "code_sha256": _code_sha256(_source(loaded)),
     }
+
+
+def _make(loaded: LoadedPlanner) -> None:
+    """Make one, network and all: what is missing is missing in every episode."""
+    try:
+        loaded.factory()
+    except (InputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise InputError(f"planner {loaded.spec!r}: cannot be made: {cause_with_place(error)}") from error
 
 
 def _code_sha256(source: Path | None) -> str | None:

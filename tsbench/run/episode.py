@@ -9,7 +9,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from tsbench.errors import InputError, PlannerOutputError, SimulationError
+from tsbench.errors import InputError, PlannerOutputError, SimulationError, cause_of
 from tsbench.metrics.outcome import Ending, EpisodeFacts, Outcome
 from tsbench.planners.base import Planner, PlannerContext, Privilege
 from tsbench.planners.registry import LoadedPlanner, resolve
@@ -39,7 +39,7 @@ class Phase(IntEnum):
 
 
 class PlannerFailure(Exception):
-    """The planner's own code raised."""
+    """The planner's own code raised, be it SystemExit; KeyboardInterrupt is left to whoever runs the process."""
 
 
 def _no_heartbeat(_: int) -> None:
@@ -89,7 +89,8 @@ class EpisodeRunner:
         except PlannerOutputError as problem:
             outcome, error = Outcome.INVALID_OUTPUT, _line(problem)
         except PlannerFailure as problem:
-            outcome, error = Outcome.PLANNER_ERROR, _line(problem.__cause__ or problem)
+            cause = problem if problem.__cause__ is None else problem.__cause__
+            outcome, error = Outcome.PLANNER_ERROR, _line(cause)
             detail = traceback.format_exc()
         except (InputError, SimulationError) as problem:
             error = _line(problem)
@@ -114,7 +115,9 @@ class EpisodeRunner:
             if self._planner is None:
                 self._planner = self._loaded.factory()
             self._planner.reset(context)
-        except Exception as problem:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as problem:
             raise PlannerFailure("reset") from problem
         return self._planner
 
@@ -150,8 +153,7 @@ class EpisodeRunner:
 
 
 def _line(error: BaseException) -> str:
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}"[:500]
+    return cause_of(error)[:500]
 
 
 class Episode:
@@ -231,12 +233,15 @@ class Episode:
             t0 = clock()
             try:
                 output = planner.act(observation)
-            except Exception as problem:
+            except KeyboardInterrupt:
+                raise
+            except BaseException as problem:
                 raise PlannerFailure("act") from problem
             t1 = clock()
+            # What it returned is its own code still.
+            command, self.intent = to_command(output, self.motion, self.scene.network)
             beat(Phase.SIMULATING)
             self.planner_s.append(t1 - t0)
-            command, self.intent = to_command(output, self.motion, self.scene.network)
             self.commands.append(command)
             self.motion = advance(self.motion, *command)
             self.ego = self._locate(self.ego.lane)

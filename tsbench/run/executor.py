@@ -20,18 +20,22 @@ _CROWD = 4
 
 @dataclass(frozen=True)
 class Limits:
-    """How long a worker may show no sign of life, s of wall-clock time, and how large it may become, MB.
+    """How long a worker may show no sign of life, s of its processor time, and how large it may become, MB.
 
     call: in one call of the planner; first_call: making it, `reset` and the first `act` of an episode;
-    phase: loading, simulating, scoring; start: from the process's start until it answers. memory: resident
-    size over which a worker is replaced between two episodes, though not before its `least_episodes`-th, so that
-    a planner that needs as much is not loaded again for each.
+    phase: loading, simulating, scoring; start: being asked what a planner is. patience: how many times as long each
+    may take by the clock on the wall, for who sleeps uses no processor. most_memory: resident size of a worker and
+    all that it has started, over which it is ended at once. memory: its own size over which it is replaced between
+    two episodes, though not before its `least_episodes`-th, so that a planner that needs as much is not loaded again
+    for each.
     """
 
     call: float = 10.0
     first_call: float = 60.0
     phase: float = 60.0
     start: float = 120.0
+    patience: float = 5.0
+    most_memory: float = 4096.0
     memory: float = 2048.0
     least_episodes: int = 20
 

@@ -1,4 +1,4 @@
-"""How much memory a process holds."""
+"""How much memory a process holds, and how long it has computed."""
 
 from __future__ import annotations
 
@@ -32,3 +32,25 @@ def resident_mb(pid: int) -> float:
     except (FileNotFoundError, ProcessLookupError):
         return 0.0
     return int(pages) * os.sysconf("SC_PAGE_SIZE") / _MB
+
+
+def resident_below_mb(pid: int) -> float:
+    """Resident size of all that a process has started and that still runs."""
+    below = 0.0
+    for file in Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            children = file.read_text().split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        below += sum(resident_mb(int(child)) + resident_below_mb(int(child)) for child in children)
+    return below
+
+
+def processor_s(pid: int) -> float:
+    """Processor time that a process has used, s, to 0.01; 0 where it has ended."""
+    try:
+        # The name in parentheses may hold anything.
+        told = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return 0.0
+    return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")

@@ -6,12 +6,13 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from multiprocessing import Pipe
+from pathlib import Path
 from typing import Any
 
 from tsbench.run.handout import Task
@@ -22,8 +23,15 @@ Message = dict[str, Any]
 
 TAIL_BYTES = 1 << 16
 _READ_BYTES = 1 << 18
+# Far more than any answer has.
+_MOST_BYTES = 1 << 27
 _LAST_READS = 8
-_LAST_GASP_MS = 2000
+_LAST_GASP_MS = 10_000
+_ANSWER = frozenset(("row", "events", "timing", "detail", "trace"))
+_FAREWELL_S = 10.0
+_WARDEN = Path(__file__).with_name("warden.py")
+# A hard bound on what a process may ask for at once, so that it cannot outrun whoever watches its memory.
+_DATA_BYTES_PER_MB = 2_000_000
 # One simulation is one thread; maths libraries that start one thread per core only get in each other's way, and how
 # many there are decides how their sums are rounded.
 ONE_THREAD = dict.fromkeys(
@@ -58,34 +66,43 @@ class Setup:
 class WorkerProcess:
     """A worker: its process, the line to it, its pulse, what it printed last, and the tasks that it holds.
 
-    held: tasks sent and not answered, oldest first. changed: monotonic time at which its pulse was last seen
-    to move; stamp: what it was then. ready: it has come up. closed: nothing more will come
-    from it. answer: to the last probe. outgrown: it is too large to get another task.
+    process: its warden, which ends as it does and takes along all that it has started; pid: its own, 0 until it has
+    come up. planner: spec of the only planner that it has met, "" = none yet. held: tasks sent and not answered,
+    oldest first. changed: monotonic time at which its pulse was last seen to move; stamp: what it was then; spent:
+    processor time that it had used soon after, None = not looked at yet. ready: it has come up. closed: nothing more
+    will come from it; broken: though it had not ended. answer: to the last probe. outgrown: it is too large to get
+    another task.
     """
 
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, most_mb: float) -> None:
         self.held: deque[Task] = deque()
-        self.ready = self.closed = self.outgrown = False
+        self.ready = self.closed = self.broken = self.outgrown = False
         self.memory = MemoryUse()
         self.answer: Message | None = None
-        self.changed = self.begun = now
+        self.planner = ""
+        self.pid = 0
+        self.changed = now
+        self.spent: float | None = None
         self.stamp = 0
         self.tail = bytearray()
         self.printed = 0
         pulse_fd = pulse_file()
         self.pulse = Pulse(pulse_fd)
-        self.connection, far_end = Pipe(duplex=True)
+        self.connection, far_end = socket.socketpair()
+        self._heard = bytearray()
         self.log_fd, log_write = os.pipe()
         os.set_blocking(self.log_fd, False)
         fds = (far_end.fileno(), pulse_fd)
+        warden = [sys.executable, "-I", "-S", str(_WARDEN), str(os.getpid())]
+        warden.append(str(int(most_mb * _DATA_BYTES_PER_MB)))
         self.process = subprocess.Popen(
             # -P: no working directory in front of sys.path, where a stray json.py would be imported for ours.
-            [sys.executable, "-P", "-u", "-m", "tsbench.run.worker_main", *map(str, fds), str(os.getpid())],
+            [*warden, sys.executable, "-P", "-u", "-m", "tsbench.run.worker_main", *map(str, fds)],
             stdin=subprocess.DEVNULL,
             stdout=log_write,
             stderr=log_write,
             pass_fds=fds,
-            # A session of its own: Ctrl-C reaches the parent only, killing the group its children too.
+            # A session of its own: Ctrl-C reaches the parent only.
             start_new_session=True,
             env={**os.environ, **ONE_THREAD, "PYTHONFAULTHANDLER": "1"},
         )
@@ -108,23 +125,33 @@ class WorkerProcess:
 
     def send_probe(self, spec: str) -> None:
         """Ask what a planner is."""
+        self.planner = spec
         self._send({"do": "probe", "spec": spec})
 
     def _send(self, message: Message) -> None:
         try:
-            self.connection.send_bytes(json.dumps(message).encode())
+            self.connection.sendall(json.dumps(message).encode() + b"\n")
         except (BrokenPipeError, ConnectionResetError):
             # It is dead: its end is noticed where ends are noticed, and its tasks go to another.
             return
 
     def receive(self) -> list[Message]:
-        """All messages that have arrived."""
-        messages = []
+        """All messages that have arrived, one in each line; whatever a planner writes there, this never waits."""
+        messages: list[Message] = []
         try:
-            while self.connection.poll():
-                messages.append(json.loads(self.connection.recv_bytes()))
-        except (EOFError, OSError, ValueError):
-            # It died, or a planner closed what was not its own, or wrote there.
+            while piece := self.connection.recv(_READ_BYTES, socket.MSG_DONTWAIT):
+                *lines, rest = piece.split(b"\n")
+                for line in lines:
+                    messages.append(_message(bytes(self._heard + line)))
+                    self._heard.clear()
+                self._heard += rest
+                if len(self._heard) > _MOST_BYTES:
+                    raise ValueError("no message of a worker")
+            self.closed = True
+        except BlockingIOError:
+            pass
+        except (OSError, ValueError, RecursionError):
+            # A planner closed what was not its own, or wrote there.
             self.closed = True
         return messages
 
@@ -158,10 +185,14 @@ class WorkerProcess:
             # It is on its way out: its own exit status says more than ours would.
             death = select.poll()
             death.register(self.death_fd, select.POLLIN)
-            death.poll(_LAST_GASP_MS)
-        # The group is signalled before its leader is reaped: until then its number is nobody else's.
-        os.killpg(self.process.pid, signal.SIGKILL)
-        status = self.process.wait()
+            self.broken = not death.poll(_LAST_GASP_MS)
+        self.process.terminate()
+        try:
+            status = self.process.wait(_FAREWELL_S)
+        except subprocess.TimeoutExpired:
+            # Stopped by its own child, for one: the worker still dies with it.
+            self.process.kill()
+            status = self.process.wait()
         for _ in range(_LAST_READS):
             if not self.read_log():
                 break
@@ -173,6 +204,14 @@ class WorkerProcess:
     def leave(self) -> None:
         """Ask it to end by itself: it does when the line closes."""
         self.connection.close()
+
+
+def _message(line: bytes) -> Message:
+    """Raises ValueError or RecursionError for what no worker says."""
+    message = json.loads(line)
+    if not isinstance(message, dict) or ("task" in message and not message.keys() >= _ANSWER):
+        raise ValueError("no message of a worker")
+    return message
 
 
 def cause_of_end(status: int) -> str:

@@ -44,11 +44,12 @@ _TRIES = 3
 @dataclass
 class _Place:
     """A seat as its driver sees it. asked: the answer that its configuration waits for; held: tasks sent, oldest
-    first, each with the answer that it waits for. ready: it takes tasks.
+    first, each with the answer that it waits for; planner: of the last. ready: it takes tasks.
     """
 
     actor: Any
     asked: Any = None
+    planner: int | None = None
     held: deque[tuple[Any, Task]] = field(default_factory=deque)
     ready: bool = False
 
@@ -176,9 +177,11 @@ class RayExecutor:
         ahead = 2 if tasks.left > len(self._places) else 1
         for slot, place in enumerate(self._places):
             while place.ready and len(place.held) < ahead:
-                task = tasks.next(slot)
+                # A seat changes its worker with the planner: it keeps to one while that has tasks.
+                task = tasks.next(slot, place.planner) or tasks.next(slot)
                 if task is None:
                     return
+                place.planner = task.planner
                 told = {"number": task.number, "planner": task.planner, "spec": asdict(task.spec)}
                 place.held.append((place.actor.run.remote(json.dumps(told)), task))
 

@@ -25,6 +25,7 @@ _RUN_COLUMNS = ("planner", "privileged", "outcome", "error")
 METRIC_COLUMNS = tuple(name for name in EPISODES.names if name not in (*SPEC_COLUMNS, *_RUN_COLUMNS))
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
 _ERROR_CHARS = 300
+_STORY_CHARS = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,15 @@ def lost_timing(spec: ScenarioSpec, planner: str, total_s: float) -> Row:
 
 def one_line(text: str) -> str:
     """An error's cause on one line, without memory addresses, so that equal failures read equal."""
-    return _ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS]
+    line = _ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS]
+    # Half of a pair of code units is no character, and no table takes it.
+    return line.encode(errors="backslashreplace").decode()
+
+
+def cut_short(story: str) -> str:
+    """A story of an error without its middle where it is endless."""
+    half = _STORY_CHARS // 2
+    return story if len(story) <= _STORY_CHARS else f"{story[:half]}\n(...)\n{story[-half:]}"
 
 
 def last_seconds(result: EpisodeResult, ticks: int = 30) -> str:

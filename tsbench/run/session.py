@@ -239,6 +239,7 @@ def _asked(options: Options) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        "memory_limit": options.limits.most_memory,
     }
 
 
@@ -253,4 +254,5 @@ def _effective(options: Options, plan: Plan) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        "memory_limit": options.limits.most_memory,
     }

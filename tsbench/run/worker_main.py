@@ -1,6 +1,6 @@
 """The worker process: takes episodes from its parent, sends records back. Started by `process.py` only.
 
-python -m tsbench.run.worker_main CONNECTION_FD PULSE_FD PARENT_PID
+python -m tsbench.run.worker_main CONNECTION_FD PULSE_FD WARDEN_PID
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ import importlib
 import json
 import os
 import signal
+import socket
 import sys
 import traceback
 from collections.abc import Callable
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Protocol
 
-from tsbench.errors import InputError
+from tsbench.errors import InputError, cause_of
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contestant import describe
 from tsbench.run.pulse import IDLE, PLANNING, SCORING, Pulse
-from tsbench.run.record import Record, error_row, last_seconds, lost_timing, make_timing
+from tsbench.run.record import Record, cut_short, error_row, last_seconds, lost_timing, make_timing
 from tsbench.run.result import EpisodeResult
 from tsbench.run.trace import trace_path, write_trace
 from tsbench.scenarios.spec import ScenarioSpec
@@ -45,8 +45,9 @@ class Runner(Protocol):
 class Worker:
     """One simulation at a time: the runner of the planner used last. `_setup`: see `process.Setup`."""
 
-    def __init__(self, connection: Connection, pulse: Pulse) -> None:
+    def __init__(self, connection: socket.socket, pulse: Pulse) -> None:
         self._connection, self._pulse = connection, pulse
+        self._told = connection.makefile("rb")
         self._setup: Message = {}
         self._pid = os.getpid()
         self._current = -1
@@ -54,19 +55,16 @@ class Worker:
 
     def serve(self) -> None:
         """Answer messages until the parent closes the connection."""
-        while True:
-            try:
-                message = json.loads(self._connection.recv_bytes())
-            except EOFError:
-                return
+        sys.path[:] = json.loads(self._told.readline())["sys_path"]
+        self._say({"ready": self._pid})
+        for line in self._told:
+            message = json.loads(line)
             if message["do"] == "setup":
                 self._setup = message["setup"]
-                continue
-            answer = self._episode(message) if message["do"] == "episode" else _probe(message["spec"])
-            if os.getpid() != self._pid:
-                # A planner has forked, and this is the child, which has no business with our parent.
-                os._exit(0)
-            self._connection.send_bytes(json.dumps(answer).encode())
+            else:
+                self._say(
+                    self._episode(message) if message["do"] == "episode" else self._probe(message["spec"])
+                )
 
     def close(self) -> None:
         """End the simulation that is on."""
@@ -74,10 +72,30 @@ class Worker:
             self._runner.close()
             self._runner = None
 
+    def _say(self, message: Message) -> None:
+        self._connection.sendall(json.dumps(message).encode() + b"\n")
+
+    def _leave_if_forked(self) -> None:
+        """Is this the child of a planner that has forked? It has no business with our parent."""
+        if os.getpid() != self._pid:
+            os._exit(0)
+
+    def _probe(self, spec: str) -> Message:
+        """What a planner is, or in one line why there is none."""
+        self._pulse.beat(PLANNING)
+        try:
+            return {"planner": describe(spec)}
+        except InputError as problem:
+            return {"problem": str(problem)}
+        finally:
+            self._leave_if_forked()
+            self._pulse.beat(IDLE)
+
     def _episode(self, message: Message) -> Message:
         spec = ScenarioSpec(**message["spec"])
         self._pulse.begin(message["task"])
         record, result = self._run(spec, message["planner"])
+        self._leave_if_forked()
         answer: Message = {"task": message["task"], "detail": record.detail, "trace": None}
         answer.update(row=record.row, events=record.events, timing=record.timing)
         if result is not None and self._wants_trace(record, result):
@@ -96,22 +114,22 @@ class Worker:
         name, privileged = who["name"], who["privileged"]
         try:
             runner = self._take_runner(planner)
-        except Exception as problem:
-            row = error_row(spec, name, privileged, Outcome.PLANNER_ERROR, _cause(problem))
-            return Record(row, [], lost_timing(spec, name, 0.0), traceback.format_exc()), None
-        result = runner.run(spec)
+            result = runner.run(spec)
+        except BaseException as problem:
+            # Nobody asks a worker to end by an exception: whatever it is, KeyboardInterrupt too, the planner raised it.
+            row = error_row(spec, name, privileged, Outcome.PLANNER_ERROR, cause_of(problem))
+            return Record(row, [], lost_timing(spec, name, 0.0), cut_short(traceback.format_exc())), None
         self._pulse.beat(SCORING)
         try:
             record = _load(self._setup["recorder"])(result, privileged)
         except Exception as problem:
             # A defect in a metric is an error outcome with its traceback, never a figure.
-            row = error_row(spec, name, privileged, Outcome.SIM_ERROR, f"internal error: {_cause(problem)}")
+            row = error_row(spec, name, privileged, Outcome.SIM_ERROR, f"internal error: {cause_of(problem)}")
             record = Record(row, [], make_timing(result), traceback.format_exc())
         if record.detail:
             ending = last_seconds(result) or "  (it ended before the first tick)"
-            record = Record(
-                record.row, [], record.timing, f"{record.detail.rstrip()}\n\nLast seconds\n{ending}\n"
-            )
+            story = f"{cut_short(record.detail).rstrip()}\n\nLast seconds\n{ending}\n"
+            record = Record(record.row, [], record.timing, story)
         return record, result
 
     def _wants_trace(self, record: Record, result: EpisodeResult) -> bool:
@@ -141,18 +159,6 @@ class Worker:
         return self._runner
 
 
-def _probe(spec: str) -> Message:
-    """What a planner is, or in one line why there is none."""
-    try:
-        return {"planner": describe(spec)}
-    except InputError as problem:
-        return {"problem": str(problem)}
-
-
-def _cause(problem: Exception) -> str:
-    return f"{type(problem).__name__}: {problem}"
-
-
 def _load(name: str) -> Callable[..., Any]:
     module, _, attribute = name.partition(":")
     made: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
@@ -174,10 +180,7 @@ def main(arguments: list[str]) -> None:
     for fd in (connection_fd, pulse_fd):
         # A child that a planner starts shall not hold the parent's line open.
         os.set_inheritable(fd, False)
-    connection, pulse = Connection(connection_fd), Pulse(pulse_fd)
-    sys.path[:] = json.loads(connection.recv_bytes())["sys_path"]
-    worker = Worker(connection, pulse)
-    connection.send_bytes(b'{"ready": true}')
+    worker = Worker(socket.socket(fileno=connection_fd), Pulse(pulse_fd))
     worker.serve()
     worker.close()
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import selectors
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsbench.errors import InputError
-from tsbench.metrics.outcome import Outcome
 from tsbench.run.executor import Limits
 from tsbench.run.files import told_plainly
 from tsbench.run.handout import HandOut, Task
 from tsbench.run.memory import MemoryUse, resident_mb
 from tsbench.run.process import Message, Setup, WorkerProcess, cause_of_end
-from tsbench.run.pulse import PHASE_NAMES, PLANNING
-from tsbench.run.record import Record, error_row, lost_timing
+from tsbench.run.record import Record
+from tsbench.run.watchdog import Overrun, find_overrun, lost_record
 
 if TYPE_CHECKING:
     from tsbench.run.serving import InferenceServer
@@ -44,7 +44,10 @@ class Pool:
         self._setup: Setup | None = None
         self._stillborn = 0
         self._tried_twice: set[int] = set()
-        self._slow_starters: set[int] = set()
+        # Episodes that took too long beside others: each is run once more at the end, alone.
+        self._alone: deque[Task] = deque()
+        self._tried_alone: set[int] = set()
+        self._looked = 0.0
 
     def __enter__(self) -> Pool:
         """Start all: they come up while the parent has other things to do."""
@@ -69,12 +72,14 @@ class Pool:
             self._server.close()
 
     def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
-        """What each planner is, asked in a worker: importing one may end a process, which shall not be ours."""
-        found = []
-        for spec in specs:
-            worker = self._workers[0] or self._start(0)
-            worker.send_probe(spec)
-            found.append(self._await_probe(worker, spec))
+        """What each planner is, asked in a worker that has met no other: making one may change or end a process."""
+        found: list[dict[str, Any]] = []
+        count = len(self._workers)
+        for first in range(0, len(specs), count):
+            some = specs[first : first + count]
+            for slot, spec in enumerate(some):
+                self._unspoilt(slot, spec).send_probe(spec)
+            found += [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
         return found
 
     def run(
@@ -82,14 +87,19 @@ class Pool:
     ) -> None:
         """Run all tasks: see `Executor`."""
         setup = self._setup = self._served(setup)
-        for worker in self._workers:
-            if worker is not None:
+        for slot, worker in enumerate(self._workers):
+            if worker is not None and self._index_of(worker.planner) not in (None, tasks.planner):
+                # It was asked about a planner whose turn has not come.
+                self._drop(slot, worker)
+            elif worker is not None:
                 worker.configure(setup)
         while not stop():
             self._renew()
             self._fill(tasks)
             if not tasks.left and not any(worker and worker.held for worker in self._workers):
-                return
+                if not self._alone:
+                    return
+                tasks.give_back(self._alone.popleft())
             for key, _ in self._selector.select(_TICK_S):
                 slot, event = key.data
                 self._handle(slot, event, tasks, keep)
@@ -109,6 +119,10 @@ class Pool:
         if self._server is None:
             with told_plainly(Path("starting the inference process")):
                 self._server = InferenceServer(setup.device)
+        for slot, worker in enumerate(self._workers):
+            if worker is not None and worker.planner:
+                # It has a network of its own from being asked.
+                self._drop(slot, worker)
         self._workers += [None] * (self._crowd - len(self._workers))
         return replace(setup, inference=self._server.address)
 
@@ -131,12 +145,34 @@ class Pool:
                 return
             worker = self._workers[slot] or self._start(slot)
             while self._takes_more(worker, tasks.left):
-                task = tasks.next(slot)
+                task = tasks.next(slot, self._index_of(worker.planner))
                 if task is None:
-                    return
+                    if not worker.held:
+                        # Its planner has no more episodes, and it shall meet no other.
+                        self._drop(slot, worker)
+                        self._start(slot)
+                    break
                 if not worker.held:
-                    worker.changed = time.monotonic()
+                    worker.changed, worker.spent = time.monotonic(), None
+                worker.planner = self._spec_of(task)
                 worker.send_task(task)
+
+    def _spec_of(self, task: Task) -> str:
+        assert self._setup is not None
+        return str(self._setup.planners[task.planner]["spec"])
+
+    def _index_of(self, spec: str) -> int | None:
+        """Number of a planner, None where there is none yet."""
+        assert self._setup is not None
+        return [p["spec"] for p in self._setup.planners].index(spec) if spec else None
+
+    def _unspoilt(self, slot: int, spec: str) -> WorkerProcess:
+        """A worker that has met no planner but this."""
+        worker = self._workers[slot]
+        if worker is not None and worker.planner not in ("", spec):
+            self._drop(slot, worker)
+            worker = None
+        return worker or self._start(slot)
 
     def _takes_more(self, worker: WorkerProcess, left: int) -> bool:
         wanted = 2 if left > len(self._workers) else 1
@@ -144,7 +180,7 @@ class Pool:
 
     def _start(self, slot: int) -> WorkerProcess:
         with told_plainly(Path("starting a worker process")):
-            worker = WorkerProcess(time.monotonic())
+            worker = WorkerProcess(time.monotonic(), self._limits.most_memory)
         self._memory.append(worker.memory)
         if self._setup is not None:
             worker.configure(self._setup)
@@ -173,8 +209,8 @@ class Pool:
     def _receive(self, worker: WorkerProcess, keep: Callable[[Record], None]) -> None:
         for message in worker.receive():
             if "ready" in message:
-                worker.ready = True
-                worker.changed = time.monotonic()
+                worker.ready, worker.pid = True, int(message["ready"])
+                worker.changed, worker.spent = time.monotonic(), None
             elif "task" not in message:
                 worker.answer = message
             elif "fatal" in message:
@@ -193,33 +229,28 @@ class Pool:
 
     def _weigh(self, worker: WorkerProcess) -> None:
         use, limits = worker.memory, self._limits
-        use.take(resident_mb(worker.process.pid))
+        use.take(resident_mb(worker.pid))
         worker.outgrown = use.last > limits.memory and use.episodes >= limits.least_episodes
 
     def _watch(self, tasks: HandOut, keep: Callable[[Record], None]) -> None:
-        """Kill whoever has shown no sign of life for too long."""
+        """End whoever has shown no sign of life for too long, or takes too much memory."""
         now = time.monotonic()
+        if now - self._looked < _TICK_S:
+            return
+        self._looked = now
         for slot, worker in enumerate(self._workers):
             if worker is None or (worker.ready and not worker.held):
                 continue
-            if worker.pulse.stamp != worker.stamp:
-                worker.stamp, worker.changed = worker.pulse.stamp, now
-            limit = self._limit(worker)
-            if now - worker.changed > limit:
+            overrun = find_overrun(worker, self._limits, now)
+            if overrun is not None:
+                held = len(worker.held)
                 self._receive(worker, keep)
-                self._bury(slot, tasks, keep, late=limit)
-
-    def _limit(self, worker: WorkerProcess) -> float:
-        if not worker.held:
-            return self._limits.start
-        if worker.pulse.phase != PLANNING:
-            return self._limits.phase
-        # A planner that once used up its long first call would do so in every episode.
-        first = worker.pulse.planner_calls <= 2 and worker.held[0].planner not in self._slow_starters
-        return self._limits.first_call if first else self._limits.call
+                # Its answer may have come in this very moment.
+                if len(worker.held) == held:
+                    self._bury(slot, tasks, keep, overrun)
 
     def _bury(
-        self, slot: int, tasks: HandOut, keep: Callable[[Record], None], late: float | None = None
+        self, slot: int, tasks: HandOut, keep: Callable[[Record], None], overrun: Overrun | None = None
     ) -> None:
         """A worker is at its end: settle what it was doing, give back what it had not begun."""
         worker = self._workers[slot]
@@ -229,59 +260,47 @@ class Pool:
         self._stillborn = 0 if begun else self._stillborn + 1
         if begun:
             task = worker.held.popleft()
-            if late is None and status in _FROM_OUTSIDE and task.number not in self._tried_twice:
+            outside = overrun is None and not worker.broken and status in _FROM_OUTSIDE
+            if overrun is not None and overrun.late and task.number not in self._tried_alone:
+                self._tried_alone.add(task.number)
+                self._alone.append(task)
+            elif outside and task.number not in self._tried_twice:
                 self._tried_twice.add(task.number)
                 tasks.give_back(task)
             else:
-                if late is not None and worker.pulse.phase == PLANNING:
-                    self._slow_starters.add(task.planner)
-                keep(self._lost(worker, task, status, late))
+                assert self._setup is not None
+                keep(lost_record(worker, task, self._setup.planners[task.planner], status, overrun))
         for task in worker.held:
             tasks.give_back(task)
         if self._stillborn >= _STILLBORN:
             said = worker.tail_text().splitlines() or ["it said nothing"]
             raise InputError(f"worker processes do not start ({cause_of_end(status)}): {said[-1]}")
 
-    def _lost(self, worker: WorkerProcess, task: Task, status: int, late: float | None) -> Record:
-        """The record of an episode that took its worker along."""
-        assert self._setup is not None
-        who: Mapping[str, Any] = self._setup.planners[task.planner]
-        phase = worker.pulse.phase
-        if late is not None and phase == PLANNING:
-            outcome, error = Outcome.PLANNER_TIMEOUT, f"one call of the planner took more than {late:g} s"
-        elif late is not None:
-            outcome, error = Outcome.SIM_ERROR, f"no progress for {late:g} s {PHASE_NAMES[phase]}"
-        else:
-            outcome = Outcome.PLANNER_ERROR if phase == PLANNING else Outcome.SIM_ERROR
-            error = f"the worker process ended {PHASE_NAMES[phase]}: {cause_of_end(status)}"
-        row = error_row(task.spec, who["name"], who["privileged"], outcome, error)
-        detail = f"{error}\n\nOutput of the worker\n{worker.tail_text() or '  (none)'}\n"
-        timing = lost_timing(task.spec, who["name"], time.monotonic() - worker.changed)
-        return Record(row, [], timing, detail)
-
-    def _await_probe(self, worker: WorkerProcess, spec: str) -> dict[str, Any]:
-        end = time.monotonic() + self._limits.start
-        while worker.answer is None and not worker.closed and time.monotonic() < end:
+    def _await_probe(self, probed: int, spec: str) -> dict[str, Any]:
+        worker = self._workers[probed]
+        assert worker is not None
+        overrun = None
+        while worker.answer is None and not worker.closed and overrun is None:
             for key, _ in self._selector.select(_TICK_S):
                 slot, event = key.data
                 other = self._workers[slot]
                 if other is not None:
                     self._take_in(other, event, _no_record)
-                    if other.closed and other is not worker:
+                    if other.closed and not other.planner:
                         self._drop(slot, other)
+            overrun = find_overrun(worker, self._limits, time.monotonic())
         if worker.answer is not None:
             answer, worker.answer = worker.answer, None
             if "problem" in answer:
                 raise InputError(answer["problem"])
             planner: dict[str, Any] = answer["planner"]
             return planner
-        late = not worker.closed
-        status = self._drop(0, worker)
-        if late:
-            raise InputError(f"--planner {spec}: was not imported within {self._limits.start:g} s")
+        status = self._drop(probed, worker)
+        if overrun is not None:
+            raise InputError(f"--planner {spec}: importing and making it: {overrun.text}")
         said = worker.tail_text().splitlines() or ["it said nothing"]
         raise InputError(
-            f"--planner {spec}: importing it ended the process ({cause_of_end(status)}): {said[-1]}"
+            f"--planner {spec}: importing or making it ended the process ({cause_of_end(status)}): {said[-1]}"
         )
 
     def _drop(self, slot: int, worker: WorkerProcess) -> int:
