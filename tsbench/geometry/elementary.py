@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Number = TypeVar("Number", float, Array)
 
 # Cephes (Moshier), atan.c and exp.c.
 _ATAN_P = (-8.750608600031904122785e-1, -1.615753718733365076637e1, -7.500855792314704667340e1,
@@ -32,10 +34,10 @@ _PI_4_LOW = 3.061616997868383e-17
 _SERIES_TERMS, _TAIL = 140, 8.0
 
 
-def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
-    """The highest power first."""
-    value = np.full_like(x, coefficients[0])
-    for c in coefficients[1:]:
+def polynomial(x: Number, coefficients: Sequence[float]) -> Number:
+    """The highest power first; at least two coefficients."""
+    value = coefficients[0] * x + coefficients[1]
+    for c in coefficients[2:]:
         value = value * x + c
     return value
 
@@ -75,6 +77,25 @@ def log(x: Array) -> Array:
     part, power = np.frexp(x)
     small = part < math.sqrt(0.5)
     part, power = np.where(small, 2.0 * part, part), power - small
+    s = (part - 1.0) / (part + 1.0)
+    return power * _LN2_HIGH + (power * _LN2_LOW + s * polynomial(s * s, _ATANH))
+
+
+def exp_of(x: float) -> float:
+    """As `exp`, of one number."""
+    x = min(max(x, -_EXP_MOST), _EXP_MOST)
+    whole = round(x * _LOG2_E)
+    rest = x - whole * _LN2_HIGH - whole * _LN2_LOW
+    square = rest * rest
+    odd = rest * polynomial(square, _EXP_P)
+    return math.ldexp(1.0 + 2.0 * (odd / (polynomial(square, _EXP_Q) - odd)), whole)
+
+
+def log_of(x: float) -> float:
+    """As `log`, of one number."""
+    part, power = math.frexp(x)
+    if part < math.sqrt(0.5):
+        part, power = 2.0 * part, power - 1
     s = (part - 1.0) / (part + 1.0)
     return power * _LN2_HIGH + (power * _LN2_LOW + s * polynomial(s * s, _ATANH))
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from tsbench.planners.fixed_point import BITS, Array, Curve, LayerNorm, Linear, gelu, snap, softmax, tree_sum
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
-from tsbench.planners.plant2.parameters import Parameters
+from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2.plan import plans
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT
 
@@ -122,6 +122,8 @@ class Engine:
             weight, bias = of.linear("ego_speed_head")
             self._ego_speed = Linear(weight, bias, bound=norm, norm=norm, snapped=None)
         of.end(("forecast_head",))
+        # Arrays that do not fit each other show here, not in an episode.
+        self(np.zeros(1, dtype=self.inputs))
 
     @property
     def inputs(self) -> np.dtype[Any]:
@@ -184,7 +186,7 @@ def _spread(features: npt.NDArray[np.float32], kinds: npt.NDArray[np.uint8], tab
     """(b, k, f) features of tokens with a class to (n, classes x (f + 1)) rows, zero but for their class's part."""
     there = kinds != at.EMPTY
     own, chosen = _cut(features[there]), kinds[there].astype(np.intp) - 1
-    wide, each = len(table.table), own.shape[1] + 1
+    wide, each = table.weight.shape[1], own.shape[1] + 1
     rows = np.zeros((len(own), wide // each, each))
     rows[np.arange(len(own)), chosen, :-1] = own
     rows[np.arange(len(own)), chosen, -1] = 1.0

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.planners.convolution import Convolution
+from tsbench.planners.convolution import LARGEST, Convolution, rectified
 from tsbench.planners.fixed_point import Array, Linear, gelu
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.parameters import Parameters
+from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2.sizes import TILE
 
 _FULL = 255
@@ -35,19 +35,16 @@ class TiledPatch:
 
 
 class _Residual:
-    """Two convolutions and a way around them. bound: of inputs; afterwards of outputs."""
+    """Two convolutions and a way around them."""
 
-    def __init__(self, of: Parameters, name: str, stride: int, area: int, bound: float) -> None:
-        self._first = _convolution(of, f"{name}.first", stride, 1, bound)
-        self._first_norm = of.group_norm(f"{name}.first_norm", area)
-        self._second = _convolution(of, f"{name}.second", 1, 1, self._first_norm.bound)
-        self._second_norm = of.group_norm(f"{name}.second_norm", area)
-        self._around = _convolution(of, f"{name}.around", stride, 0, bound) if stride > 1 else None
-        self.bound = self._second_norm.bound + (self._around.bound if self._around else bound)
+    def __init__(self, of: Parameters, name: str, stride: int, area: int) -> None:
+        self._first, self._first_norm = _convolution(of, f"{name}.first", stride, 1), of.group_norm(f"{name}.first_norm", area)
+        self._second, self._second_norm = _convolution(of, f"{name}.second", 1, 1), of.group_norm(f"{name}.second_norm", area)
+        self._around = _convolution(of, f"{name}.around", stride, 0) if stride > 1 else None
 
     def __call__(self, x: Array) -> Array:
-        inner = np.maximum(self._first_norm(self._first(x)), 0.0)
-        return np.maximum(self._second_norm(self._second(inner)) + (self._around(x) if self._around else x), 0.0)
+        inner = rectified(self._first_norm(self._first(x)))
+        return rectified(self._second_norm(self._second(inner)) + (self._around(x) if self._around else x))
 
 
 class ResidualPatch:
@@ -59,23 +56,21 @@ class ResidualPatch:
         self._first = Convolution(weight, np.zeros(len(weight)), 2, 3, bound=_FULL, bits=0)
         self._norm = of.group_norm("patch.trunk.1", area)
         self._blocks: list[_Residual] = []
-        bound = self._norm.bound
         for k in range(2 * stages):
             stride = 2 - k % 2
             area //= stride * stride
             # Before them stand a convolution, its normalisation and a rectifier.
-            self._blocks.append(_Residual(of, f"patch.trunk.{3 + k}", stride, area, bound))
-            bound = self._blocks[-1].bound
-        self._out = Linear(*of.linear("patch.out"), bound=bound, snapped=None)
+            self._blocks.append(_Residual(of, f"patch.trunk.{3 + k}", stride, area))
+        self._out = Linear(*of.linear("patch.out"), bound=LARGEST, snapped=None)
 
     def __call__(self, patch: npt.NDArray[np.uint8]) -> Array:
         """(b, 3, rows, columns) to (b, width)."""
-        x = np.maximum(self._norm(self._first(patch.transpose(0, 2, 3, 1))), 0.0)
+        x = rectified(self._norm(self._first(patch.transpose(0, 2, 3, 1))))
         for block in self._blocks:
             x = block(x)
         return self._out(x.transpose(0, 3, 1, 2).reshape(len(x), -1))
 
 
-def _convolution(of: Parameters, name: str, stride: int, pad: int, bound: float) -> Convolution:
+def _convolution(of: Parameters, name: str, stride: int, pad: int) -> Convolution:
     weight = of.take(f"{name}.weight")
-    return Convolution(weight, np.zeros(len(weight)), stride, pad, bound=bound)
+    return Convolution(weight, np.zeros(len(weight)), stride, pad, bound=LARGEST)
