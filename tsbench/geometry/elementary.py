@@ -57,11 +57,6 @@ def arctan2(y: Array, x: Array) -> Array:
     return np.copysign(angle, y)
 
 
-def hypot(x: Array, y: Array) -> Array:
-    """The length of (x, y), of sizes whose squares neither overflow nor vanish."""
-    return np.sqrt(x * x + y * y)
-
-
 def exp(x: Array) -> Array:
     """e to the power of x, of which what is beyond -700..700 is cut."""
     x = np.minimum(np.maximum(x, -_EXP_MOST), _EXP_MOST)
