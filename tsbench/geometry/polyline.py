@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tsbench.geometry.elementary import Array, arctan2
 
 
 class Polyline:
@@ -46,7 +46,7 @@ class Polyline:
         self._seg: list[float] = seg.tolist()
         self._dx: list[float] = (delta[:, 0] / seg).tolist()
         self._dy: list[float] = (delta[:, 1] / seg).tolist()
-        self._heading: list[float] = np.arctan2(delta[:, 1], delta[:, 0]).tolist()
+        self._heading: list[float] = arctan2(delta[:, 1], delta[:, 0]).tolist()
 
     def _segment(self, s: float) -> int:
         return min(max(bisect_right(self._s, s) - 1, 0), len(self._seg) - 1)
@@ -101,7 +101,7 @@ class Polyline:
         along = rel[..., 0] * direction[:, 0] + rel[..., 1] * direction[:, 1]
         clipped = np.clip(along, 0.0, seg)
         foot = rel - clipped[..., None] * direction
-        dist = np.einsum("kij,kij->ki", foot, foot)
+        dist = foot[..., 0] * foot[..., 0] + foot[..., 1] * foot[..., 1]
         i = np.argmin(dist, axis=1)
         rows = np.arange(len(xy))
         t = along[rows, i]
@@ -127,7 +127,8 @@ class Polyline:
         bisector = np.vstack((normal[:1], normal[:-1] + normal[1:], normal[-1:]))
         size = np.hypot(bisector[:, 0], bisector[:, 1])[:, None]
         bisector = bisector / np.maximum(size, 1e-9)
-        cosine = np.einsum("ij,ij->i", bisector, np.vstack((normal, normal[-1:])))
+        products = bisector * np.vstack((normal, normal[-1:]))
+        cosine = products[:, 0] + products[:, 1]
         shifted: Array = self.points + bisector * (d / np.clip(cosine, 1 / 3, None))[:, None]
         return shifted
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.geometry.elementary import arctan2
 from tsbench.metrics.comfort import LONGITUDINAL_MPS2
 from tsbench.metrics.tracks import Tracks
 from tsbench.sim.scene import Scene
@@ -49,7 +50,7 @@ def wrong_way(tracks: Tracks, scene: Scene) -> bool:
         s, _ = lane.line.project_many(np.column_stack((tracks.x[here], tracks.y[here])))
         segment = np.clip(np.searchsorted(lane.line.s, s, side="right") - 1, 0, len(lane.line.s) - 2)
         delta = np.diff(lane.line.points, axis=0)
-        direction = np.arctan2(delta[:, 1], delta[:, 0])[segment]
+        direction = arctan2(delta[:, 1], delta[:, 0])[segment]
         against[here] = np.cos(tracks.heading[here] - direction) < 0.0
     return _longest(against) * DT_S > WRONG_WAY_S
 

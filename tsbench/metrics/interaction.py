@@ -10,6 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.geometry.elementary import arctan2
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.tracks import Tracks
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
@@ -53,7 +54,7 @@ def min_ttc(tracks: Tracks) -> float | None:
     ahead, left = tracks.in_ego_frame()
     t = tracks.tick
     closing = (EGO_LENGTH_M / 2 + tracks.length) + TTC_HORIZON_S * (tracks.speed[t] + tracks.a_speed)
-    use = (tracks.speed[t] > TTC_STOPPED_MPS) & (np.abs(np.arctan2(left, ahead)) < TTC_BEHIND_RAD)
+    use = (tracks.speed[t] > TTC_STOPPED_MPS) & (np.abs(arctan2(left, ahead)) < TTC_BEHIND_RAD)
     k = np.nonzero(use & (ahead * ahead + left * left <= closing * closing))[0]
     if not len(k):
         return None

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from tsbench.geometry.elementary import arctan2
 from tsbench.geometry.polyline import Array
 from tsbench.sim.lanegraph import RoutePath
 
@@ -34,7 +35,7 @@ class PathSamples:
         at = np.arange(n, dtype=np.float64)
         x, y = np.interp(at, line.s, line.points[:, 0]), np.interp(at, line.s, line.points[:, 1])
         dx, dy = np.diff(x), np.diff(y)
-        heading = np.unwrap(np.arctan2(dy, dx))
+        heading = np.unwrap(arctan2(dy, dx))
         self.curvature: Array = _curvature(heading, n)
         norm = np.maximum(np.hypot(dx, dy), 1e-9)
         self.x: list[float] = x.tolist()

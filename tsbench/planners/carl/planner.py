@@ -1,24 +1,24 @@
-"""`carl`: the raster through a small CNN; its Beta densities are drawn from. Sign-blind.
-
-Torch is imported when the planner is made, not before.
-"""
+"""`carl`: the raster through a small CNN; its Beta densities are drawn from. Sign-blind."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import betaincinv
 
 from tsbench.errors import InputError
+from tsbench.geometry.elementary import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.batched import Infer, Records
+from tsbench.planners.carl.engine import Engine
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.expert import Expert
 from tsbench.planners.learned import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.led import Led
-from tsbench.planners.weights import load_weights
+from tsbench.planners.quantiles import beta_quantile
+from tsbench.planners.weights import Tensors, load_weights
 
 WEIGHTS = "carl"
 RECORD = np.dtype(
@@ -54,32 +54,45 @@ class Carl(LearnedPlanner):
 
 
 def load(device: str, folder: Path | None = None) -> Infer:
-    """The CNN with the weights below `folder`; InputError where they are not its own."""
+    """The CNN with the weights below `folder`, by torch on a GPU; InputError where they are not its own."""
+    weights = load_weights(WEIGHTS, folder)
+    try:
+        densities = Engine(weights) if device == "cpu" else _by_torch(weights, device)
+    except (KeyError, ValueError, RuntimeError) as error:
+        problem = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise InputError(f"weights {WEIGHTS!r}: are not those of carl's network ({problem})") from None
+
+    def infer(records: Records) -> Records:
+        answers = np.empty(len(records), dtype=ACTIONS)
+        found, draws = densities(records).tolist(), records["draw"].tolist()
+        answers["action"] = [
+            [2.0 * beta_quantile(a, b, p) - 1.0 for a, b, p in zip(*pair, draw, strict=True)]
+            for pair, draw in zip(found, draws, strict=True)
+        ]
+        return answers
+
+    return infer
+
+
+def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
     import torch
 
     from tsbench.planners.carl.network import CarlActor
 
     net = CarlActor()
-    tensors = {key: torch.from_numpy(np.array(value)) for key, value in load_weights(WEIGHTS, folder).items()}
-    try:
-        net.load_state_dict(tensors)
-    except RuntimeError as error:
-        problem = " ".join(str(error).split())[:200]
-        raise InputError(f"weights {WEIGHTS!r}: are not those of carl's network ({problem})") from None
+    net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     net = net.to(device).eval()
 
-    def infer(records: Records) -> Records:
-        answers = np.empty(len(records), dtype=ACTIONS)
+    def densities(records: Records) -> Array:
+        found = []
         with torch.inference_mode():
             # One at a time: convolutions of several rows round differently.
             for k in range(len(records)):
-                bev, measured = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
-                densities = net(torch.from_numpy(bev).to(device), torch.from_numpy(measured).to(device))
-                a, b = densities[0].double().cpu().numpy()
-                answers["action"][k] = 2.0 * betaincinv(a, b, records["draw"][k]) - 1.0
-        return answers
+                seen = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
+                found.append(net(*(torch.from_numpy(x).to(device) for x in seen)).double().cpu().numpy())
+        return np.concatenate(found)
 
-    return infer
+    return densities
 
 
 class CarlExpert(Expert):

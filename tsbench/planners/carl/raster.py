@@ -21,6 +21,7 @@ import numpy.typing as npt
 from tsbench.geometry.polyline import Array
 from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.cutout import Packed, cut, pack, repack
 from tsbench.planners.measurements import ahead, motion, on_route, pace
 from tsbench.planners.road_area import road_lanes
 from tsbench.planners.route_speed import RouteSpeed
@@ -57,7 +58,7 @@ class _Ground:
         self.network = network
         self.low: Array = points.min(axis=0) - _MARGIN_M - 4.0
         wide, high = ((points.max(axis=0) - self.low + _MARGIN_M + 4.0) * PX_PER_M).astype(int) + 1
-        self.image: Raster = np.zeros((high, wide, len(_STATIC)), dtype=np.uint8)
+        self._shape = high, wide
         drivable, lines, limits = (np.zeros((high, wide), dtype=np.uint8) for _ in range(3))
         for junction in network.junctions.values():
             if len(junction.polygon) >= 3:
@@ -72,19 +73,18 @@ class _Ground:
             if not lane.internal:
                 sides = [self._pixels(lane.line.beside(side * lane.width / 2)) for side in (-1, 1)]
                 cv2.polylines(lines, sides, False, _FULL, 1, shift=_SHIFT)
-        for place, layer in ((0, drivable), (2, lines), (3, limits)):
-            self.image[..., place] = layer
+        self._image = pack([drivable, np.zeros((high, wide), dtype=np.uint8), lines, limits])
 
     def _pixels(self, xy: Array) -> npt.NDArray[np.int32]:
         return np.round((xy - self.low) * (PX_PER_M * _SUB)).astype(np.int32)
 
-    def with_route(self, path: RoutePath) -> Raster:
-        """(h, w, 4) the static channels with this route."""
-        route = np.zeros(self.image.shape[:2], dtype=np.uint8)
+    def with_route(self, path: RoutePath) -> Packed:
+        """The static channels with this route."""
+        route = np.zeros(self._shape, dtype=np.uint8)
         thick = round(_ROUTE_M * PX_PER_M)
         cv2.polylines(route, [self._pixels(path.line.points)], False, _FULL, thick, shift=_SHIFT)
-        image = self.image.copy()
-        image[..., 1] = route
+        image = self._image.copy()
+        repack(image, _STATIC.index(ROUTE), route)
         return image
 
 
@@ -95,7 +95,7 @@ class RasterEncoder:
         self._grounds: list[_Ground] = []
         self._ground: _Ground
         self._speed: RouteSpeed
-        self._drawn: list[tuple[RoutePath, Raster]] = []
+        self._drawn: list[tuple[RoutePath, Packed]] = []
         self._blank = np.zeros((CHANNELS, PIXELS, PIXELS), dtype=np.uint8)
         body = _corners((0.0, 0.0, 0.0, EGO_LENGTH_M, EGO_WIDTH_M), 0.0, 0.0, 1.0, 0.0)
         cv2.fillConvexPoly(self._blank[EGO], body, _FULL, shift=_SHIFT)
@@ -124,8 +124,7 @@ class RasterEncoder:
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         out = self._blank.copy()
         turned = self._warp(self._image(o.route.path), ego.x, ego.y, c, s)
-        for place, channel in enumerate(_STATIC):
-            out[channel] = turned[..., place]
+        out[list(_STATIC)] = turned
         kinds, speeds = o.actors.kind.tolist(), o.actors.speed.tolist()
         for box, kind, speed in zip(o.actors.boxes, kinds, speeds, strict=True):
             if abs(box[0] - ego.x) + abs(box[1] - ego.y) > 2.0 * _SIGHT_M:
@@ -148,7 +147,7 @@ class RasterEncoder:
             cv2.fillConvexPoly(out[OTHERS], _corners(box, ego.x, ego.y, c, s), _FIXED, shift=_SHIFT)
         return out
 
-    def _image(self, path: RoutePath) -> Raster:
+    def _image(self, path: RoutePath) -> Packed:
         for known, image in self._drawn:
             if known is path:
                 return image
@@ -156,13 +155,10 @@ class RasterEncoder:
         self._drawn = [(path, image), *self._drawn[: _KEPT - 1]]
         return image
 
-    def _warp(self, image: Raster, x: float, y: float, c: float, s: float) -> Raster:
+    def _warp(self, image: Packed, x: float, y: float, c: float, s: float) -> Raster:
         px, py = (x - self._ground.low[0]) * PX_PER_M, (y - self._ground.low[1]) * PX_PER_M
         to_world = np.array([[s, -c, px + c * _ROW - s * _COLUMN], [-c, -s, py + s * _ROW + c * _COLUMN]])
-        turned: Raster = cv2.warpAffine(
-            image, to_world, (PIXELS, PIXELS), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        )
-        return turned
+        return cut(image, to_world, len(_STATIC), PIXELS, PIXELS)
 
 
 def _corners(box: Box, x: float, y: float, c: float, s: float) -> npt.NDArray[np.int32]:

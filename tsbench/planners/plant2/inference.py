@@ -1,88 +1,24 @@
-"""Plans from a network on one device. A sample's plan does not hang on the others of its batch, to the bit.
-
-Samples are grouped by how many objects they hold: each group has a fixed number of tokens, and torch multiplies a
-sample of one group by the same routines whatever its company (tested for 1 to 8).
-"""
+"""What answers a planner's records: the engine on a CPU, torch on a GPU."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import torch
 
 from tsbench.errors import InputError
-from tsbench.geometry.polyline import Array
 from tsbench.planners.batched import Infer
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
+from tsbench.planners.plant2.engine import Engine
 from tsbench.planners.weights import load_weights, network
-
-# Slots for objects: an empty street costs less than a full one.
-BUCKETS = (6, 14, at.OBJECTS)
-_SPEEDS = np.array(at.SPEEDS)
 
 
 def load(name: str, device: str, folder: Path | None = None) -> Infer:
     """The network that was saved under a name; InputError where its file is not one of `plant2`."""
-    size = str(network(name, folder).training.get("size", ""))
-    return inference(network_of(size, load_weights(name, folder), name), device)
+    size, weights = str(network(name, folder).training.get("size", "")), load_weights(name, folder)
+    if device != "cpu":
+        from tsbench.planners.plant2.torch_inference import inference, network_of
 
-
-def inference(net: Plant2Network, device: str = "cpu") -> Infer:
-    """A network that answers (b,) records of TOKENS (SIGN_TOKENS, where it reads signs) with (b,) of PLAN."""
-    net = net.to(device).eval()
-
-    def infer(records: at.Records) -> at.Records:
-        answers: at.Records = np.empty(len(records), dtype=at.PLAN)
-        counts = np.count_nonzero(records["kinds"], axis=1)
-        slots = np.take(BUCKETS, np.searchsorted(BUCKETS, counts))
-        with torch.inference_mode():
-            for bucket in BUCKETS:
-                rows = np.flatnonzero(slots == bucket)
-                if len(rows):
-                    answers[rows] = _group(net, records[rows], bucket, device)
-        return answers
-
-    return infer
-
-
-def _group(net: Plant2Network, batch: at.Records, slots: int, device: str) -> at.Records:
-    tokens = {name: value.to(device) for name, value in tensors(batch, slots).items()}
-    plan = net(tokens, forecast=False)
-    answers: at.Records = np.empty(len(batch), dtype=at.PLAN)
-    answers["path"], answers["waypoints"] = plan.path.cpu().numpy(), plan.waypoints.cpu().numpy()
-    wishes = [wished_speed(logits) for logits in plan.speed.cpu().numpy()]
-    answers["speed"], answers["standing"] = zip(*wishes, strict=True)
-    return answers
-
-
-def tensors(batch: at.Records, slots: int = at.OBJECTS) -> dict[str, torch.Tensor]:
-    """Records as tensors by field, with the first `slots` objects; a copy."""
-    found = {}
-    for name in batch.dtype.names or ():
-        values = batch[name][:, :slots] if name in ("objects", "kinds") else batch[name]
-        # A record's fields lie apart, which torch does not take, and a view of one row passes for contiguous.
-        found[name] = torch.from_numpy(values.copy())
-    return found
-
-
-def wished_speed(logits: Array) -> tuple[float, float]:
-    """The mean of the speed classes, m/s, and the share of standing."""
-    weight = np.exp(logits.astype(np.float64) - float(logits.max()))
-    total = weight.sum()
-    return float(weight @ _SPEEDS / total), float(weight[0] / total)
-
-
-def network_of(size: str, weights: Mapping[str, Any], name: str) -> Plant2Network:
-    """A network with given arrays, the fine-tuned one where they have a part of it; InputError where they fit none."""
+        return inference(network_of(size, weights, name), device)
     try:
-        net = Plant2FtNetwork(size) if "speed_token" in weights else Plant2Network(size)
-        net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
-    except (KeyError, RuntimeError) as error:
-        problem = " ".join(str(error).split())[:200]
+        return Engine(size, weights)
+    except (KeyError, ValueError) as error:
+        problem = f"{type(error).__name__}: {error}"
         raise InputError(f"weights {name!r}: are not those of a plant2 network ({problem})") from None
-    return net

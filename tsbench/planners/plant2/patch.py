@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.maps.network import RoadNetwork
+from tsbench.planners.cutout import Image, cut, pack, repack
 from tsbench.planners.plant2.layout import (
     PATCH_AHEAD_M,
     PATCH_CHANNELS,
@@ -27,8 +28,6 @@ _MARGIN_M = 70.0
 _SHIFT = 4
 _ROUTE_WIDTH_M = 2.0
 
-Image = npt.NDArray[np.uint8]
-
 
 class Patches:
     """Patches of one network. `cut` keeps the drawn route while the path stays the same object."""
@@ -37,14 +36,15 @@ class Patches:
         points = np.concatenate([lane.line.points for lane in network.lanes])
         self._origin = points.min(axis=0) - _MARGIN_M
         width, height = np.ceil((points.max(axis=0) + _MARGIN_M - self._origin) * _PX_PER_M).astype(int)
-        self._roads: Image = np.zeros((int(height), int(width), 2), dtype=np.uint8)
-        self._route: Image = np.zeros((int(height), int(width)), dtype=np.uint8)
+        self._shape = int(height), int(width)
         self._path: RoutePath | None = None
-        self._draw(network)
+        self._drawing = pack([*self._roads(network), self._empty()])
 
-    def _draw(self, network: RoadNetwork) -> None:
-        ground = np.zeros(self._route.shape, dtype=np.uint8)
-        borders = np.zeros(self._route.shape, dtype=np.uint8)
+    def _empty(self) -> Image:
+        return np.zeros(self._shape, dtype=np.uint8)
+
+    def _roads(self, network: RoadNetwork) -> tuple[Image, Image]:
+        ground, borders = self._empty(), self._empty()
         for junction in network.junctions.values():
             if len(junction.polygon) >= 3:
                 cv2.fillPoly(ground, [self._pixels(junction.polygon)], 255, shift=_SHIFT)
@@ -54,7 +54,7 @@ class Patches:
             if not lane.internal:
                 lines = [self._pixels(left), self._pixels(right)]
                 cv2.polylines(borders, lines, False, 255, 1, cv2.LINE_AA, _SHIFT)
-        self._roads[..., 0], self._roads[..., 1] = ground, borders
+        return ground, borders
 
     def _pixels(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int32]:
         fine = (points - self._origin) * (_PX_PER_M * (1 << _SHIFT))
@@ -65,16 +65,12 @@ class Patches:
         """(channels, rows, columns) around a pose."""
         if path is not self._path:
             self._path = path
-            self._route.fill(0)
+            route = self._empty()
             thick = round(_ROUTE_WIDTH_M * _PX_PER_M)
             line = [self._pixels(path.line.points)]
-            cv2.polylines(self._route, line, False, 255, thick, cv2.LINE_AA, _SHIFT)
-        matrix = self._matrix(x, y, heading)
-        size, flags = (PATCH_COLUMNS, PATCH_ROWS), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        patch: Image = np.empty((PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS), dtype=np.uint8)
-        patch[:2] = cv2.warpAffine(self._roads, matrix, size, flags=flags).transpose(2, 0, 1)
-        patch[2] = cv2.warpAffine(self._route, matrix, size, flags=flags)
-        return patch
+            cv2.polylines(route, line, False, 255, thick, cv2.LINE_AA, _SHIFT)
+            repack(self._drawing, 2, route)
+        return cut(self._drawing, self._matrix(x, y, heading), PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS)
 
     def _matrix(self, x: float, y: float, heading: float) -> npt.NDArray[np.float64]:
         """From a pixel of the patch (column, row) to one of the drawing."""

@@ -1,4 +1,4 @@
-"""`plant2`, blind to signs. Torch is imported when the planner is made, not before."""
+"""`plant2`, blind to signs."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tsbench.planners.batched import Infer
 from tsbench.planners.expert import Expert
 from tsbench.planners.led import Led
 from tsbench.planners.plant2.control import Gains, control
+from tsbench.planners.plant2.inference import load
 from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
 from tsbench.sim.world import EgoState
@@ -38,7 +39,7 @@ class Plant2:
     served_on: ClassVar[tuple[str, ...]] = ("cpu", "cuda")
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
-        self.infer = _load(self.weights, "cpu", folder) if infer is None else infer
+        self.infer = load(self.weights, "cpu", folder) if infer is None else infer
         self._gains = Gains()
         self._tokeniser: Tokeniser | None = None
         self._plan: Record | None = None
@@ -47,7 +48,7 @@ class Plant2:
     @classmethod
     def network(cls, device: str) -> Infer:
         """tsbench's own network on a device."""
-        return _load(cls.weights, device, None)
+        return load(cls.weights, device)
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
@@ -62,7 +63,8 @@ class Plant2:
             self._plan, self._since = self.infer(self.encode(o))[0], o.ego
             return self._decide(o, self._plan)
         then, c, s = self._since, math.cos(self._since.heading), math.sin(self._since.heading)
-        points = self._plan["path"] @ np.array([[c, s], [-s, c]]) + (then.x, then.y)
+        along, left = self._plan["path"].astype(np.float64).T
+        points = np.column_stack((c * along - s * left + then.x, s * along + c * left + then.y))
         seen = to_frame(points, (o.ego.x, o.ego.y, o.ego.heading))
         driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
         return control(seen, self.wish(self._plan), o.ego, self._gains, driven)
@@ -99,9 +101,3 @@ class Plant2Expert(Expert):
     def network(device: str) -> Infer:
         """The base's network on a device."""
         return Plant2.network(device)
-
-
-def _load(name: str, device: str, folder: Path | None) -> Infer:
-    from tsbench.planners.plant2.inference import load
-
-    return load(name, device, folder)

@@ -1,4 +1,4 @@
-"""`plant2-ft`: `plant2` that reads signs. Torch is imported when the planner is made, not before."""
+"""`plant2-ft`: `plant2` that reads signs."""
 
 from __future__ import annotations
 

@@ -94,5 +94,5 @@ def points_ahead(line: Polyline, s: float, ahead: Sequence[float], pose: Pose) -
 def to_frame(points: Array, pose: Pose) -> Array:
     """(k, 2) world points in the frame of a pose."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    seen: Array = (points - np.array(pose[:2])) @ np.array([[c, -s], [s, c]])
-    return seen
+    dx, dy = points[:, 0] - pose[0], points[:, 1] - pose[1]
+    return np.column_stack((c * dx + s * dy, c * dy - s * dx))

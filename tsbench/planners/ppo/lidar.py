@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from tsbench.geometry.polyline import Array
+from tsbench.geometry.elementary import Array, arctan2
 from tsbench.planners.base import Observation
 from tsbench.sim.scene import Obstacle
 
@@ -20,7 +20,7 @@ _STEP_RAD = 2.0 * math.pi / RAYS
 # Edges of the road are sorted out anew after so many metres.
 _STRIDE_M = 8.0
 _ALONG, _BESIDE = np.array([0.5, -0.5, -0.5, 0.5]), np.array([0.5, 0.5, -0.5, -0.5])
-_COS, _SIN = np.cos(_STEP_RAD * np.arange(RAYS)), np.sin(_STEP_RAD * np.arange(RAYS))
+_COS, _SIN = (np.array([f(_STEP_RAD * k) for k in range(RAYS)]) for f in (math.cos, math.sin))
 
 
 class Lidar:
@@ -64,7 +64,7 @@ class Lidar:
 def _outlines(boxes: Array) -> Array:
     """(4, 4 n) ends x0, x1, y0, y1 of the sides of n rectangles (x, y, heading, length, width)."""
     x, y, heading, length, width = boxes.T[:, :, None]
-    c, s = np.cos(heading), np.sin(heading)
+    c, s = (np.array([[f(h)] for h in heading[:, 0].tolist()]) for f in (math.cos, math.sin))
     along, beside = length * _ALONG, width * _BESIDE
     px, py = x + c * along - s * beside, y + s * along + c * beside
     out = np.empty((4, len(boxes), 4))
@@ -81,8 +81,8 @@ def _cast(ends: Array, x: float, y: float, heading: float) -> Array:
     cross = x0 * ey - y0 * ex
     # A segment is never wider than half a turn: its angle is that between the ends, from the one that comes first.
     left = cross >= 0.0
-    first = np.arctan2(np.where(left, y0, y1), np.where(left, x0, x1)) / _STEP_RAD
-    span = np.arctan2(np.abs(cross), x0 * x1 + y0 * y1) / _STEP_RAD
+    first = arctan2(np.where(left, y0, y1), np.where(left, x0, x1)) / _STEP_RAD
+    span = arctan2(np.abs(cross), x0 * x1 + y0 * y1) / _STEP_RAD
     begin = np.ceil(first).astype(np.int64)
     count = np.maximum(np.floor(first + span).astype(np.int64) - begin + 1, 0)
     last = np.cumsum(count)

@@ -1,7 +1,4 @@
-"""`ppo`: the vector through an MLP of 256 and 256 with tanh, whose Gaussian is drawn from. Sign-blind.
-
-One row at a time, in NumPy: at this size a batch saves nothing, and so no result hangs on who shares a batch.
-"""
+"""`ppo`: the vector through an MLP of 256 and 256 with tanh, whose Gaussian is drawn from. Sign-blind."""
 
 from __future__ import annotations
 
@@ -9,19 +6,24 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.special import ndtri
 
+from tsbench.errors import InputError
+from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.batched import Infer, Records
 from tsbench.planners.expert import Expert
+from tsbench.planners.fixed_point import Linear, snap, tanh
 from tsbench.planners.learned import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.led import Led
+from tsbench.planners.parameters import Parameters
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
+from tsbench.planners.quantiles import normal_quantile
 from tsbench.planners.weights import load_weights
 
 WEIGHTS = "ppo"
 RECORD = np.dtype([("vector", np.float32, (SIZE,)), DRAW])
-_HIDDEN = ("hidden.0", "hidden.1")
+# Inputs are about -1..1; what is beyond is cut, which bounds all that follows.
+_MOST = 8.0
 
 
 class Ppo(LearnedPlanner):
@@ -44,18 +46,24 @@ class Ppo(LearnedPlanner):
 
 
 def network(folder: Path | None = None) -> Infer:
-    """The MLP with the weights below `folder`."""
-    tensors = load_weights(WEIGHTS, folder)
-    hidden = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in _HIDDEN]
-    weight, bias = tensors["action.weight"], tensors["action.bias"]
-    width = np.exp(tensors["action.log_std"].astype(np.float64))
+    """The MLP with the weights below `folder`; InputError where they are not its own."""
+    of = Parameters(load_weights(WEIGHTS, folder))
+    try:
+        first = Linear(*of.linear("hidden.0"), bound=_MOST, snapped=None)
+        second, action = (Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action"))
+        width = exp(of.take("action.log_std").astype(np.float64))
+        of.end()
+        if (first.weight.shape[1], action.weight.shape[0]) != (SIZE, len(width)):
+            raise ValueError(f"{first.weight.shape[1]} inputs, {action.weight.shape[0]} actions")
+    except (KeyError, ValueError) as error:
+        problem = f"{type(error).__name__}: {error}"
+        raise InputError(f"weights {WEIGHTS!r}: are not those of ppo's network ({problem})") from None
 
     def infer(records: Records) -> Records:
+        x = snap(np.clip(records["vector"].astype(np.float64), -_MOST, _MOST))
+        mean = action(tanh(second(tanh(first(x)))))
         answers = np.empty(len(records), dtype=ACTIONS)
-        for k, x in enumerate(records["vector"]):
-            for w, b in hidden:
-                x = np.tanh(w @ x + b)
-            answers["action"][k] = weight @ x + bias + width * ndtri(records["draw"][k])
+        answers["action"] = mean + width * normal_quantile(records["draw"])
         return answers
 
     return infer

@@ -1,0 +1,186 @@
+"""Networks in fixed-point numbers held by float64: the same bits on every CPU, in batches of any size.
+
+What is multiplied is first rounded to a multiple of a power of two, so coarse that no sum of products needs more than
+the 53 bits that a float64 has. Such sums are exact, in whatever order a BLAS adds them up. All else is one IEEE
+operation at a time. The price of the rounding is about what float32 rounds too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.geometry import elementary
+from tsbench.geometry.elementary import Array, exp, normal_density, normal_share
+
+# Activations are multiples of 2**-BITS.
+BITS = 21
+# One bit less than float64 has, for what rounding adds.
+_SUM_BITS = 52
+_FINEST, _COARSEST = 30, 12
+# `Curve`: straight pieces of 2**-9: off by at most 4e-7 times the second derivative.
+_PIECE_BITS = 9
+_FAINTEST, _FLAT = -24.0, 16
+
+
+def magic(bits: float | Array) -> float | Array:
+    """Added to a number and taken away again, it leaves the nearest multiple of 2**-bits; for sizes below 2**(51 - bits)."""
+    found: float | Array = 1.5 * 2.0 ** (_SUM_BITS - bits)
+    return found
+
+
+def snap(x: Array, bits: int = BITS) -> Array:
+    """Round to multiples of 2**-bits, in place."""
+    x += magic(bits)
+    x -= magic(bits)
+    return x
+
+
+def tree_sum(x: Array) -> Array:
+    """Sum over the last axis, whose length is a power of two, in an order of its own: (..., 1)."""
+    while x.shape[-1] > 1:
+        half = x.shape[-1] // 2
+        x = x[..., :half] + x[..., half:]
+    return x
+
+
+class Linear:
+    """Rows times a matrix, plus a bias.
+
+    weight: (out, in). bound: most that an input is; norm: most that a row's Euclidean norm is. bits: inputs are
+    multiples of 2**-bits. snapped: outputs are multiples of 2**-snapped, one number or one of each output; None: as
+    they come. Raises ValueError for weights so large that exact sums would be too coarse.
+
+    Attributes: weight: as rounded; lift: what is added and taken away again, so that outputs are rounded; bias: with
+    the lift; bound: most that an output is.
+    """
+
+    def __init__(
+        self,
+        weight: npt.NDArray[np.floating],
+        bias: npt.NDArray[np.floating],
+        *,
+        bound: float,
+        norm: float = math.inf,
+        bits: int = BITS,
+        snapped: int | Array | None = BITS,
+    ) -> None:
+        w = np.array(weight, dtype=np.float64, order="C")
+        if not (np.isfinite(w).all() and np.isfinite(bias).all()) or bias.shape != w.shape[:1]:
+            raise ValueError("weights that are no finite numbers, or do not fit")
+        sizes = largest(w, bound, norm)
+        most = float(sizes.max())
+        fine = min(_SUM_BITS - bits - math.ceil(math.log2(max(most, 1.0))), _FINEST)
+        if fine < _COARSEST:
+            raise ValueError(f"weights too large for exact sums: up to {most:.3g}")
+        # So laid out, small products take half the time.
+        self.weight: Array = snap(w, fine)
+        b = bias.astype(np.float64)
+        self.bound = float((sizes + np.abs(b)).max())
+        self.lift: float | Array = 0.0 if snapped is None else magic(snapped)
+        self.bias: Array = b + self.lift
+        self._snaps = snapped is not None
+
+    def __call__(self, x: Array) -> Array:
+        """(..., in) to (..., out)."""
+        y: Array = x @ self.weight.T
+        y += self.bias
+        if self._snaps:
+            y -= self.lift
+        return y
+
+
+def largest(weight: Array, bound: float, norm: float = math.inf) -> Array:
+    """(out,) most that any part of each output's sum can be."""
+    by_element = np.abs(weight).sum(axis=1) * bound
+    return np.minimum(by_element, np.sqrt(np.square(weight).sum(axis=1)) * norm) if norm < math.inf else by_element
+
+
+class Curve:
+    """A function of one number by straight pieces between low and high; its values are multiples of 2**-BITS."""
+
+    def __init__(self, values: Callable[[Array], Array], slopes: Callable[[Array], Array], low: int, high: int) -> None:
+        at = np.arange(low << _PIECE_BITS, (high << _PIECE_BITS) + 1) / (1 << _PIECE_BITS)
+        self._lift = float(magic(BITS))
+        # With what rounds to the grid added already.
+        self._values, self._slopes = values(at) + self._lift, slopes(at)
+        self._to_piece = float(magic(_PIECE_BITS))
+        self._first = int(np.float64(self._to_piece + low).view(np.int64))
+
+    def __call__(self, x: Array) -> Array:
+        """In place; x is contiguous."""
+        nearest = x + self._to_piece
+        # So shifted, neighbouring pieces are neighbouring floats.
+        piece = nearest.view(np.int64) - self._first
+        nearest -= self._to_piece
+        x -= nearest
+        x *= self._slopes.take(piece, mode="clip")
+        x += self._values.take(piece, mode="clip")
+        x -= self._lift
+        return x
+
+
+@cache
+def gelu(reach: int) -> Curve:
+    """The Gaussian error linear unit between -reach and reach."""
+    return Curve(
+        lambda x: x * normal_share(x), lambda x: normal_share(x) + x * normal_density(x), -reach, reach
+    )
+
+
+@cache
+def _falling() -> Curve:
+    return Curve(exp, exp, int(_FAINTEST), 0)
+
+
+@cache
+def _bent() -> Curve:
+    def slopes(x: Array) -> Array:
+        height = elementary.tanh(x)
+        return 1.0 - height * height
+
+    return Curve(elementary.tanh, slopes, -_FLAT, _FLAT)
+
+
+def tanh(x: Array) -> Array:
+    """As multiples of 2**-BITS; x, contiguous, is overwritten."""
+    return _bent()(np.clip(x, -_FLAT, _FLAT, out=x))
+
+
+def softmax(x: Array) -> Array:
+    """Over the last axis, as multiples of 2**-BITS; x, contiguous, is overwritten."""
+    x -= x.max(axis=-1, keepdims=True)
+    np.maximum(x, _FAINTEST, out=x)
+    share = _falling()(x)
+    share /= share.sum(axis=-1, keepdims=True)
+    return snap(share)
+
+
+class LayerNorm:
+    """Of rows whose width is a power of two; answers are multiples of 2**-BITS.
+
+    Attributes: norm: most that an answer's Euclidean norm is.
+    """
+
+    def __init__(self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5) -> None:
+        self._width = len(weight)
+        if self._width & (self._width - 1) or bias.shape != weight.shape:
+            raise ValueError("a layer's width is no power of two, or does not fit")
+        self._weight, self._lift, self._epsilon = weight.astype(np.float64), float(magic(BITS)), epsilon
+        self._bias = bias.astype(np.float64) + self._lift
+        self.norm = 1.001 * float(
+            math.sqrt(self._width) * np.abs(weight).max() + math.sqrt(np.square(bias.astype(np.float64)).sum())
+        )
+
+    def __call__(self, x: Array) -> Array:
+        """(n, width), in place."""
+        x -= tree_sum(x) / self._width
+        x *= 1.0 / np.sqrt(tree_sum(x * x) / self._width + self._epsilon)
+        x *= self._weight
+        x += self._bias
+        x -= self._lift
+        return x
