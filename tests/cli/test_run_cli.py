@@ -108,7 +108,7 @@ def test_rescore_agrees(real: Path) -> None:
 
 def test_rescore_finds_what_was_changed(real: Path) -> None:
     path = real / "two" / "episodes.parquet"
-    table = pq.read_table(path)
+    table = pq.ParquetFile(path).read()
     rows = table.to_pylist()
     changed = rows[0]["scenario_id"]
     rows[0]["sign_compliant"] = not rows[0]["sign_compliant"]

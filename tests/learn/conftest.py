@@ -11,7 +11,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     return read_table(table_path("train"))
 

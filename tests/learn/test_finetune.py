@@ -173,6 +173,7 @@ def prepared(
     return Obedience(recipe, rows), Place(out, "cpu", 1, 10**9)
 
 
+@pytest.mark.own_process
 def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
 ) -> None:

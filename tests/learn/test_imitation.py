@@ -121,6 +121,7 @@ def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec
     return recipe, Place(out, "cpu", 1, 10**9)
 
 
+@pytest.mark.own_process
 def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
@@ -142,6 +143,7 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     assert again.training["sittings"] == 2
 
 
+@pytest.mark.own_process
 def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> None:
     recipe, place = prepared(tmp_path, monkeypatch, rows)
     said: list[str] = []
@@ -150,6 +152,7 @@ def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[S
     assert speeds[-1] < 0.8 * speeds[0]
 
 
+@pytest.mark.own_process
 def test_another_training_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:

@@ -121,6 +121,7 @@ class Still(gymnasium.Env[Any, Any]):
         return self.observation_space.sample(), float(action[0]), False, False, {}
 
 
+@pytest.mark.own_process
 @pytest.mark.parametrize("planner", ["ppo", "carl"])
 def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path) -> None:
     kind, arguments = policy_of(planner)
@@ -173,6 +174,7 @@ def dying_once(learn: Any) -> Any:
 
 
 @pytest.mark.slow
+@pytest.mark.own_process
 @pytest.mark.timeout(300)
 def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1)

@@ -12,7 +12,7 @@ from tsbench.sim.nuplan import quantile_speed
 from tsbench.sim.scene import Destination
 
 STYLES = (IdmS1, IdmS2, IdmS3, IdmS4)
-# km/h, spec/planners.md: about 11-22, 22-32, 32-44, 44-62.
+# km/h, docs/spec/planners.md.
 CRUISE_KMH = {IdmS1: (11, 20), IdmS2: (19, 32), IdmS3: (31, 44.5), IdmS4: (43.5, 62.5)}
 
 

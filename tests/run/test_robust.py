@@ -58,7 +58,7 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory, make_data) -> Path:
 
 
 def rows_of(run: Path) -> dict[tuple[str, str], dict]:
-    rows = pq.read_table(run / "episodes.parquet").to_pylist()
+    rows = pq.ParquetFile(run / "episodes.parquet").read().to_pylist()
     return {(row["planner"], row["scenario_id"]): row for row in rows}
 
 

@@ -56,7 +56,7 @@ def test_an_episode_and_its_trace(seat: Seat, setup: Setup, tmp_path: Path) -> N
     assert content["row"]["outcome"] == "arrived"
     assert content["trace_sha256"] == hashlib.sha256(trace).hexdigest()
     (tmp_path / "trace.parquet").write_bytes(trace)
-    assert pq.read_table(tmp_path / "trace.parquet").num_rows == 31
+    assert pq.ParquetFile(tmp_path / "trace.parquet").metadata.num_rows == 31
 
 
 def test_a_node_with_other_data_takes_no_part(seat: Seat, setup: Setup) -> None:

@@ -25,7 +25,7 @@ _PART = "train"
 
 @dataclass(frozen=True, slots=True)
 class FineTuning:
-    """Figures of a fine-tuning; the defaults are spec/planners.md's.
+    """Figures of a fine-tuning; the defaults are docs/spec/planners.md's.
 
     base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
     drivers: planners that are driven for frames; none = the oracle's drives in `trajectories`. drives: how many, types

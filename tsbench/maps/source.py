@@ -209,7 +209,8 @@ def _write(source: SourceNetwork, path: Path) -> None:
 
 
 def _read(path: Path) -> SourceNetwork:
-    table: Any = pq.read_table(path).combine_chunks()
+    # Not pq.read_table, whose import of pyarrow.dataset alone takes 50 MB.
+    table: Any = pq.ParquetFile(path).read().combine_chunks()
     extra = json.loads(table.schema.metadata[b"tsbench"])
     line = table["line"].combine_chunks()
     columns: dict[str, Any] = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}

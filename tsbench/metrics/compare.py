@@ -1,6 +1,6 @@
 """Two planners compared scenario by scenario: what changed by type and group, and which scenarios flipped.
 
-Source: spec/metrics.md, "Aggregation". As everywhere, strict and completed figures go together.
+Source: docs/spec/metrics.md, "Aggregation". As everywhere, strict and completed figures go together.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Flags that do not end an episode: stuck, wrong way, hard braking, overspeed. Source: spec/metrics.md.
+"""Flags that do not end an episode: stuck, wrong way, hard braking, overspeed. Source: docs/spec/metrics.md.
 
 Units: m, s, m/s, rad.
 """

@@ -1,4 +1,4 @@
-"""95 % intervals: cluster bootstrap over maps, Wilson where nothing clusters. Source: spec/metrics.md.
+"""95 % intervals: cluster bootstrap over maps, Wilson where nothing clusters. Source: docs/spec/metrics.md.
 
 Variants on one map are alike, so maps are drawn, not episodes. All planners of a summary see the same draws.
 """

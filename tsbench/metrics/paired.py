@@ -1,4 +1,4 @@
-"""Differences between two planners on the same scenarios. Source: spec/metrics.md, "Aggregation".
+"""Differences between two planners on the same scenarios. Source: docs/spec/metrics.md, "Aggregation".
 
 Yes/no outcomes: exact McNemar. Everything: 95 % interval from a cluster bootstrap over maps, drawn once for both.
 What is not significant says how large a difference it would have shown (minimum detectable effect).

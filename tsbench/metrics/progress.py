@@ -1,4 +1,4 @@
-"""How far the ego came: route completion and driving score. Source: spec/metrics.md, "Per episode"."""
+"""How far the ego came: route completion and driving score. Source: docs/spec/metrics.md, "Per episode"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A closed road: stop before its plate. Source: spec/rules.md, "Closed road". Units: m, m/s, s.
+"""A closed road: stop before its plate. Source: docs/spec/rules.md, "Closed road". Units: m, m/s, s.
 
 Plate params: `approach`, the edge on which navigation comes to the junction before the plate.
 """

@@ -1,6 +1,6 @@
 """One passage of the ego through a junction whose other arms have priority, on a known path.
 
-Source: spec/rules.md, "Give way". Units: m, s, m/s.
+Source: docs/spec/rules.md, "Give way". Units: m, s, m/s.
 """
 
 from __future__ import annotations

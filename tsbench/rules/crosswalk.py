@@ -1,4 +1,4 @@
-"""Let pedestrians cross first. Source: spec/rules.md, "Crosswalk". Units: m, s, m/s, rad.
+"""Let pedestrians cross first. Source: docs/spec/rules.md, "Crosswalk". Units: m, s, m/s, rad.
 
 Plate params: `crossing`, its id in the network; `exit`, the edge behind it on the ego's way.
 """

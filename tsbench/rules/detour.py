@@ -1,4 +1,4 @@
-"""Pass an obstacle on a side that the sign allows. Source: spec/rules.md, "Detour". Units: m, rad.
+"""Pass an obstacle on a side that the sign allows. Source: docs/spec/rules.md, "Detour". Units: m, rad.
 
 Plate params: `obstacle`, the id of the obstacle in the scene. Sides are those of the obstacle's lane.
 """

@@ -1,4 +1,4 @@
-"""Give way to the vehicles on arms with priority. Source: spec/rules.md, "Give way". Units: m, s.
+"""Give way to the vehicles on arms with priority. Source: docs/spec/rules.md, "Give way". Units: m, s.
 
 Plate params: `junction`; `approach`, the ego's edge into it; `main_in`, the edges into it that have priority.
 """

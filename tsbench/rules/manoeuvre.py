@@ -1,4 +1,4 @@
-"""Turns that a sign allows at a junction. Source: spec/rules.md, "Turns and directions". Degrees in evidence.
+"""Turns that a sign allows at a junction. Source: docs/spec/rules.md, "Turns and directions". Degrees in evidence.
 
 Plate params: `junction`; `approach`, the signed edge into it.
 """

@@ -1,6 +1,6 @@
 """Lane paths through a junction and their conflict zones, computed once for a scene. Units: m.
 
-Source: spec/rules.md, "Geometry": a zone is the overlap of the strips swept by two lane paths.
+Source: docs/spec/rules.md, "Geometry": a zone is the overlap of the strips swept by two lane paths.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Keep out of a lane that is reserved for buses or cyclists. Source: spec/rules.md, "Reserved lane". Units: m, s, rad.
+"""Keep out of a lane that is reserved for buses or cyclists. Source: docs/spec/rules.md, "Reserved lane".
 
-Plate params: `approach`, the edge before the plate; `zone_edges`, the edges of the marked zone, the plate's own first;
-`lanes`, ids of the reserved lanes, of the zone's edges or of those in the opposite direction.
+Units: m, s, rad. Plate params: `approach`, the edge before the plate; `zone_edges`, the edges of the marked zone, the
+plate's own first; `lanes`, ids of the reserved lanes, of the zone's edges or of those in the opposite direction.
 """
 
 from __future__ import annotations

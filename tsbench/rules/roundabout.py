@@ -1,4 +1,4 @@
-"""Give way to who is on the ring, and drive round it the right way. Source: spec/rules.md, "Give way". Units: m.
+"""Give way to who is on the ring, and drive round it the right way. Source: docs/spec/rules.md, "Give way". Units: m.
 
 Plate params: as in give_way, with the ring's edge to the entry as `main_in`; `ring`, all its edges in driving order.
 """

@@ -1,7 +1,7 @@
 """How near the built scenarios come to nuPlan's traffic: empirical CDFs and KS distances.
 
-Source: spec/simulation.md, "Traffic". The published nuPlan figures are quantiles; between them their CDF is taken as
-linear, beyond the outermost nothing is compared. Units: m/s, and moving cars per lane within 150 m.
+Source: docs/spec/simulation.md, "Traffic". The published nuPlan figures are quantiles; between them their CDF is taken
+as linear, beyond the outermost nothing is compared. Units: m/s, and moving cars per lane within 150 m.
 """
 
 from __future__ import annotations

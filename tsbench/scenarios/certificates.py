@@ -1,6 +1,6 @@
 """Certificates: what driving a scenario row proved about it. `scenarios/certificates.parquet`, one row per scenario.
 
-Source: spec/scenes.md, "Certification". Who drives stands above this layer (`certify.prover`); here is what is kept.
+Source: docs/spec/scenes.md, "Certification". Who drives stands above this layer (`certify.prover`).
 """
 
 from __future__ import annotations

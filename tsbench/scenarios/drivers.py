@@ -1,4 +1,4 @@
-"""Background drivers drawn from the nuPlan figures. Source: scenarios/nuplan_statistics.json (spec/simulation.md)."""
+"""Background drivers drawn from the nuPlan figures. Source: docs/spec/simulation.md, "Traffic"."""
 
 from __future__ import annotations
 

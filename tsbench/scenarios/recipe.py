@@ -24,8 +24,8 @@ class Recipe:
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
     as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
-    (spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody; asked
-    for where traffic often ends that driver's episode first.
+    (docs/spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody;
+    asked for where traffic often ends that driver's episode first.
     """
 
     type: ScenarioType

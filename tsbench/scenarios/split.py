@@ -1,7 +1,7 @@
 """The split of the whole pool by place, before any sign is assigned.
 
-Source: spec/scenes.md, "Split". Moscow is cut into square tiles of 2 km (a common metric frame for all extracts); a
-fifth of the tiles is test. A map whose extent comes within 300 m of a test map's without being one itself belongs to
+Source: docs/spec/scenes.md, "Split". Moscow is cut into square tiles of 2 km (a common metric frame for all extracts);
+a fifth of the tiles is test. A map whose extent comes within 300 m of a test map's without being one itself belongs to
 neither split, so that no place, road or junction is in both, whatever extract it was cut from.
 """
 

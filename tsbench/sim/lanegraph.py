@@ -24,7 +24,7 @@ _BLEND_STEP_M = 2.0
 def manoeuvre(change: float, straight: float = STRAIGHT_RAD, u_turn: float = U_TURN_RAD) -> str:
     """Class of a heading change (rad): straight within 35 degrees, u_turn beyond 145, else left or right.
 
-    Source: spec/rules.md, "Turns and directions"; a monitor hands in the two bounds (rad) of the catalogue.
+    Source: docs/spec/rules.md, "Turns and directions"; a monitor hands in the two bounds (rad) of the catalogue.
     """
     change = wrap(change)
     if abs(change) <= straight:

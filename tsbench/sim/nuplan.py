@@ -1,4 +1,7 @@
-"""The published nuPlan figures that traffic and driver styles are drawn from. Source: spec/simulation.md, "Traffic"."""
+"""The published nuPlan figures that traffic and driver styles are drawn from.
+
+Source: docs/spec/simulation.md, "Traffic".
+"""
 
 from __future__ import annotations
 

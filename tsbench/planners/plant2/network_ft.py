@@ -1,6 +1,6 @@
 """`plant2-ft`'s network: the base with sign tokens, a sign-state token, a speed token and a head for the ego's speed.
 
-Source: spec/planners.md: 147,976 parameters more at `medium`. A token for each way on is tsbench's own (ways.py).
+Source: docs/spec/planners.md: 147,976 parameters more at `medium`. A token for each way on is tsbench's own (ways.py).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The 275 numbers that `ppo` sees, in MetaDrive's layout: 9 ego, 10 navigation, 16 neighbours, 240 lidar. Sign-blind.
 
-Source: spec/planners.md; MetaDrive (Li et al., arXiv 2109.12674) for the layout. All are about -1..1, float32:
+Source: docs/spec/planners.md; MetaDrive (Li et al., arXiv 2109.12674) for the layout. All are about -1..1, float32:
 
 * ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the
   right, speed that bends and the road's own limits allow

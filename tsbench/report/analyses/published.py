@@ -1,4 +1,4 @@
-"""The table that the reference published (spec/published_results.csv), to stand beside one's own figures."""
+"""The table that the reference published (published_results.csv), to stand beside one's own figures."""
 
 from __future__ import annotations
 

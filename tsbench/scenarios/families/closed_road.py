@@ -1,6 +1,6 @@
 """Closed-road scenes: navigation leads into an exit that 3.2 closes, with barriers behind the plate.
 
-Source: spec/scenes.md, "Closed road". Units: m.
+Source: docs/spec/scenes.md, "Closed road". Units: m.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Crosswalk scenes: people who cross where the ego comes. Source: spec/scenes.md, "Crosswalk". Units: m, s, m/s."""
+"""Crosswalk scenes: people who cross where the ego comes. Source: docs/spec/scenes.md, "Crosswalk".
+
+Units: m, s, m/s.
+"""
 
 from __future__ import annotations
 

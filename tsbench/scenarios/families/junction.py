@@ -1,6 +1,6 @@
 """Junction scenes where the ego gives way: its arm, the arms with priority, a convoy on one of these.
 
-Source: spec/scenes.md, "Arrangement per family" (Junction).
+Source: docs/spec/scenes.md, "Junction".
 """
 
 from __future__ import annotations

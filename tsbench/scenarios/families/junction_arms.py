@@ -1,6 +1,6 @@
 """Roles of a junction's arms: which are the main road, on which the ego comes, whom it owes way.
 
-Source: spec/scenes.md, "Arrangement per family" (Junction); spec/rules.md, "Give way" (who has priority).
+Source: docs/spec/scenes.md, "Junction"; docs/spec/rules.md, "Give way" (who has priority).
 """
 
 from __future__ import annotations

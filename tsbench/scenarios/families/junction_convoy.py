@@ -1,6 +1,6 @@
 """Pairs of paths through a junction that meet, and a convoy that is there when the ego is. Units: m, m/s, s.
 
-Source: spec/scenes.md, "Arrangement per family" (Junction).
+Source: docs/spec/scenes.md, "Junction".
 """
 
 from __future__ import annotations

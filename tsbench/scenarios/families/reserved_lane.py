@@ -1,4 +1,7 @@
-"""A lane for buses or cyclists in the ego's own direction, where the ego drives. Source: spec/scenes.md. Units: m."""
+"""A lane for buses or cyclists in the ego's own direction, where the ego drives.
+
+Source: docs/spec/scenes.md, "Reserved lane". Units: m.
+"""
 
 from __future__ import annotations
 

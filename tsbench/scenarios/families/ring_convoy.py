@@ -1,6 +1,6 @@
 """A convoy that comes round a ring and is at the entry when the ego is. Units: m, m/s, s.
 
-Source: spec/scenes.md, "Arrangement per family" (Roundabout).
+Source: docs/spec/scenes.md, "Roundabout".
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: spec/scenes.md, "Speed"."""
+"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: docs/spec/scenes.md, "Speed"."""
 
 from __future__ import annotations
 

@@ -1,0 +1,75 @@
+"""A process of the suite stays small, so that several fit on a machine with others. A plugin of `tests/conftest.py`.
+
+What a module's tests have freed is given back to the system before the next module, and the test in which a process
+grows beyond `MOST_MB` fails by name. Linux with glibc; elsewhere nothing is measured.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import re
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+MOST_MB = 700.0
+_STATUS = Path("/proc/self/status")
+
+
+class TooLarge(Exception):
+    """The process has held more than a test may leave it with."""
+
+
+def peak_mb() -> float:
+    """The most that this process has held resident, MB (1e6 bytes); 0 where the system does not say."""
+    # Not getrusage's figure, which begins with that of the process that started this one.
+    found = re.search(r"VmHWM:\s*(\d+) kB", _STATUS.read_text()) if _STATUS.exists() else None
+    return int(found.group(1)) * 1024 / 1e6 if found else 0.0
+
+
+def give_back() -> None:
+    """Return freed memory to the system: allocators keep it, and every module leaves its own holes."""
+    gc.collect()
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
+
+
+class MemoryGuard:
+    """Watches the process that it runs in."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def look(self, where: str) -> None:
+        """Raises TooLarge the first time that the process is found to have been too large."""
+        if not self._told and peak_mb() > MOST_MB:
+            self._told = True
+            raise TooLarge(
+                f"{where}: this process of the suite has held {peak_mb():.0f} MB, more than {MOST_MB:.0f}. Start what is "
+                "large in a process of its own, or keep less from test to test (tests/memory_guard.py)"
+            )
+
+    def pytest_collection_finish(self) -> None:
+        """Imports alone."""
+        # What is there now stays: no collection of garbage needs to look at it again.
+        give_back()
+        gc.freeze()
+        self.look("collecting the tests")
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_teardown(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> Generator[None, None, None]:
+        """After each test, its fixtures included."""
+        yield
+        if nextitem is None or nextitem.path != item.path:
+            give_back()
+        self.look(item.nodeid)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Called by pytest."""
+    config.pluginmanager.register(MemoryGuard(), "memory-guard-of-this-process")

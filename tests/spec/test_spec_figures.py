@@ -1,0 +1,135 @@
+"""docs/spec/simulation.md, metrics.md and planners.md against the code's constants."""
+
+from __future__ import annotations
+
+import math
+from importlib.metadata import entry_points
+
+import pytest
+from spec_tables import ROOT, SPEC, numbers, table
+
+from tsbench.learn import oracle_select
+from tsbench.metrics import comfort, flags, intervals, outcome, progress
+from tsbench.planners.plant2 import layout, parts
+from tsbench.planners.ppo import vector
+from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.run import observe
+from tsbench.scenarios import traffic
+from tsbench.scenarios.recipe import load_recipe
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim import ego, nuplan, sumo, world
+
+
+def said(page: str, *phrases: str) -> None:
+    """Each phrase stands on the page, wherever its lines break."""
+    text = " ".join((SPEC / page).read_text(encoding="utf-8").split())
+    assert [phrase for phrase in phrases if phrase not in text] == []
+
+
+def test_time_and_bodies() -> None:
+    page = {row["what"]: float(row["value"]) for row in table("simulation.md", "what", "value", "unit")}
+    catalog = load_catalog()
+    horizons = {type_.id: load_recipe(type_.id, catalog).horizon for type_ in catalog.types}
+    assert page == {
+        "SUMO step = control step": world.DT_S,
+        "horizon": horizons["yield"],
+        "horizon of roundabout": horizons.pop("roundabout"),
+        "ego's length": world.EGO_LENGTH_M,
+        "ego's width": world.EGO_WIDTH_M,
+        "ego's wheelbase": world.WHEELBASE_M,
+        "steering at most": pytest.approx(math.degrees(ego.MAX_STEER_RAD)),
+        "steering rate at most": pytest.approx(math.degrees(ego.MAX_STEER_RATE_RAD_S)),
+        "acceleration at most": ego.MAX_ACCEL_MPS2,
+        "braking at most": ego.MAX_DECEL_MPS2,
+        "speed at most": ego.MAX_SPEED_MPS,
+    }
+    assert len(set(horizons.values())) == 1
+    said("rules.md", f"{world.EGO_LENGTH_M} x {world.EGO_WIDTH_M} m")
+
+
+def test_room_around_the_start() -> None:
+    page = {row["where"]: float(row["clear"]) for row in table("simulation.md", "where", "clear")}
+    assert page == {
+        "beside the ego": traffic.CLEAR_BESIDE_M,
+        "behind it": traffic.CLEAR_BEHIND_M,
+        "ahead of it, at least": traffic.CLEAR_AHEAD_M,
+        "ahead of it, seconds of speed": traffic.CLEAR_AHEAD_S,
+    }
+
+
+def test_outcomes() -> None:
+    page = {row["outcome"]: row["error"] == "yes" for row in table("metrics.md", "outcome", "error")}
+    assert page == {out.value: out.is_error for out in outcome.Outcome}
+    said("metrics.md", f"within {outcome.ARRIVAL_M:.0f} m of the destination point")
+    said("metrics.md", f"(speed < {flags.STUCK_MPS} m/s for more than {flags.STUCK_S:.0f} s without a reason")
+
+
+def test_comfort() -> None:
+    page = [(float(row["low"]), float(row["high"])) for row in table("metrics.md", "quantity", "low", "high")]
+    both = (
+        comfort.LATERAL_MPS2,
+        comfort.YAW_RATE_RAD_S,
+        comfort.YAW_ACCELERATION_RAD_S2,
+        comfort.LONGITUDINAL_JERK_MPS3,
+        comfort.JERK_MPS3,
+    )
+    assert page == [comfort.LONGITUDINAL_MPS2, *((-bound, bound) for bound in both)]
+
+
+def test_scores_and_intervals() -> None:
+    factors = progress.CONTACT_FACTOR, progress.OFF_ROAD_FACTOR, progress.VIOLATION_FACTOR
+    said("metrics.md", "route completion x {} (contact) x {} (off road) x {}^n".format(*factors))
+    assert (intervals.RESAMPLES, intervals.LEVEL, intervals.MIN_CLUSTERS) == (10_000, 0.95, 5)
+    said("metrics.md", "95 %, cluster bootstrap over maps (10 000 resamples", "Fewer than five clusters")
+
+
+def test_the_planners_are_those_that_are_registered() -> None:
+    rows = table("planners.md", "planner", "expert")
+    page = {name for row in rows for name in (row["planner"], row["expert"]) if name}
+    assert len(page) == 17
+    registered = entry_points(group="tsbench.planners")
+    assert page == {entry.name for entry in registered if entry.value.startswith("tsbench.")}
+
+
+def test_styles() -> None:
+    page = table("planners.md", "style", "band from, %")
+    for row, style in zip(page, (IdmS1, IdmS2, IdmS3, IdmS4), strict=True):
+        low, high = (numbers(row[column])[0] / 100 for column in ("band from, %", "band to, %"))
+        assert (low, high) == style.band
+        cruise = [3.6 * nuplan.quantile_speed(share) for share in style.band]
+        assert numbers(row["cruise speed about, km/h"]) == pytest.approx(cruise, abs=0.6)
+
+
+def test_what_networks_see_and_what_is_seen() -> None:
+    said(
+        "planners.md",
+        f"{vector.EGO} ego + {vector.NAVIGATION} navigation + {vector.NEIGHBOURS} neighbours + ",
+    )
+    said("planners.md", f"{vector.RAYS} lidar rays ({vector.REACH_M:.0f} m) = {vector.SIZE} inputs")
+    said("planners.md", f"at most {layout.OBJECTS}), {layout.ROUTE_POINTS} route points at ")
+    said(
+        "planners.md",
+        f"path ({layout.PATH_POINTS} points), waypoints ({layout.WAYPOINTS} at {layout.WAYPOINT_S} s)",
+    )
+    added = f"{parts.PUBLISHED_ADDED:,}".replace(",", " ")
+    said(
+        "planners.md",
+        f"{added} new parameters",
+        f"{parts.PUBLISHED_MEDIUM / 1e6:.1f} M parameters with heads",
+    )
+    said(
+        "planners.md",
+        f"other road users within {sumo.VIEW_M:.0f} m; signs within {observe.SIGN_RANGE_M:.0f} m",
+    )
+    said("planners.md", f"obstacles within {observe.OBSTACLE_RANGE_M:.0f} m")
+    said("perception.md", f"every plate within {observe.SIGN_RANGE_M:.0f} m")
+
+
+def test_the_oracle() -> None:
+    said("planners.md", f"b = {oracle_select.BETA}", f"The best {oracle_select.KEPT} are kept")
+
+
+def test_the_data_that_the_index_names_is_there_once() -> None:
+    for name in ("nuplan_statistics.json", "published_results.csv"):
+        tops = [ROOT / top for top in ("tsbench", "docs", "scenarios", "sign_catalog")]
+        assert len([path for top in tops for path in top.rglob(name)]) == 1

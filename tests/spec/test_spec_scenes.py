@@ -1,0 +1,83 @@
+"""docs/spec/scenes.md against recipes, the grid of variants, the split and the committed rows."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from spec_tables import numbers, table, words
+
+from tsbench.scenarios import split, variants
+from tsbench.scenarios.certificates import DENSITY_TOLERANCE
+from tsbench.scenarios.recipe import load_recipe
+from tsbench.scenarios.seeds import ROOT_SEED
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+CATALOG = load_catalog()
+RECIPES = {type_.id: load_recipe(type_.id, CATALOG) for type_ in CATALOG.types}
+FIXED = [(type_, row) for row in table("scenes.md", "types", "number") for type_ in words(row["types"])]
+
+
+@pytest.mark.parametrize(("type_", "row"), FIXED, ids=[f"{type_}-{row['number']}" for type_, row in FIXED])
+def test_a_recipe_has_the_number(type_: str, row: dict[str, str]) -> None:
+    recipe, name = RECIPES[type_], row["number"]
+    if name in recipe.numbers:
+        assert [recipe.numbers[name]] == numbers(row["value"])
+    else:
+        assert recipe.choices[name] == numbers(row["value"])
+
+
+def test_every_type_has_a_number_on_the_page() -> None:
+    assert {type_ for type_, _ in FIXED} == set(RECIPES)
+    assert len(FIXED) == len({(type_, row["number"]) for type_, row in FIXED})
+
+
+def test_the_presets_of_crosswalks() -> None:
+    page = table("scenes.md", "preset", "persons")
+    presets = RECIPES["crosswalk"].choices["presets"]
+    assert [int(row["persons"]) for row in page] == [preset["count"] for preset in presets]
+    assert [numbers(row["seconds apart"]) for row in page] == [
+        [preset["gap_share"] if preset["alternate"] else preset["gap_s"]] for preset in presets
+    ]
+
+
+def test_the_grid_of_variants() -> None:
+    grid = {
+        row["dimension"].partition(",")[0]: numbers(row["values"]) for row in table("scenes.md", "dimension")
+    }
+    point = variants.Variant(1, 90.0, variants.DENSITIES[0], 3.61, 0, 0)
+    assert grid == {
+        "route length after the decision point": list(variants.ROUTE_LENGTHS_M),
+        "density": [round(density, 2) for density in variants.DENSITIES],
+        "the same": [round(density / variants.LANE_KM_WITHIN_REACH, 1) for density in variants.DENSITIES],
+        "initial speed": list(variants.INITIAL_SPEEDS_MPS),
+        "draws of background drivers": [len(variants.DRIVER_DRAWS)],
+        "default speed": [variants.NOMINAL_SPEED_MPS],
+    }
+    assert round(point.cars_per_lane_km, 1) == grid["the same"][0]
+
+
+def test_split_and_certificate() -> None:
+    assert (split.APART_M, split.TEST_SHARE, ROOT_SEED, DENSITY_TOLERANCE) == (300.0, 0.2, 42, 0.25)
+    assert RECIPES["min_speed"].tempted == "idm-s1"
+    assert {recipe.tempted for type_, recipe in RECIPES.items() if type_ != "min_speed"} == {"idm"}
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_the_rows_that_there_are(part: str) -> None:
+    rows = read_table(table_path(part))
+    assert len(rows) == {"train": 23_200, "test": 5_800}[part]
+    maps = {row.map_id: row for row in rows if row.scenario_type == "yield"}
+    assert len(maps) == {"train": 80, "test": 20}[part]
+    assert Counter(row.variant for row in rows) == dict.fromkeys(range(variants.VARIANTS), len(rows) // 10)
+
+
+@pytest.mark.parametrize("part", ["train", "test"])
+def test_limits_are_shared_out_as_the_page_says(part: str) -> None:
+    limits = Counter((r.scenario_type, r.sign_value) for r in read_table(table_path(part)) if not r.variant)
+    for columns in (("20", "30", "40"), ("40", "50", "60")):
+        page = [row for row in table("scenes.md", "type", *columns) if row["split"] == part]
+        assert page
+        for row in page:
+            assert [limits[row["type"], float(limit)] for limit in columns] == [int(row[c]) for c in columns]
