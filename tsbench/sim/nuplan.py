@@ -14,7 +14,7 @@ from tsbench.paths import data_root
 @cache
 def statistics() -> dict[str, Any]:
     """The figures of `scenarios/nuplan_statistics.json`."""
-    path = data_root() / "scenarios" / "nuplan_statistics.json"
+    path = data_root() / "scenarios/nuplan_statistics.json"
     loaded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return loaded
 
