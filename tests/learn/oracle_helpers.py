@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from tsbench.learn.oracle_runner import FIGURES, pack
-from tsbench.learn.oracle_store import KIND, Collection
-from tsbench.run.contract import contract_hash
+from tsbench.learn.oracle_store import KIND, Collection, basis
 from tsbench.run.manifest import new_manifest
 from tsbench.run.record import Record, Row
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 PLANNERS: list[dict[str, Any]] = [
     {"name": "idm-e", "code_sha256": "c", "weights_sha256": None},
@@ -24,11 +22,11 @@ PLANNERS: list[dict[str, Any]] = [
 
 
 def collection(
-    folder: Path, table: list[ScenarioSpec], planners: list[dict[str, Any]] = PLANNERS
+    folder: Path, table: list[ScenarioSpec], planners: list[dict[str, Any]] = PLANNERS, redrive: bool = False
 ) -> Collection:
     effective = {"collection": KIND, "split": "train", "tries": 4}
-    manifest = new_manifest(contract_hash((), load_catalog()), {}, effective, planners)
-    return Collection(folder, manifest, table, planners)
+    manifest = new_manifest(basis(), {}, effective, planners)
+    return Collection(folder, manifest, table, planners, redrive)
 
 
 def line(planner: str, spec: ScenarioSpec, *steps: int, comfort: float = 0.5) -> Record:

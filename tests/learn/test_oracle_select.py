@@ -18,14 +18,12 @@ from tsbench.learn.imitation_recipe import kept_for_validation
 from tsbench.learn.oracle_runner import pack, unpack
 from tsbench.learn.oracle_select import Candidate, f_score, part_of, rank, select
 from tsbench.learn.oracle_stats import stats
-from tsbench.learn.oracle_store import read_tries
+from tsbench.learn.oracle_store import basis, read_tries
 from tsbench.learn.trajectories import read_trajectories
 from tsbench.metrics.outcome import Outcome
 from tsbench.report.analyses.output import to_csv, write_analysis
-from tsbench.run.contract import contract_hash
 from tsbench.run.record import Record, error_row
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 shares = st.floats(0.0, 1.0)
 candidates = st.lists(
@@ -146,6 +144,19 @@ def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[
     assert len(read_tries(full / "c")) == 7
 
 
+def test_other_code_of_an_expert_is_told_and_voids_nothing(full: Path, rows: list[ScenarioSpec]) -> None:
+    """A drive is its commands, whatever made them; only who asks for it has it driven again."""
+    other = [{**PLANNERS[0], "code_sha256": "other"}, *PLANNERS[1:]]
+    with closing(collection(full / "c", rows[:3], other)) as made:
+        assert len(made.journal.done) == 9
+        assert [line.partition(": ")[2] for line in made.notices] == [
+            "3 lines were driven by other code of idm-e: tsbench oracle verify proves drives again, "
+            "--redrive drives them again"
+        ]
+    with closing(collection(full / "c", rows[:3], other, redrive=True)) as made:
+        assert {planner for planner, _ in made.journal.done} == {"idm-s4-e", "net-e"}
+
+
 @pytest.mark.parametrize("what", ["unfinished", "contract", "rows", "journal", "nothing", "run"])
 def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: str) -> None:
     """What cannot be trusted is not chosen from."""
@@ -156,8 +167,8 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         manifest.write_text(text.replace('"complete"', '"interrupted"'))
         told = "is not finished"
     elif what == "contract":
-        manifest.write_text(text.replace(contract_hash((), load_catalog()), "0" * 64))
-        told = "was collected with other rules, code or SUMO"
+        manifest.write_text(text.replace(basis(), "0" * 64))
+        told = "was collected with other rules or another SUMO"
     elif what == "rows":
         with closing(collection(folder, [replace(rows[0], seed=1)])) as made:
             made.keep(line("idm-e", rows[0], 9))

@@ -1,34 +1,191 @@
-"""The contract covers the code that makes records, all of it, and nothing that only reads them."""
+"""The contract covers all that makes a record: every file, the data of the rows, versions; and nothing else."""
 
 from __future__ import annotations
 
 import ast
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+from run_helpers import spec, specs
+
 import tsbench
-from tsbench.run.contract import CODE
+from tsbench.core import provenance
+from tsbench.core.provenance import closure
+from tsbench.paths import data_root
+from tsbench.run import contract
+from tsbench.run.contract import LEFT_OUT, ROOTS, code_files, contract_hash
+from tsbench.signs.catalog import Catalog, load_catalog
 
-ROOT = Path(tsbench.__file__).parent
-PREFIX = "tsbench.metrics."
+PLACE = Path(tsbench.__file__).parent.parent
+# What a worker may import beside the contract and the planner that it drives, and why no score hangs on it.
+NO_MATTER = {
+    "tsbench/planners/builtin.py": "the list of tsbench's planners: run.json has what it says of the one that drives",
+    "tsbench/planners/weights.py": "reads how many parameters the listed networks have",
+}
+DRIVEN = """
+import json, sys
+from dataclasses import asdict
+from tsbench.run.worker_main import Worker
+from tsbench.scenarios.table import read_table, table_path
+
+class Line:
+    def __init__(self):
+        who = {"spec": "idm", "name": "idm", "privileged": False, "served_on": []}
+        setup = {"planners": [who], "mask_signs": False, "device": "cpu", "trace": "all", "inference": "", "options": {},
+                 "out": sys.argv[1], "runner": "tsbench.run.serving:WorkerRunner",
+                 "recorder": "tsbench.run.score:make_record"}
+        row = asdict(min(read_table(table_path("test")), key=lambda row: row.horizon))
+        self.told = [{"do": "setup", "setup": setup}, {"do": "probe", "spec": "idm"},
+                     {"do": "episode", "task": 1, "planner": 0, "spec": row}]
+        self.before = {"tsbench.scenarios.table", "tsbench.parquet"}  # of this script
+    def recv_bytes(self):
+        if not self.told:
+            raise EOFError
+        return json.dumps(self.told.pop(0)).encode()
+    def send_bytes(self, answer):
+        self.answer = json.loads(answer)
+
+class Pulse:
+    task = 0
+    def begin(self, task): pass
+    def beat(self, phase): pass
+
+line = Line()
+worker = Worker(line, Pulse())
+worker.serve()
+worker.close()
+assert line.answer["row"]["scd"] in (True, False) and line.answer["row"]["error"] is None, line.answer
+files = [m.__file__ for n, m in sys.modules.items() if n.partition(".")[0] == "tsbench" and n not in line.before]
+print(json.dumps([file for file in files if file]))
+"""
 
 
-def imported(path: Path) -> set[str]:
-    """Modules of tsbench.metrics that a file imports, by name."""
-    nodes = ast.walk(ast.parse(path.read_text()))
-    names = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
-    return {name.removeprefix(PREFIX) for name in names if name.startswith(PREFIX)}
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of tsbench's sources, to be edited."""
+    place = tmp_path_factory.mktemp("copy")
+    shutil.copytree(PLACE / "tsbench", place / "tsbench", ignore=lambda _, names: {
+        name for name in names if (not name.endswith(".py") and "." in name) or name in ("__pycache__", "static")
+    })  # fmt: skip
+    return place
 
 
-def test_every_metric_of_a_record_is_in_the_contract() -> None:
-    todo = imported(ROOT / "run" / "score.py") | imported(ROOT / "run" / "episode.py")
-    found: set[str] = set()
-    while todo:
-        name = todo.pop()
-        found.add(name)
-        todo |= imported(ROOT / "metrics" / f"{name}.py") - found
-    assert {"episode", "comfort", "fault"} <= found
-    assert {f"metrics/{name}.py" for name in found} == {part for part in CODE if part.startswith("metrics")}
+def test_every_file_a_worker_imports_is_accounted_for(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVEN, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    imported = {Path(file).relative_to(PLACE).as_posix() for file in json.loads(done.stdout)}
+    ours = set(code_files())
+    planner = set(closure(["tsbench.planners.idm"], ours))
+    assert {"tsbench/run/score.py", "tsbench/planners/idm.py", "tsbench/signs/annotations.py"} <= imported
+    assert imported - ours - planner == set(NO_MATTER)
 
 
-def test_what_the_contract_names_is_there() -> None:
-    assert all((ROOT / part).exists() for part in CODE)
+def test_changing_any_file_of_the_contract_changes_it_and_a_planner_does_not(copy: Path) -> None:
+    before = code_files(copy)
+    assert before == code_files()
+    for name in before:
+        path = copy / name
+        text = path.read_text(encoding="utf-8")
+        path.write_text(f"{text}\n_CHANGED = 1\n", encoding="utf-8")
+        after = code_files(copy)
+        path.write_text(text, encoding="utf-8")
+        assert {n for n in before if before[n] != after[n]} == {name}
+    others = {p.relative_to(copy).as_posix() for p in (copy / "tsbench").rglob("*.py")} - set(before)
+    assert {
+        "tsbench/planners/idm.py",
+        "tsbench/planners/builtin.py",
+        "tsbench/metrics/aggregate.py",
+        *LEFT_OUT,
+    } <= others
+    for name in sorted(others):
+        (copy / name).write_text("_CHANGED = 1\n", encoding="utf-8")
+    assert code_files(copy) == before
+
+
+def test_a_line_that_makes_every_episode_a_success_is_another_contract(copy: Path) -> None:
+    """What stands in a record is decided by files that earlier lists forgot."""
+    path = copy / "tsbench" / "run" / "score.py"
+    text = path.read_text(encoding="utf-8")
+    cheat = text.replace("    return row, events\n", '    row["scd"] = True\n    return row, events\n')
+    assert cheat != text
+    before = code_files(copy)
+    path.write_text(cheat, encoding="utf-8")
+    assert code_files(copy) != before
+    # Words about the code are no code.
+    path.write_text(
+        text.replace('"""From an', '"""# From an').replace("\n\n\n", "\n\n\n# a remark\n"), encoding="utf-8"
+    )
+    assert path.read_text(encoding="utf-8") != text
+    assert code_files(copy) == before
+    path.write_text(text, encoding="utf-8")
+
+
+def test_roots_and_what_is_left_out_are_there() -> None:
+    assert all((PLACE / name).is_file() for name in (*ROOTS, *LEFT_OUT))
+    assert set(LEFT_OUT) & set(closure([PLACE / name for name in ROOTS])) == set(LEFT_OUT)
+
+
+def test_nothing_in_the_contract_imports_what_only_a_run_would_show() -> None:
+    """But for two places: what a worker is told to run is among the roots, and a planner has its own hash."""
+    found = set()
+    for name in code_files():
+        for node in ast.walk(ast.parse((PLACE / name).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute | ast.Name):
+                word = node.attr if isinstance(node, ast.Attribute) else node.id
+                if word in ("import_module", "__import__", "spec_from_file_location", "exec", "eval"):
+                    found.add(name)
+    # Names of tsbench itself: `tsbench.__getattr__` imports what a planner asks for.
+    assert found == {"tsbench/__init__.py", "tsbench/planners/loading.py", "tsbench/run/worker_main.py"}
+
+
+def changed(catalog: Catalog, code: str) -> Catalog:
+    rule = replace(catalog.sign(code).rule, thresholds={"tolerance_kmh": 99.0})
+    return replace(catalog, signs={**catalog.signs, code: replace(catalog.sign(code), rule=rule)})
+
+
+def test_the_signs_of_the_rows_count_and_no_others() -> None:
+    catalog = load_catalog()
+    rows = [spec(1, 0, 0)]  # of 3.24, which 3.25 ends
+    assert rows[0].sign_code == "3.24"
+    hashes = {code: contract_hash(rows, changed(catalog, code)) for code in ("3.24", "3.25", "2.5")}
+    assert hashes["2.5"] == contract_hash(rows, catalog)
+    assert len(set(hashes.values())) == 3
+    lonely = replace(catalog, signs={c: s for c, s in catalog.signs.items() if c in ("3.24", "3.25")})
+    assert contract_hash(rows, lonely) == hashes["2.5"]
+
+
+def test_a_country_is_nothing_to_a_score(tmp_path: Path) -> None:
+    root = tmp_path / "sign_catalog"
+    shutil.copytree(data_root() / "sign_catalog", root)
+    (root / "countries" / "de.yaml").write_text("not: read\n")
+    sign = root / "signs" / "3.24.yaml"
+    sign.write_text(sign.read_text().replace("Maximum speed limit", "Another name"))
+    assert contract_hash(specs(), load_catalog(root)) == contract_hash(specs(), load_catalog())
+
+
+def test_versions_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, catalog = specs(), load_catalog()
+    before = contract_hash(rows, catalog)
+    for package in provenance.DECIDING:
+        assert provenance.versions()[package]
+        other = {**provenance.versions(), package: "0.0"}
+        monkeypatch.setattr(contract, "versions", lambda other=other: other)
+        assert contract_hash(rows, catalog) != before
+
+
+def test_rows_count_and_their_order_does_not() -> None:
+    rows, catalog = specs(), load_catalog()
+    assert contract_hash(rows, catalog) == contract_hash(rows[::-1], catalog)
+    other = [replace(rows[0], net_sha256="f" * 64), *rows[1:]]
+    assert contract_hash(other, catalog) != contract_hash(rows, catalog)

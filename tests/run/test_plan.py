@@ -11,7 +11,6 @@ from run_helpers import specs
 
 from tsbench.errors import InputError
 from tsbench.paths import data_root
-from tsbench.run.contract import contract_hash, rows_hash
 from tsbench.run.handout import HandOut, Task
 from tsbench.run.plan import Plan, Request, choose_variants, make_plan, spread
 from tsbench.scenarios.table import write_table
@@ -104,15 +103,6 @@ def test_rows_that_name_what_is_not_there(plan_of, data: Path, change: dict, wor
         plan_of()
     assert first.scenario_id in str(problem.value)
     assert "\n" not in str(problem.value)
-
-
-def test_contract_sees_rows_and_not_their_order() -> None:
-    rows = specs()
-    catalog = load_catalog()
-    assert contract_hash(rows, catalog) == contract_hash(rows[::-1], catalog)
-    other = [replace(rows[0], net_sha256="f" * 64), *rows[1:]]
-    assert contract_hash(other, catalog) != contract_hash(rows, catalog)
-    assert rows_hash(other) != rows_hash(rows)
 
 
 def test_hand_out_keeps_a_network_with_its_worker() -> None:

@@ -217,7 +217,7 @@ class Recorder:
         self.attempt = attempt
         return Certificate(
             spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, tempted,
-            "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", None,
+            "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
         )  # fmt: skip
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.errors import InputError
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, load_catalog
 
 Edit = Callable[[str, str, str], Path]
@@ -170,7 +171,30 @@ def test_a_sign_may_override_a_threshold_of_its_rule(edited: Edit) -> None:
         ("rules/give_way.yaml", "crossed the line", "passed the line", False),
     ],
 )
-def test_fingerprint_follows_the_content_and_not_its_form(
+def test_what_is_judged_follows_the_content_and_not_its_form(
     catalog: Catalog, edited: Edit, name: str, old: str, new: str, same: bool
 ) -> None:
-    assert (load_catalog(edited(name, old, new)).fingerprint() == catalog.fingerprint()) is same
+    changed = load_catalog(edited(name, old, new))
+    assert (changed.judged(["2.4"]) == catalog.judged(["2.4"])) is same
+    # Signs that have nothing to do with it stay what they are.
+    assert changed.judged(["3.24"]) == catalog.judged(["3.24"])
+
+
+def test_a_sign_stands_with_what_ends_it_and_its_context(catalog: Catalog) -> None:
+    assert catalog.company("3.24") == ("3.24", "3.25")
+    assert catalog.company("2.1") == ("2.1", "2.4")
+    assert [entry["code"] for entry in catalog.judged(["5.21", "2.1", "2.1"])] == [
+        "2.1",
+        "2.4",
+        "5.21",
+        "5.22",
+    ]
+
+
+def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog) -> None:
+    plate = SignInstance("a", "2.4", None, "edge", 0, 1.0, 0.0, 0.0, 0.0, "context")
+    catalog.check_plates("2.1", [plate], "row")
+    with pytest.raises(
+        InputError, match=r"row: plate 'a' is 2.4, in a scene of 2.5 may stand 2.5 \(context: in .*2.5.yaml"
+    ):
+        catalog.check_plates("2.5", [plate], "row")

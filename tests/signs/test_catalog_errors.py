@@ -44,6 +44,7 @@ from tsbench.signs.catalog import load_catalog
         ("signs/2.4.yaml", "[0, 25]", "[25, 0]", "placement: distance_m: must be"),
         ("signs/2.4.yaml", "[junction]", "[sunset]", "ended_by: 'sunset' is neither"),
         ("signs/2.4.yaml", "[junction]", '["3.25"]', "ended_by: '3.25' is no sign that ends 2.4"),
+        ("signs/2.1.yaml", '["2.4"]', '["2.9"]', "context: '2.9' is no sign"),
         ("signs/2.4.yaml", "[junction]", "junction", "ended_by: must be a list"),
         ("signs/4.6.yaml", "[40, 50, 60]", "[1" + "0" * 400 + "]", "posted: must be a number"),
         ("signs/2.4.yaml", "[T, X]", "[T, T]", "maps: shapes: an entry stands twice"),

@@ -1,26 +1,20 @@
-"""Digest of the code that drives and judges a proof: certificates of different code are not compared."""
+"""Digest of the code that drives and judges a proof. It says who made a certificate, not whether it holds."""
 
 from __future__ import annotations
 
-import hashlib
 from functools import cache
-from pathlib import Path
 
-import tsbench
-from tsbench.run.contract import code_hash
-from tsbench.sim.sumo import sumo_version
-from tsbench.sources import closure
+from tsbench.core.provenance import closure, digest, versions
+from tsbench.run.contract import code_files
 
-# Who drives a proof: the tempted drivers and the experts.
-_DRIVERS = ("planners/styles.py", "planners/expert.py", "planners/idm.py")
+# Who drives a proof, the tempted drivers and the experts, and who says what it proves.
+_ROOTS = (
+    "tsbench.planners.styles", "tsbench.planners.expert", "tsbench.planners.idm", "tsbench.certify.prover",
+)  # fmt: skip
 
 
 @cache
 def driving_fingerprint() -> str:
-    """SHA-256 (hex) over the episode's code, the planners', the certificate's, and SUMO's version."""
-    root = Path(tsbench.__file__).parent
-    digest = hashlib.sha256(f"{sumo_version()} {code_hash()}".encode())
-    starts = [*(root / name for name in _DRIVERS), *(root / "certify").rglob("*.py")]
-    for path in closure(starts, ["tsbench.planners", "tsbench.certify"]):
-        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()
+    """SHA-256 (hex) over the episode's code, the planners', the prover's, and versions."""
+    files = code_files()
+    return digest({"code": files | closure(_ROOTS, files), "versions": versions()})

@@ -13,9 +13,10 @@ from tsbench.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.result import EpisodeResult
-from tsbench.scenarios.certificates import Certificate
+from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
@@ -27,6 +28,7 @@ class Prover:
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
+        self._catalog = load_catalog()
         self._runners: dict[str, EpisodeRunner] = {}
 
     def prove(
@@ -44,16 +46,16 @@ class Prover:
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
             arrival_gap_s=math.nan if facts is None else arrival_gap(facts), error=solved.error or blind.error,
-            digest=_digest(solved, blind), code=driving_fingerprint(), reproduced=None,
+            digest=_digest(solved, blind), basis=bases([spec], self._catalog)[spec.scenario_id], code=driving_fingerprint(), reproduced=None,
         )  # fmt: skip
 
     def again(self, spec: ScenarioSpec, old: Certificate) -> Certificate:
-        """The row driven once more; `reproduced` where the same code drove it before.
+        """The row driven once more; `reproduced` where it shows the same, whatever code drove it before, and where.
 
         What only the builder measures (attempt, densities) is kept.
         """
         new = self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
-        return replace(new, reproduced=new.digest == old.digest if new.code == old.code else None)
+        return replace(new, reproduced=not old.differences(new))
 
     def _solve(self, spec: ScenarioSpec) -> tuple[str, EpisodeResult]:
         """The first expert that gets SCD and its episode; "" and the first expert's episode if none does."""

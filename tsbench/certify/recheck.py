@@ -74,6 +74,14 @@ def recheck(
     return problems
 
 
+def draw_sample(rows: Sequence[ScenarioSpec], size: int) -> list[ScenarioSpec]:
+    """`size` rows of each type by a fixed lot: if other code is at work, do its episodes still come out the same?"""
+    by_type: dict[str, list[ScenarioSpec]] = defaultdict(list)
+    for row in sorted(rows, key=lambda r: hashlib.sha256(f"sample {r.scenario_id}".encode()).digest()):
+        by_type[row.scenario_type].append(row)
+    return [row for _, drawn in sorted(by_type.items()) for row in drawn[:size]]
+
+
 def _driven(
     batches: list[_Batch], root: Path, pool: ProcessPoolExecutor
 ) -> Iterator[tuple[_Batch, list[Certificate]]]:
@@ -117,6 +125,8 @@ def _problems(old: Certificate, new: Certificate) -> list[str]:
         found.append("no expert solves it" + (f" (before: {old.expert})" if old.expert else ""))
     if not new.sane:
         found.append(new.error or f"not sane: {new.overlaps} overlaps, {new.road_users} road users")
-    if new.reproduced is False:
-        found.append("two processes drove it differently")
+    if not new.reproduced:
+        found.append(
+            f"it comes out differently than when it was certified: {'; '.join(old.differences(new))}"
+        )
     return found

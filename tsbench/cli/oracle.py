@@ -67,16 +67,17 @@ def oracle() -> None:
     "--out", type=click.Path(path_type=Path), default=_FOLDER, show_default=True, metavar="DIR",
     help="Folder; one with part of a collection is continued.",
 )  # fmt: skip
+@click.option("--redrive", is_flag=True, help="Drive again what other code of an expert has driven.")
 def collect(
     split: str, types: str, limit: int | None, variants: str, planners: str, learned_variants: int, tries: int,
-    workers: int | None, out: Path,
+    workers: int | None, out: Path, redrive: bool,
 ) -> None:  # fmt: skip
     """Drive each expert on each scenario; the same command continues, other experts and scenarios are added.
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
     request = Request(words_of(planners) or experts(), split, words_of(types), limit, variants)
-    options = CollectOptions(request, out, learned_variants, tries, workers)
+    options = CollectOptions(request, out, learned_variants, tries, workers, redrive=redrive)
     found = collect_drives(options, ProgressWatcher(Console(stderr=True)))
     _tell(found, tries)
     if not found.complete:

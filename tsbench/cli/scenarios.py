@@ -20,7 +20,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.countries import Country
 
-PROVER = "tsbench.screening:Screener"
+PROVER = "tsbench.certify.screening:Screener"
 
 
 def _all_rows() -> list[ScenarioSpec]:
@@ -80,10 +80,13 @@ def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -
 @scenarios.command()
 @click.option("--types", default="", help="Comma-separated type ids; default: all.")
 @click.option("--split", type=click.Choice(SPLITS), default=None)
+@click.option(
+    "--sample", type=click.IntRange(1), metavar="N", help="N rows of each type, by lot; default: all."
+)
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
-def certify(types: str, split: str | None, workers: int) -> None:
+def certify(types: str, split: str | None, sample: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    from tsbench.certify.recheck import recheck
+    from tsbench.certify.recheck import draw_sample, recheck
     from tsbench.scenarios.store import check_files
 
     chosen = words_of(types)
@@ -92,6 +95,8 @@ def certify(types: str, split: str | None, workers: int) -> None:
         for s in _all_rows()
         if (not chosen or s.scenario_type in chosen) and (split is None or s.split == split)
     ]
+    if sample is not None:
+        rows = draw_sample(rows, sample)
     check_files(rows)
     with _progress() as bar:
         task = bar.add_task("certify", total=len(rows))
@@ -180,13 +185,13 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
     from tsbench.scenarios.load import SceneLoader
-    from tsbench.scenarios.verify import verify_rows, verify_split
+    from tsbench.scenarios.verify import verify_certificates, verify_rows, verify_split
 
     rows = [s for s in _all_rows() if split is None or s.split == split]
     with _progress() as bar:
         task = bar.add_task("verify", total=len(rows))
         problems = verify_rows(rows, SceneLoader(), lambda n: bar.update(task, completed=n))
-    problems += verify_split(rows)
+    problems += verify_split(rows) + verify_certificates(rows, None)
     for name, problem in problems:
         click.echo(f"{name}: {problem}")
     click.echo(f"{len(rows)} rows, {len(problems)} problems")

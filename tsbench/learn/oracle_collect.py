@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.errors import InputError
-from tsbench.learn.oracle_store import KIND, LEARNED, Collection, check_folder, kind_of
+from tsbench.learn.oracle_store import KIND, LEARNED, Collection, basis, check_folder, kind_of
 from tsbench.planners.registry import entry, names
-from tsbench.run.contract import contract_hash
 from tsbench.run.executor import Executor, Limits, make_executor
 from tsbench.run.handout import HandOut, Task
 from tsbench.run.manifest import new_manifest
@@ -34,7 +33,8 @@ class CollectOptions:
     """Everything that `tsbench oracle collect` takes. request: which experts and scenarios.
 
     learned_variants: of the ten variants of a type on a map, so many are driven by experts with networks.
-    tries: drives of a scenario by one expert at most. workers: processes, None = one for each core.
+    tries: drives of a scenario by one expert at most. workers: processes, None = one for each core. redrive: what other
+    code of an expert has driven is driven again.
     """
 
     request: Request
@@ -43,6 +43,7 @@ class CollectOptions:
     tries: int = TRIES
     workers: int | None = None
     limits: Limits = field(default_factory=Limits)
+    redrive: bool = False
 
 
 @dataclass
@@ -100,7 +101,7 @@ def collect(options: CollectOptions, watcher: Watcher) -> Collected:
     plan = make_plan(options.request, catalog)
     effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
     # Without rows: each line knows the row that it was driven on, so the table may grow.
-    contract = contract_hash((), catalog)
+    contract = basis()
     check_folder(options.out, {"contract": contract, "effective": effective})
     most = len(plan.scenarios) * len(options.request.planners)
     with make_executor("local", options.workers, most, options.limits) as pool:
@@ -110,7 +111,7 @@ def collect(options: CollectOptions, watcher: Watcher) -> Collected:
             if not planner["privileged"]:
                 raise InputError(f"--planners {planner['spec']}: is no expert: it is not told the rule")
         manifest = new_manifest(contract, _asked(options), effective, planners)
-        with closing(Collection(options.out, manifest, plan.table, planners)) as collection:
+        with closing(Collection(options.out, manifest, plan.table, planners, options.redrive)) as collection:
             for line in collection.notices:
                 watcher.notice(line)
             return _collect(options, plan, pool, planners, collection, watcher)

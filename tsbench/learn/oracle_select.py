@@ -18,6 +18,7 @@ from tsbench.learn.imitation_recipe import kept_for_validation
 from tsbench.learn.oracle_store import (
     KIND,
     RULES,
+    basis,
     copy_beside,
     fingerprint,
     read_collection,
@@ -25,12 +26,10 @@ from tsbench.learn.oracle_store import (
     read_tries,
 )
 from tsbench.learn.trajectories import Recorded, write_trajectories
-from tsbench.run.contract import contract_hash
 from tsbench.run.record import Row
 from tsbench.scenarios.seeds import seed_of
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 
 BETA = 0.25
 KEPT = 2
@@ -146,8 +145,8 @@ def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
     manifest = read_collection(folder, "tsbench oracle collect makes one")
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
-    if manifest["contract"] != contract_hash((), load_catalog()):
+    if manifest["contract"] != basis():
         raise InputError(
-            f"{folder}: was collected with other rules, code or SUMO: collect anew into another folder"
+            f"{folder}: was collected with other rules or another SUMO: collect anew into another folder"
         )
     return {row.scenario_id: row for row in read_table(table_path(manifest["effective"]["split"]))}

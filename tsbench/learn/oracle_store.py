@@ -9,7 +9,7 @@ DIR/errors/         stories of drives that broke off
 from __future__ import annotations
 
 import hashlib
-import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -18,6 +18,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from tsbench.core.provenance import digest, versions
 from tsbench.errors import InputError
 from tsbench.learn.oracle_runner import FIGURES, lost_try, unpack
 from tsbench.learn.trajectories import ORIGIN, Commands, Intents
@@ -29,6 +30,7 @@ from tsbench.run.manifest import NAME, Manifest, difference, read_manifest, time
 from tsbench.run.record import Record, Row
 from tsbench.run.set_aside import SetAside
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 
 KIND = "oracle"
@@ -64,7 +66,16 @@ SCHEMA = pa.schema(
 @cache
 def fingerprint(spec: ScenarioSpec) -> str:
     """12 hex digits over a scenario row."""
-    return hashlib.sha256(json.dumps(asdict(spec), sort_keys=True).encode()).hexdigest()[:12]
+    return digest(asdict(spec))[:12]
+
+
+def basis() -> str:
+    """SHA-256 (hex) over what all drives of a collection share: the rules of all signs, and SUMO's version.
+
+    Not the code that made them: a drive is its commands, and replaying them proves it (`tsbench oracle verify`).
+    """
+    catalog = load_catalog()
+    return digest({"signs": catalog.judged(catalog.signs), "versions": versions(["libsumo"])})
 
 
 def kind_of(planner: Mapping[str, Any]) -> str:
@@ -84,25 +95,43 @@ class Collection:
         manifest: Manifest,
         table: Sequence[ScenarioSpec],
         planners: Sequence[Mapping[str, Any]],
+        redrive: bool = False,
     ) -> None:
         """Open or continue `path`. table: all rows of the split. planners: those that are asked for now.
+
+        redrive: what other code of these has driven is driven again. What other weights have driven always is.
 
         Raises InputError: the folder holds something else, is in use, or cannot be written.
         """
         self.path = path
         self._rows = {spec.scenario_id: spec for spec in table}
         self._codes = {str(p["name"]): _code(p) for p in planners}
+        self._redrive = redrive
+        self._by_other_code: Counter[str] = Counter()
         aside = SetAside(path)
         with told_plainly(path):
             path.mkdir(parents=True, exist_ok=True)
             old = check_folder(path, manifest)
             known = {} if old is None else {p["name"]: p for p in old["planners"]}
+            self._retrained = {
+                name
+                for name, p in ((str(p["name"]), p) for p in planners)
+                if name in known and known[name]["weights_sha256"] != p["weights_sha256"]
+            }
             self._planners = known | {p["name"]: dict(p) for p in planners}
             self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
             self._save("running", finished=None)
         keys = [(name, scenario) for name in self._planners for scenario in self._rows]
         self.journal = open_journal(path, manifest["contract"], keys, aside, self._sound)
-        self.notices = aside.notices()
+        self.notices = [
+            *aside.notices(),
+            *(
+                f"{path}: {count} lines were driven by other code of {name}: tsbench oracle verify proves drives again, "
+                "--redrive drives them again"
+                for name, count in sorted(self._by_other_code.items())
+                if count
+            ),
+        ]
 
     def keep(self, record: Record) -> Row:
         """Write down what an expert did on a scenario; returns the row."""
@@ -153,10 +182,15 @@ class Collection:
         write_json(self.path / NAME, self.manifest)
 
     def _sound(self, content: Content) -> bool:
-        """Is it of the scenario as it stands, and of the expert that would drive now?"""
+        """Is it of the scenario as it stands, and of the expert with the weights that it has now?"""
         row = content["row"]
-        same_code = self._codes.get(row["planner"], row["code"]) == row["code"]
-        return bool(same_code and row["scenario"] == fingerprint(self._rows[row["scenario_id"]]))
+        name = row["planner"]
+        other = self._codes.get(name, row["code"]) != row["code"]
+        if other and (self._redrive or name in self._retrained):
+            return False
+        sound = bool(row["scenario"] == fingerprint(self._rows[row["scenario_id"]]))
+        self._by_other_code[name] += sound and other
+        return sound
 
 
 def open_journal(

@@ -1,25 +1,21 @@
 """What a run writes down about a planner: who it is, and the hashes of its code and weights.
 
-The code of one of tsbench's own planners is its module and all that it imports from
-`tsbench.planners`. Of a planner from elsewhere it is the file that it is written in.
+The code is the file that a planner is written in with all that it imports from beside it, from the path or from
+tsbench, as far as that is not in the contract, and the data files (weights, settings) that its code names.
 """
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
-import inspect
 from pathlib import Path
 from typing import Any
 
-import tsbench.planners
+from tsbench.core.provenance import closure, digest
 from tsbench.errors import InputError
 from tsbench.planners.batched import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
-from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.sources import closure
-
-_OWN = ("tsbench.planners",)
+from tsbench.planners.registry import LoadedPlanner, entry, resolve
+from tsbench.run.contract import code_files
 
 
 def describe(spec: str) -> dict[str, Any]:
@@ -52,25 +48,15 @@ def _make(loaded: LoadedPlanner) -> None:
 
 
 def _code_sha256(source: Path | None) -> str | None:
-    if source is None:
-        return None
-    own = Path(tsbench.planners.__file__).parent
-    if own not in source.parents:
-        return hashlib.sha256(source.read_bytes()).hexdigest()
-    digest = hashlib.sha256()
-    for path in closure([source], _OWN):
-        digest.update(path.relative_to(own.parent).as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()
+    """Of the planner's file and all that it imports, with the data files that they name; the contract has the rest."""
+    return None if source is None else digest(closure([source], code_files()))
 
 
 def _source(loaded: LoadedPlanner) -> Path | None:
-    """The file that the planner is written in, None for what has no source (an extension module)."""
-    place, colon, _ = loaded.spec.rpartition(":")
-    if colon and place.endswith(".py"):
+    """The file of the module that the planner is named in, None for what has none (built into Python)."""
+    target = loaded.spec if ":" in loaded.spec else entry(loaded.spec).target
+    place = target.rpartition(":")[0]
+    if place.endswith(".py"):
         return Path(place)
-    if colon:
-        found = importlib.util.find_spec(place)
-        name = None if found is None else found.origin
-    else:
-        name = inspect.getsourcefile(loaded.factory)
-    return Path(name) if name and name.endswith(".py") and Path(name).is_file() else None
+    found = importlib.util.find_spec(place)
+    return Path(found.origin) if found and found.origin and Path(found.origin).is_file() else None

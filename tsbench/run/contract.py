@@ -2,67 +2,45 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 import tsbench
+from tsbench.core.provenance import Files, closure, data_hash, digest, versions
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
-# What decides what happens in an episode and how it is judged; not what is made of the records afterwards.
-CODE = (
-    "geometry",
-    "metrics/comfort.py",
-    "metrics/episode.py",
-    "metrics/fault.py",
-    "metrics/flags.py",
-    "metrics/interaction.py",
-    "metrics/outcome.py",
-    "metrics/progress.py",
-    "metrics/tracks.py",
-    "rules",
-    "sim",
-    "maps/network.py",
-    "run/command.py",
-    "run/episode.py",
-    "run/observe.py",
+# From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
+ROOTS = (
+    "tsbench/run/worker_main.py",
+    "tsbench/run/serving.py",
+    "tsbench/run/episode.py",
+    "tsbench/run/score.py",
+    "tsbench/run/workers.py",
 )
+# Known and left out. Planners are in nobody's way here: `planners.registry` finds them by name, and what they consist
+# of stands in their own hashes (`run.contestant`).
+LEFT_OUT = {
+    "tsbench/run/ray_executor.py": "carries rows to the same pools on other machines, and their records back",
+}
 
 
 def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
-    """SHA-256 (hex) over rules, thresholds, the split's rows with file hashes, code, SUMO version."""
-    parts = {
-        "catalog": catalog.fingerprint(),
-        "code": code_hash(),
-        "scenarios": rows_hash(rows),
-        "sumo": version("libsumo"),
-    }
-    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+    """SHA-256 (hex) over the code from a row to its record, the rows, their signs with rules, and versions.
 
-
-def rows_hash(rows: Sequence[ScenarioSpec]) -> str:
-    """SHA-256 (hex) over all fields of all rows, whatever their order."""
-    digest = hashlib.sha256()
-    for row in sorted(rows, key=lambda row: row.scenario_id):
-        digest.update(json.dumps(asdict(row), sort_keys=True).encode() + b"\n")
-    return digest.hexdigest()
+    Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
+    """
+    data = data_hash(rows, catalog.judged(row.sign_code for row in rows))
+    return digest({"code": code_hash(), "data": data, "versions": versions()})
 
 
 @cache
 def code_hash() -> str:
-    """SHA-256 (hex) over the sources named by CODE, by path."""
-    root = Path(tsbench.__file__).parent
-    digest = hashlib.sha256()
-    for part in CODE:
-        there = root / part
-        files = [there] if there.is_file() else there.rglob("*.py")
-        for path in sorted(files, key=lambda p: p.relative_to(root).as_posix()):
-            content = path.read_bytes()
-            digest.update(f"{path.relative_to(root).as_posix()} {len(content)}\n".encode())
-            digest.update(content)
-    return digest.hexdigest()
+    """SHA-256 (hex) over `code_files`."""
+    return digest(code_files())
+
+
+def code_files(place: Path = Path(tsbench.__file__).parent.parent) -> Files:
+    """The files of the contract, from the tsbench below `place`."""
+    return closure([place / name for name in ROOTS], LEFT_OUT)

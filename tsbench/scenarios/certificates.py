@@ -5,17 +5,23 @@ Source: docs/spec/scenes.md, "Certification". Who drives stands above this layer
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import pyarrow as pa
 
+from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.parquet import VERSION_KEY, open_table, save_table
 from tsbench.paths import data_file
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import Catalog
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 DENSITY_TOLERANCE = 0.25
+# Times are sums of ticks.
+_TIME_TOLERANCE_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +34,9 @@ class Certificate:
     asked_density, realised_density: moving cars per lane-km (0 without traffic). road_users: how many others the
     tempted driver met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
     agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
-    broke off. digest: SHA-256 of both episodes; code: of the code that drove them. reproduced: a second process got the
-    same digest (None = not yet driven again).
+    broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`): a certificate of another basis
+    says nothing. code: SHA-256 of the code that drove them last; other code voids nothing, it may be asked to prove them
+    again. reproduced: another process, maybe with other code or on another machine, found the same (None = not tried).
     """
 
     scenario_id: str
@@ -49,6 +56,7 @@ class Certificate:
     arrival_gap_s: float
     error: str
     digest: str
+    basis: str
     code: str
     reproduced: bool | None
 
@@ -56,6 +64,17 @@ class Certificate:
     def solvable(self) -> bool:
         """Some expert got SCD."""
         return bool(self.expert)
+
+    def differences(self, other: Certificate) -> list[str]:
+        """In what two proofs of one row differ, as "WHAT was A, is B".
+
+        The digests may: they hold every bit of every pose, and the last bits are the processor's and its libraries'.
+        """
+        return [
+            f"{name} was {old!r}, is {new!r}"
+            for name in _PROVEN
+            if not _same(old := getattr(self, name), new := getattr(other, name))
+        ]
 
     @property
     def sane(self) -> bool:
@@ -66,6 +85,18 @@ class Certificate:
             return True
         close = abs(self.realised_density / self.asked_density - 1.0) <= DENSITY_TOLERANCE
         return close and self.road_users > 0
+
+
+_PROVEN = (
+    "expert", "expert_time_s", "tempted", "tempted_outcome", "tempting", "engaged", "road_users", "overlaps",
+    "arrival_gap_s", "error",
+)  # fmt: skip
+
+
+def _same(old: object, new: object) -> bool:
+    if isinstance(old, float) and isinstance(new, float):
+        return (math.isnan(old) and math.isnan(new)) or abs(old - new) < _TIME_TOLERANCE_S
+    return old == new
 
 
 _TYPES = {
@@ -95,3 +126,10 @@ def read_certificates(path: Path) -> list[Certificate]:
     """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
     table = open_table(path, SCHEMA, "tsbench scenarios build makes it")
     return [Certificate(**row) for row in table.to_pylist()]
+
+
+def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:
+    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO."""
+    sumo = versions(["libsumo"])
+    signs = {code: data_hash((), catalog.judged([code])) for code in {row.sign_code for row in rows}}
+    return {row.scenario_id: digest([data_hash([row], ()), signs[row.sign_code], sumo])[:16] for row in rows}

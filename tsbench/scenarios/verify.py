@@ -9,17 +9,20 @@ import shapely
 from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import read_pool
+from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
 from tsbench.scenarios.lint import lint_scene
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.recipe import recipe_types
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.split import APART_M, extents
+from tsbench.signs.catalog import load_catalog
 
 
 def verify_rows(
     specs: Sequence[ScenarioSpec], loader: SceneLoader, progress: Callable[[int], None]
 ) -> list[tuple[str, str]]:
     """(scenario id, problem) of every row that is not what it says; empty if all are sound."""
+    catalog = load_catalog()
     known = set(recipe_types())
     problems: list[tuple[str, str]] = []
     for k, spec in enumerate(specs):
@@ -28,10 +31,28 @@ def verify_rows(
         else:
             try:
                 scene, roads = loader.load(spec)
+                catalog.check_plates(spec.sign_code, scene.signs, "scene")
                 problems += [(spec.scenario_id, p) for p in lint_scene(scene, roads.graph)]
             except InputError as error:
                 problems.append((spec.scenario_id, str(error)))
         progress(k + 1)
+    return problems
+
+
+def verify_certificates(specs: Sequence[ScenarioSpec], root: Path | None) -> list[tuple[str, str]]:
+    """(scenario id, problem) of rows without a certificate, or with one that is about something else."""
+    known = {c.scenario_id: c.basis for c in read_certificates(certificates_path(root))}
+    problems = []
+    for name, basis in bases(specs, load_catalog()).items():
+        if name not in known:
+            problems.append((name, "has no certificate (tsbench scenarios build makes it)"))
+        elif known[name] != basis:
+            problems.append(
+                (
+                    name,
+                    "its certificate is of another row, rule or SUMO (tsbench scenarios certify renews it)",
+                )
+            )
     return problems
 
 

@@ -4,17 +4,17 @@
 `sign_catalog/signs/<code>.yaml`. A file that lies in the folder is in the catalogue; nothing else lists it.
 """
 
-import hashlib
-import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tsbench.errors import InputError
 from tsbench.paths import data_file
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
-from tsbench.signs.parsing import SCHEMA, parse_rule, parse_sign
+from tsbench.signs.parsing import parse_rule, parse_sign
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
@@ -58,18 +58,32 @@ class Catalog:
         known = ", ".join(kind.id for kind in self.types)
         raise InputError(f"{self.root}: no scenario type {type_id!r}: it has {known}")
 
-    def fingerprint(self) -> str:
-        """SHA-256 (hex) over everything that can change an episode or a record, bound rules included.
+    def company(self, code: str) -> tuple[str, ...]:
+        """Codes of all plates that may stand in a scene of a sign: it, what ends it, and its context."""
+        sign = self.sign(code)
+        ends = (word for word in sign.rule.ended_by if word not in END_PLACES)
+        return tuple(dict.fromkeys((code, *ends, *sign.context)))
 
-        Names, captions, drawings and law references are left out, comments and formatting of the files too.
+    def check_plates(self, code: str, plates: Iterable[SignInstance], where: str) -> None:
+        """InputError where a scene of a sign has a plate of another code than the catalogue says (`company`)."""
+        known = self.company(code)
+        for plate in plates:
+            if plate.code not in known:
+                raise InputError(
+                    f"{where}: plate {plate.id!r} is {plate.code}, in a scene of {code} may stand "
+                    f"{', '.join(known)} (context: in {self.root / 'signs' / code}.yaml)"
+                )
+
+    def judged(self, codes: Iterable[str]) -> list[dict[str, Any]]:
+        """Everything that can change an episode or a record in scenes of these signs, bound rules included; for JSON.
+
+        By code. Names, captions, drawings and law references are left out, and other signs.
         """
-        signs = [
-            {key: value for key, value in asdict(sign).items() if key not in _NOT_IN_CONTRACT}
-            for sign in self.signs.values()
+        used = {one for code in set(codes) for one in self.company(code)}
+        return [
+            {key: value for key, value in asdict(self.sign(code)).items() if key not in _NOT_IN_CONTRACT}
+            for code in sorted(used)
         ]
-        content = {"schema": SCHEMA, "signs": signs}
-        canonical = json.dumps(content, sort_keys=True, ensure_ascii=True, separators=(",", ":"))
-        return hashlib.sha256(canonical.encode("ascii")).hexdigest()
 
 
 def load_catalog(root: Path | None = None) -> Catalog:
@@ -134,6 +148,9 @@ def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None
     for code in sign.rule.ended_by:
         if code not in END_PLACES and (code not in signs or signs[code].ends != sign.code):
             raise InputError(f"{path}: ended_by: {code!r} is no sign that ends {sign.code}")
+    for code in sign.context:
+        if code not in signs:
+            raise InputError(f"{path}: context: {code!r} is no sign")
     if sign.ends is None:
         return
     if sign.ends not in signs or sign.code not in signs[sign.ends].rule.ended_by:

@@ -213,6 +213,7 @@ class Sign:
         value: what it posts, None where it sets no number.
         rule: the rule that judges it, bound to the sign (for an end plate: the rule that reads it).
         placement, law, maps: see the classes.
+        context: codes of other plates that may stand in its scenes, itself among them where it may stand there again.
     """
 
     code: str
@@ -230,6 +231,7 @@ class Sign:
     placement: Placement
     law: Law
     maps: MapNeeds
+    context: tuple[str, ...] = ()
 
     def effective_value(self, posted: float | None) -> float | None:
         """The number that binds drivers: the posted one, or the one that the sign implies.

@@ -92,6 +92,7 @@ def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
         placement=_placement(top.fields("placement")),
         law=_law(top.fields("law")),
         maps=_maps(top.fields("maps")),
+        context=top.texts("context") if top.has("context") else (),
     )
     for part in (names, kind, plate, judged, top):
         part.done()

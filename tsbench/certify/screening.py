@@ -1,7 +1,4 @@
-"""What the builder of scenes asks of a draw: its certificate, and whether a driver who should break the rule does.
-
-It stands beside `certify`, whose sources are the fingerprint of certificates: what is asked of draws changes none.
-"""
+"""What the builder of scenes asks of a draw: its certificate, and whether a driver who should break the rule does."""
 
 from __future__ import annotations
 

@@ -1,0 +1,276 @@
+"""What made this: the one answer to which code, data and versions something depends on.
+
+Code is a *closure*: the files that running a module can import, directly or not, read from their text, so nothing is
+imported. An import inside a function counts, one under TYPE_CHECKING does not; every package on the way counts with its
+`__init__`, and so does a data file that a string of the code names. Installed packages are not followed: their versions
+are asked for. Python counts by its syntax tree: comments, docstrings and layout change no digest.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import sys
+import sysconfig
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from importlib.machinery import all_suffixes
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from tsbench.paths import data_root
+
+# SHA-256 (hex) of files, by name as in "package/module.py": below the folder that they are imported from.
+Files = dict[str, str]
+
+# What decides the bytes of an episode beside tsbench. What a processor makes of it is no version and stands elsewhere.
+DECIDING = ("libsumo", "numpy", "scipy", "shapely")
+DATA_SUFFIXES = frozenset(
+    [
+        ".bin",
+        ".ckpt",
+        ".csv",
+        ".h5",
+        ".joblib",
+        ".json",
+        ".model",
+        ".msgpack",
+        ".npy",
+        ".npz",
+        ".onnx",
+        ".parquet",
+        ".pickle",
+        ".pkl",
+        ".pt",
+        ".pth",
+        ".safetensors",
+        ".toml",
+        ".xml",
+        ".yaml",
+        ".yml",
+        ".zip",
+    ]
+)
+_ROOT = Path(__file__).resolve().parents[2]
+_OURS = "tsbench"
+_INSTALLED = ("site-packages", "dist-packages")
+_LONGEST_NAME = 255
+
+
+def digest(value: Any) -> str:
+    """SHA-256 (hex) of what JSON can hold; dictionaries in any order."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True, ensure_ascii=True).encode("ascii")).hexdigest()
+
+
+def data_hash(rows: Iterable[Any], signs: Sequence[Mapping[str, Any]]) -> str:
+    """SHA-256 (hex) over all fields of scenario rows (dataclasses), in any order, and what the catalogue says of signs."""
+    each = sorted(digest(asdict(row)) for row in rows)
+    return digest({"rows": each, "signs": list(signs)})
+
+
+def versions(packages: Iterable[str] = DECIDING) -> dict[str, str | None]:
+    """Installed versions of packages, None for what is not there."""
+    return {name: _version(name) for name in packages}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> Files:
+    """Files of the modules `starts` and of all that they import.
+
+    starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor followed.
+    Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path as far as nothing
+    is installed there. Raises OSError for a start that cannot be read.
+    """
+    found: Files = {}
+    for start in starts:
+        path = start if isinstance(start, Path) else _ROOT.joinpath(*start.split(".")).with_suffix(".py")
+        _Search(path.resolve(), without).follow(found)
+    return found
+
+
+class _Search:
+    """Finds the files of modules as an import from `start` does."""
+
+    def __init__(self, start: Path, without: Collection[str]) -> None:
+        self._start, self._without = start, without
+        self._top = start.parent
+        while (self._top / "__init__.py").is_file():
+            self._top = self._top.parent
+        self._places = list(dict.fromkeys([self._top, start.parent, _ROOT, *_own_places()]))
+        # Where packages are installed, only tsbench and the package that was asked for are followed.
+        self._followed = {_OURS, start.relative_to(self._top).with_suffix("").parts[0]}
+
+    def follow(self, found: Files) -> None:
+        """Add what is not there yet."""
+        around = ".".join(self._start.relative_to(self._top).with_suffix("").parts)
+        todo = [(self._start, self._top), *self._files_of(around)]
+        while todo:
+            path, place = todo.pop()
+            name = path.relative_to(place).as_posix()
+            if name in found or name in self._without:
+                continue
+            code = _read(path.read_bytes(), path.suffix)
+            found[name] = code.digest
+            for text in code.data:
+                # tsbench's own data lies in its folder, what a planner loads may be named from where a run was started.
+                places = (path.parent, data_root() if name.startswith(f"{_OURS}/") else Path.cwd())
+                data = next((place / text for place in places if (place / text).is_file()), None)
+                if data is not None:
+                    found[f"{name}: {text}"] = hashlib.sha256(data.read_bytes()).hexdigest()
+            for module, level in code.imports:
+                todo += self._files_of(_absolute(module, level, name))
+
+    def _files_of(self, module: str) -> list[tuple[Path, Path]]:
+        """(file, the place it is below) of a dotted name: its packages and itself; [] for what is not followed."""
+        first = module.partition(".")[0]
+        for place in self._places:
+            if place.name in _INSTALLED and first not in self._followed:
+                continue
+            files, base = [], place
+            for part in module.split("."):
+                base = base / part
+                file = _module_file(base)
+                if file is not None:
+                    files.append((file, place))
+                elif not base.is_dir():
+                    break
+            if files:
+                return files
+        return []
+
+
+@lru_cache(maxsize=4096)
+def _module_file(base: Path) -> Path | None:
+    """The file of a module, as Python finds it: a folder without __init__.py (data) does not hide a module."""
+    package = base / "__init__.py"
+    names = [package, *(base.with_name(base.name + suffix) for suffix in all_suffixes())]
+    return next((path for path in names if path.is_file()), None)
+
+
+def _own_places() -> list[Path]:
+    """Folders of the path that hold people's own modules: not Python's own, nor what is installed."""
+    standard = {Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "platstdlib")}
+    places = [Path(entry).resolve() for entry in sys.path if Path(entry).is_dir()]
+    return [p for p in places if p.name not in _INSTALLED and not standard & {p, *p.parents}]
+
+
+def _absolute(module: str, level: int, name: str) -> str:
+    """The dotted name of an import in the file `name`; level: dots that it begins with."""
+    if not level:
+        return module
+    package = name.split("/")[:-level]
+    return ".".join([*package, *([module] if module else [])])
+
+
+@dataclass(frozen=True, slots=True)
+class _Code:
+    """imports: (dotted name, level). data: strings that may name data files. digest: of what the code says."""
+
+    imports: tuple[tuple[str, int], ...]
+    data: tuple[str, ...]
+    digest: str
+
+
+@lru_cache(maxsize=1024)
+def _read(content: bytes, suffix: str) -> _Code:
+    """What a file says. One that is no Python of this version (an extension, say) counts by its bytes."""
+    if suffix == ".py":
+        try:
+            return _read_tree(ast.parse(content))
+        except (SyntaxError, ValueError):
+            pass
+    return _Code((), (), hashlib.sha256(content).hexdigest())
+
+
+def _read_tree(tree: ast.Module) -> _Code:
+    imports: dict[tuple[str, int], None] = {}
+    strings: dict[str, None] = {}
+    words: list[str] = []
+    _tell(tree, words, imports, strings)
+    text = "\n".join(words).encode("utf-8", "surrogatepass")
+    return _Code(tuple(imports), tuple(strings), hashlib.sha256(text).hexdigest())
+
+
+def _tell(
+    node: ast.AST, words: list[str], imports: dict[tuple[str, int], None], strings: dict[str, None],
+    runs: bool = True,
+) -> None:  # fmt: skip
+    """Write a tree down in a way that is the same for all versions of Python, without docstrings and places.
+
+    `ast.dump` is not: newer versions have more fields and leave out others. Here a field counts if it holds something.
+    runs: is this code that runs, so that its imports count?
+    """
+    words.append(type(node).__name__)
+    if runs:
+        for one in _imported(node):
+            imports[one] = None
+    checked = isinstance(node, ast.If) and _names_type_checking(node.test)
+    for name in node._fields:
+        value = getattr(node, name, None)
+        if name == "body" and isinstance(value, list):
+            value = [line for line in value if not _is_bare_text(line)]
+        elif isinstance(node, ast.JoinedStr):
+            value = list(_joined(node.values))
+        if value is None or value == []:
+            continue
+        words.append(f".{name}")
+        for item in value if isinstance(value, list) else (value,):
+            if isinstance(item, ast.AST):
+                _tell(item, words, imports, strings, runs and not (checked and name == "body"))
+            else:
+                # Not repr: which characters it shows as they are depends on Python's version of Unicode.
+                words.append(ascii(item))
+                if isinstance(item, str) and Path(item[-_LONGEST_NAME:]).suffix in DATA_SUFFIXES and runs:
+                    strings[item] = None
+        words.append(";")
+
+
+def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:
+    """(dotted name, level) of the modules that one statement or call imports."""
+    if isinstance(node, ast.Import):
+        yield from ((alias.name, 0) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        module = node.module or ""
+        yield module, node.level
+        yield from ((f"{module}.{alias.name}" if module else alias.name, node.level) for alias in node.names)
+    elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+        called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        if called in ("import_module", "__import__") and isinstance(node.args[0].value, str):
+            yield node.args[0].value, 0
+
+
+def _joined(parts: Iterable[ast.expr]) -> Iterator[ast.expr]:
+    """Parts of an f-string; Python 3.12 leaves texts apart that others join."""
+    text = ""
+    for part in parts:
+        if isinstance(part, ast.Constant):
+            text += part.value
+            continue
+        if text:
+            yield ast.Constant(text)
+        text = ""
+        yield part
+    if text:
+        yield ast.Constant(text)
+
+
+def _is_bare_text(node: ast.AST) -> bool:
+    """A docstring, or another string that stands for itself."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def _names_type_checking(test: ast.AST) -> bool:
+    return (test.attr if isinstance(test, ast.Attribute) else getattr(test, "id", "")) == "TYPE_CHECKING"
