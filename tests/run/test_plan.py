@@ -94,7 +94,7 @@ def test_asked_for_what_is_not_there(plan_of, options: dict, words: str) -> None
         ({"sign_code": "9.99"}, "unknown sign '9.99'"),
         ({"map_id": "nowhere"}, "unknown map 'nowhere'"),
         ({"group": "routing"}, "group 'routing' is not that of yield"),
-        ({"net": "nets/gone.net.xml"}, r"\(map map-0-0\): .*gone.net.xml: no such file"),
+        ({"net": "nets/gone.net.xml"}, r"\(map map-0-0\): .*gone.net.xml: no such scene file"),
     ],
 )
 def test_rows_that_name_what_is_not_there(plan_of, data: Path, change: dict, words: str) -> None:

@@ -86,9 +86,11 @@ def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -
 def certify(types: str, split: str | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
     from tsbench.certify.recheck import recheck
+    from tsbench.scenarios.store import check_files
 
     chosen = words_of(types)
     rows = [s for s in _all_rows(split) if not chosen or s.scenario_type in chosen]
+    check_files(rows)
     with _progress() as bar:
         task = bar.add_task("certify", total=len(rows))
         failures = recheck(rows, data_root() / "scenarios", workers, lambda n: bar.update(task, completed=n))

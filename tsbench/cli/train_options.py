@@ -42,13 +42,15 @@ def out(default: str) -> Option:
 
 def train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups; of all where none is named."""
+    from tsbench.scenarios.store import check_files
     from tsbench.scenarios.table import read_table, table_path
 
     rows = read_table(table_path("train"))
-    if not words:
-        return rows
-    chosen = types_of(words)
-    return [row for row in rows if row.scenario_type in chosen]
+    if words:
+        chosen = types_of(words)
+        rows = [row for row in rows if row.scenario_type in chosen]
+    check_files(rows)
+    return rows
 
 
 def types_of(words: tuple[str, ...]) -> tuple[str, ...]:

@@ -58,4 +58,6 @@ def _train(planner: str, workers: int | None, types: str, more: str, out: Path, 
 
     count = workers or 4 * own_cores()
     job = Job(planner, out, workers=count, types=words_of(types), more=words_of(more), **options)
+    # Its processes read the rows themselves; what they lack is said before they start.
+    share.train_rows(job.types)
     share.tell(out, train(job, click.echo))

@@ -27,6 +27,7 @@ from tsbench.planners.base import Observation
 from tsbench.planners.learned_actions import ACTIONS
 from tsbench.run.plan import VARIANTS, choose_types, choose_variants
 from tsbench.run.result import EpisodeResult
+from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -71,6 +72,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._rows = choose_variants(rows, variants)
         if not self._rows:
             raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
+        check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := _words(more):
             kinds = choose_types(often, load_catalog())

@@ -12,7 +12,7 @@ from tsbench.errors import InputError
 from tsbench.maps.paths import pool_file
 from tsbench.maps.pool import known_map_ids
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneStore, store_path
+from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog
 
@@ -70,7 +70,7 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
         # What was drawn by lot is not narrowed to nominal variants by a limit.
         first = _draw if request.variants == "one-per-map" else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
-    _check_files(path, chosen)
+    check_files(chosen, path.parent)
     return Plan(request, table, tuple(chosen), tuple(t for t in types if t in present))
 
 
@@ -135,15 +135,3 @@ def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> N
             raise InputError(f"{where}: unknown map {row.map_id!r}")
         if row.group != kinds[row.scenario_type].group:
             raise InputError(f"{where}: group {row.group!r} is not that of {row.scenario_type}")
-
-
-def _check_files(path: Path, rows: Sequence[ScenarioSpec]) -> None:
-    """A scene that is not there would fail every episode on it: say so before the run."""
-    store = SceneStore(path.parent)
-    kinds = {(row.split, row.scenario_type) for row in rows}
-    there = {kind: store.names(*kind) for kind in sorted(kinds)}
-    for row in rows:
-        for name in (row.net, row.additional):
-            if name not in there[row.split, row.scenario_type]:
-                where = store_path(row.split, row.scenario_type, path.parent) / name
-                raise InputError(f"{path}: row {row.scenario_id} (map {row.map_id}): {where}: no such file")

@@ -200,6 +200,23 @@ def _unreadable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: not a readable store of scene files ({' '.join(str(error).split())})")
 
 
+def check_files(rows: Iterable[ScenarioSpec], root: Path | None = None) -> None:
+    """Is there a file for each that rows name? A scene that is not there would fail every episode on it.
+
+    Raises InputError for the first that is missing, and for a store that is.
+    """
+    store = SceneStore(root)
+    there: dict[tuple[str, str], dict[str, str]] = {}
+    for row in rows:
+        kind = row.split, row.scenario_type
+        if kind not in there:
+            there[kind] = store.names(*kind)
+        for name in (row.net, row.additional):
+            if name not in there[kind]:
+                where = store_path(*kind, store.root) / name
+                raise InputError(f"row {row.scenario_id} (map {row.map_id}): {where}: no such scene file")
+
+
 class SceneFolder:
     """Reads scenes that are being built: plain or gzip files below `root`, by the names that rows give."""
 

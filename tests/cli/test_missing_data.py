@@ -1,0 +1,72 @@
+"""Without the train split's scenes and the oracle's tables, which do not come with the package: one line says how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from command_line import in_process, refused
+
+from tsbench import paths
+from tsbench.envs.drive import DriveEnv
+from tsbench.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = "no such scene files (tsbench data fetch --from DIR|URL scenes-train)"
+ORACLE = "oracle.parquet: no such table (tsbench data fetch --from DIR|URL oracle brings"
+
+
+@pytest.fixture
+def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A data folder with all tables of scenarios, and a folder to work in."""
+    root = tmp_path / "data"
+    (root / "scenarios").mkdir(parents=True)
+    for name in ("sign_catalog", "sumo_nets", "scenarios/train.parquet", "scenarios/certificates.parquet"):
+        (root / name).symlink_to(ROOT / name)
+    monkeypatch.setenv("TSBENCH_DATA", str(root))
+    monkeypatch.chdir(tmp_path)
+    paths.data_root.cache_clear()
+    yield tmp_path
+    monkeypatch.undo()
+    paths.data_root.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("run --planner idm --split train --limit 2 --out out", SCENES),
+        ("scenarios show yield-j-dol-0128fe0d7b-v0", SCENES),
+        ("scenarios open yield-j-dol-0128fe0d7b-v0", SCENES),
+        ("scenarios certify --types yield", SCENES),
+        ("oracle collect --limit 1 --out out", SCENES),
+        ("train ppo --out out", SCENES),
+        ("train plant2 --out out", SCENES),
+        ("train plant2-ft --driver idm-e --out out", SCENES),
+        ("oracle stats", ORACLE),
+        ("oracle verify", ORACLE),
+        (
+            "oracle restore out",
+            "oracle_tries.parquet: no such table (tsbench data fetch --from DIR|URL oracle brings",
+        ),
+    ],
+)
+def test_a_command_says_how_to_get_it(
+    lacking: Path, capsys: pytest.CaptureFixture[str], command: str, words: str
+) -> None:
+    name, *arguments = command.split()
+    told = refused(in_process(name, capsys), *arguments)
+    assert words in told
+    assert str(lacking / "data" / "scenarios") in told
+    assert not (lacking / "out").exists()
+
+
+def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (lacking / "data" / "scenarios" / "scenes").symlink_to(ROOT / "scenarios" / "scenes")
+    for command in ("plant2-ft", "frames"):
+        assert ORACLE in refused(in_process("train", capsys), command, "--out", "out")
+
+
+def test_an_environment_of_the_train_split(lacking: Path) -> None:
+    with pytest.raises(InputError, match="no such scene files"):
+        DriveEnv(split="train")
