@@ -1,7 +1,7 @@
 """Makes the manifest of the data, and the folder that `tsbench data fetch --from` reads.
 
-    python packaging/data_sets.py manifest       writes tsbench/data/manifest.json from the files that are here
-    python packaging/data_sets.py lay-out DIR    copies the sets' files to DIR, each checked
+python packaging/data_sets.py manifest       writes tsbench/data/manifest.json from the files that are here
+python packaging/data_sets.py lay-out DIR    copies the sets' files to DIR, each checked
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ SETS = {
         ),
     ),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
-    "oracle": ("the drives that plant2-ft learned from", ("scenarios/oracle.json", "scenarios/oracle*.parquet")),
+    "oracle": (
+        "the drives that plant2-ft learned from",
+        ("scenarios/oracle.json", "scenarios/oracle*.parquet"),
+    ),
 }
 
 

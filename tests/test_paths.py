@@ -42,7 +42,9 @@ def add_data_package(site: Path, version: str) -> Path:
     (folder / "scenarios" / "test.parquet").touch()
     facts = site / f"tsbench_data-{version}.dist-info"
     facts.mkdir()
-    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: tsbench-data\nVersion: {version}\n", encoding="utf-8")
+    (facts / "METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: tsbench-data\nVersion: {version}\n", encoding="utf-8"
+    )
     return folder
 
 
@@ -61,7 +63,9 @@ def test_a_named_folder_wins_and_is_the_only_root(tmp_path: Path, monkeypatch: p
     assert paths.fetch_root() == tmp_path
 
 
-def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(installed: Path, tmp_path: Path) -> None:
+def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(
+    installed: Path, tmp_path: Path
+) -> None:
     user = tmp_path / "home" / "tsbench" / tsbench.__version__
     assert paths.fetch_root() == user
     assert paths.data_file("sign_catalog") == installed / "tsbench" / "sign_catalog"
@@ -77,7 +81,9 @@ def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(i
 
 def test_data_of_another_version_are_refused(installed: Path) -> None:
     add_data_package(installed, "0.0.9")
-    with pytest.raises(InputError, match=r"tsbench-data 0\.0\.9 do not belong together: pip install tsbench-data=="):
+    with pytest.raises(
+        InputError, match=r"tsbench-data 0\.0\.9 do not belong together: pip install tsbench-data=="
+    ):
         paths.data_file("scenarios/test.parquet")
 
 

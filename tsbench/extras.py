@@ -9,6 +9,7 @@ from tsbench.errors import InputError
 
 EXTRA_OF = {
     "jinja2": "report",
+    "markupsafe": "report",
     "matplotlib": "report",
     "PIL": "report",
     "resvg_py": "report",

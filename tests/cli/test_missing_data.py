@@ -13,7 +13,7 @@ from tsbench.envs.drive import DriveEnv
 from tsbench.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENES = "no such scene files (tsbench data fetch --from DIR|URL scenes-train)"
+SCENES = "no such scene files (tsbench data fetch --from DIR|URL train)"
 ORACLE = "oracle.parquet: no such table (tsbench data fetch --from DIR|URL oracle brings"
 
 

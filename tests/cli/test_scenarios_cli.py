@@ -188,7 +188,7 @@ def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.Captur
     table.unlink()
     assert run(capsys, "list").split() == [f"yield-j-test-v{k}" for k in range(3)]
     table_path("test", data / "scenarios").unlink()
-    assert "no such table (tsbench scenarios build makes it)" in run(capsys, "list", expect=2)
+    assert "no such table (tsbench data fetch --from DIR|URL test brings" in run(capsys, "list", expect=2)
 
 
 def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -43,7 +43,8 @@ def test_packages_that_lack_or_are_too_new() -> None:
 def test_other_versions_than_the_pinned_are_a_note() -> None:
     there = {"numpy": "2.1", "pyarrow": "23.0", "torch": "2.13.0+cpu"}
     pins = locked(
-        "# a comment\npyarrow==23.0.1 \\\n    --hash=sha256:00\ntorch==2.13.0 ; python_version > '3' \\\nelsewhere==1.0\n"
+        "# a comment\npyarrow==23.0.1 \\\n    --hash=sha256:00\ntorch==2.13.0 ; python_version > '3' \\\n"
+        "elsewhere==1.0\n"
         "numpy==2.0 ; python_version < '3' \\\n    # via scipy\n"
     )
     found = list(judge_packages(ASKED, pins, there))

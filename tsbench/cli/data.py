@@ -50,7 +50,7 @@ def fetch(source: str, names: tuple[str, ...]) -> None:
 
     wanted: list[DataSet] = [data_set(name) for name in names] or list(data_sets().values())
     for found in wanted:
-        came = fetch_set(found, source, fetch_root(), tell)
+        came = fetch_set(found, source, tell)
         click.echo(f"{found.name}: {came} of {len(found.files)} files fetched, all there")
 
 

@@ -23,10 +23,12 @@ from tsbench.signs.countries import Country
 PROVER = "tsbench.certify.screening:Screener"
 
 
-def _all_rows() -> list[ScenarioSpec]:
-    # A build may have filled one split only.
-    there = [path for split in SPLITS if (path := table_path(split)).is_file()]
-    return [spec for path in there or [table_path(SPLITS[0])] for spec in read_table(path)]
+def _all_rows(split: str | None = None) -> list[ScenarioSpec]:
+    """The rows of a split, which must be there; without one, of those that are: train need not be, nor both built."""
+    if split is not None:
+        return read_table(table_path(split))
+    there = [path for name in SPLITS if (path := table_path(name)).is_file()]
+    return [spec for path in there or [table_path(SPLITS[-1])] for spec in read_table(path)]
 
 
 def _find(scenario_id: str) -> ScenarioSpec:
@@ -90,11 +92,7 @@ def certify(types: str, split: str | None, sample: int | None, workers: int) -> 
     from tsbench.scenarios.store import check_files
 
     chosen = words_of(types)
-    rows = [
-        s
-        for s in _all_rows()
-        if (not chosen or s.scenario_type in chosen) and (split is None or s.split == split)
-    ]
+    rows = [s for s in _all_rows(split) if not chosen or s.scenario_type in chosen]
     if sample is not None:
         rows = draw_sample(rows, sample)
     check_files(rows)
@@ -113,8 +111,8 @@ def certify(types: str, split: str | None, sample: int | None, workers: int) -> 
 @click.option("--type", "type_id", default=None, help="Only this scenario type.")
 def list_(split: str | None, type_id: str | None) -> None:
     """One scenario id per line."""
-    for spec in _all_rows():
-        if (split is None or spec.split == split) and (type_id is None or spec.scenario_type == type_id):
+    for spec in _all_rows(split):
+        if type_id is None or spec.scenario_type == type_id:
             click.echo(spec.scenario_id)
 
 
@@ -187,7 +185,7 @@ def verify(split: str | None) -> None:
     from tsbench.scenarios.load import SceneLoader
     from tsbench.scenarios.verify import verify_certificates, verify_rows, verify_split
 
-    rows = [s for s in _all_rows() if split is None or s.split == split]
+    rows = _all_rows(split)
     with _progress() as bar:
         task = bar.add_task("verify", total=len(rows))
         problems = verify_rows(rows, SceneLoader(), lambda n: bar.update(task, completed=n))
@@ -237,7 +235,7 @@ def browse(types: str, split: str | None, out: Path, workers: int) -> None:
     from tsbench.signs.catalog import load_catalog
 
     chosen = set(choose_types(words_of(types), load_catalog()))
-    rows = [s for s in _all_rows() if s.scenario_type in chosen and split in (None, s.split)]
+    rows = [s for s in _all_rows(split) if s.scenario_type in chosen]
     with _progress() as bar:
         task = bar.add_task("maps", total=None)
         size = write_dataset_page(
@@ -265,7 +263,7 @@ def calibration(split: str | None, scenes: int, out: Path) -> None:
     from tsbench.scenarios.load import SceneLoader
     from tsbench.sim.sumo import Simulation
 
-    rows = [s for s in _all_rows() if split is None or s.split == split]
+    rows = _all_rows(split)
     names = {s.scenario_id for s in rows}
     proven = [c for c in read_certificates(certificates_path()) if c.scenario_id in names]
     densities = np.array([c.realised_density for c in proven if c.asked_density])

@@ -15,31 +15,30 @@ from typing import IO
 
 from tsbench.data.manifest import DataFile, DataSet
 from tsbench.errors import InputError
+from tsbench.paths import data_file
 
 _BLOCK = 1 << 20
 _PATIENCE_S = 60.0
 
 
-def fetch_set(data: DataSet, source: str, root: Path, report: Callable[[DataFile], None]) -> int:
-    """Bring a set's files from below `source` (a folder, or an http(s) URL) to below `root`; how many were missing.
+def fetch_set(data: DataSet, source: str, report: Callable[[DataFile], None]) -> int:
+    """Bring the files of a set that are not here from below `source` (a folder, or an http(s) URL); how many came.
 
     Files that are there are skipped, so that a broken-off fetch goes on. `report` is told of each file that came.
     Raises InputError: what is wrong with which file; files that came before it stay.
     """
-    missing = []
+    came = 0
     for file in data.files:
-        place = root / file.name
+        place = data_file(file.name)
         if file.is_at(place):
             continue
         if place.exists():
             raise InputError(f"{place}: is another file than the {data.name} data's: move it away first")
-        missing.append(file)
-    base = source.rstrip("/")
-    for file in missing:
         name = urllib.parse.quote(file.name) if _is_url(source) else file.name
-        fetch_file(f"{base}/{name}", file.size, file.sha256, root / file.name)
+        fetch_file(f"{source.rstrip('/')}/{name}", file.size, file.sha256, place)
         report(file)
-    return len(missing)
+        came += 1
+    return came
 
 
 def fetch_file(source: str, size: int, sha256: str, target: Path) -> None:

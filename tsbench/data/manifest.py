@@ -1,4 +1,4 @@
-"""Which files of data there are, in sets that are fetched as one: `manifest.json`, with the size and SHA-256 of each."""
+"""Which files of data there are, in sets that are fetched as one: `manifest.json`, with each one's size and hash."""
 
 from __future__ import annotations
 

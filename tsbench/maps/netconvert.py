@@ -7,21 +7,26 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-import sumo
-
 from tsbench.errors import InputError
+
+
+def sumo_home() -> Path:
+    """Where the wheel with SUMO's programs and their data lies."""
+    import sumo  # an extra: only who makes networks needs it
+
+    return Path(sumo.SUMO_HOME)
 
 
 def sumo_binary(name: str) -> Path:
     """The path of one of SUMO's programs in the installed wheel."""
-    return Path(sumo.SUMO_HOME) / "bin" / name
+    return sumo_home() / "bin" / name
 
 
 def sumo_environment() -> dict[str, str]:
     """The environment of a SUMO child process: its own data folders, everything else as it is here."""
-    home = str(sumo.SUMO_HOME)
-    proj = str(Path(home) / "data" / "proj")
-    return {**os.environ, "SUMO_HOME": home, "PROJ_DATA": proj, "PROJ_LIB": proj}
+    home = sumo_home()
+    proj = str(home / "data" / "proj")
+    return {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
 
 
 def run_netconvert(arguments: Sequence[str], *, what: str, timeout_s: float) -> str:

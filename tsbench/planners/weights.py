@@ -11,7 +11,6 @@ import hashlib
 import json
 import os
 import tempfile
-import urllib.request
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import platformdirs
 
+from tsbench.data.fetch import fetch_file
 from tsbench.errors import InputError
 from tsbench.planners.registry import PlannerEntry, Weights
 
@@ -29,7 +29,6 @@ Tensors = dict[str, npt.NDArray[Any]]
 SCHEMA_VERSION = 1
 PACKAGED = "package"
 _FOLDER = Path(__file__).with_name("weights")
-_PATIENCE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ def learned(
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:
     """All tensors of a network by name, as NumPy arrays; InputError unless the file has the size and hash it should."""
-    from safetensors import SafetensorError  # an extra: only who uses a network needs it
+    from safetensors import SafetensorError
     from safetensors.numpy import load
 
     facts = network(name, folder)
@@ -116,16 +115,7 @@ def _place(weights: Weights, folder: Path | None) -> Path:
         return beside
     cached = Path(platformdirs.user_cache_dir("tsbench")) / "weights" / weights.file
     if not cached.is_file():
-        try:
-            with urllib.request.urlopen(weights.source, timeout=_PATIENCE_S) as answer:
-                content = answer.read()
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"{weights.source}: cannot be fetched ({error}); put the file into {cached}"
-            ) from None
-        _check(content, weights, Path(weights.source), folder)
-        cached.parent.mkdir(parents=True, exist_ok=True)
-        _write(cached, content)
+        fetch_file(weights.source, weights.size, weights.sha256, cached)
     return cached
 
 

@@ -64,8 +64,8 @@ def check_tools() -> Iterator[Finding]:
         )
         yield Finding(Status.OK, "ffmpeg", " ".join(done.stdout.split()[:3]))
     except (ImportError, RuntimeError, OSError, subprocess.SubprocessError) as problem:
-        remedy = "needed for --format mp4 only: pip install --force-reinstall 'tsbench[video]'"
-        yield Finding(Status.NOTE, "ffmpeg", f"does not run: {problem}", remedy)
+        remedy = "needed for --format mp4 only: pip install 'tsbench[video]'"
+        yield Finding(Status.NOTE, "ffmpeg", f"none that runs: {problem}", remedy)
     browser = next(
         (p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None
     )

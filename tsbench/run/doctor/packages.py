@@ -33,7 +33,7 @@ def locked(text: str) -> list[str]:
 
 
 def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Finding]:
-    """asked: requirement lines with markers; pins: of the lock file, none outside a clone; there: version by package name."""
+    """asked: requirement lines with markers; pins: of a clone's lock file. there: version by package name."""
     from packaging.requirements import Requirement
 
     core, extras = list[Requirement](), dict[str, list[Requirement]]()
