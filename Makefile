@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad-requirements.txt
 
-.PHONY: run test results torture mutation setup lint format maps scenarios bench clean
+.PHONY: run test results torture mutation setup lint format maps scenarios edition bench clean
 
 run: setup
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -81,6 +81,10 @@ scenarios: setup
 	$(BIN)/tsbench scenarios build --osm $(OSM) --workers $(WORKERS)
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
+
+# At a release: the contracts of this tsbench under the name of its edition (docs/editions.md).
+edition: setup
+	$(BIN)/python -m tsbench.run.edition
 
 bench: setup
 	$(BIN)/tsbench bench
