@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results torture mutation base setup lock package manifest lint format maps scenarios bench clean
+.PHONY: run test results torture mutation base setup lock package manifest lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -120,6 +120,10 @@ scenarios: setup
 	$(BIN)/tsbench scenarios build --osm $(OSM) --workers $(WORKERS)
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
+
+# At a release: the contracts of this tsbench under the name of its edition (docs/editions.md).
+edition: setup
+	$(BIN)/python -m tsbench.run.edition
 
 bench: base
 	$(BIN)/tsbench bench

@@ -36,8 +36,8 @@ from tsbench.scenarios.table import read_table, table_path
 class Line:
     def __init__(self):
         who = {"spec": "idm", "name": "idm", "privileged": False, "served_on": []}
-        setup = {"planners": [who], "mask_signs": False, "device": "cpu", "trace": "all", "inference": "", "options": {},
-                 "out": sys.argv[1], "runner": "tsbench.run.serving:WorkerRunner",
+        setup = {"planners": [who], "mask_signs": False, "device": "cpu", "trace": "all", "inference": "",
+                 "options": {}, "out": sys.argv[1], "runner": "tsbench.run.serving:WorkerRunner",
                  "recorder": "tsbench.run.score:make_record"}
         row = asdict(min(read_table(table_path("test")), key=lambda row: row.horizon))
         self.told = [{"do": "setup", "setup": setup}, {"do": "probe", "spec": "idm"},

@@ -46,7 +46,8 @@ class Prover:
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
             arrival_gap_s=math.nan if facts is None else arrival_gap(facts), error=solved.error or blind.error,
-            digest=_digest(solved, blind), basis=bases([spec], self._catalog)[spec.scenario_id], code=driving_fingerprint(), reproduced=None,
+            digest=_digest(solved, blind), basis=bases([spec], self._catalog)[spec.scenario_id],
+            code=driving_fingerprint(), reproduced=None,
         )  # fmt: skip
 
     def again(self, spec: ScenarioSpec, old: Certificate) -> Certificate:

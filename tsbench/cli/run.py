@@ -108,9 +108,10 @@ def run(
 def rescore(folder: Path) -> None:
     """Judge RUN's traces again, compute all its figures again, and compare with what stands in it.
 
-    Exit code 1 and a list of episodes where they differ.
+    Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
     from tsbench.run.rescore import rescore as rescore_run  # brings SUMO's readers and statistics
+    from tsbench.run.rescored import write_rescored
 
     result = rescore_run(folder)
     if result.note:
@@ -121,6 +122,7 @@ def rescore(folder: Path) -> None:
         f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
         f"disagreements: {len(result.disagreements)}"
     )
+    write_rescored(folder, result.contract, result.traces, result.untraced, len(result.disagreements))
     if result.disagreements:
         sys.exit(EXIT_ERRORS)
 

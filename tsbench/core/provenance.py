@@ -29,31 +29,11 @@ Files = dict[str, str]
 # What decides the bytes of an episode beside tsbench. What a processor makes of it is no version and stands elsewhere.
 DECIDING = ("libsumo", "numpy", "scipy", "shapely")
 DATA_SUFFIXES = frozenset(
-    [
-        ".bin",
-        ".ckpt",
-        ".csv",
-        ".h5",
-        ".joblib",
-        ".json",
-        ".model",
-        ".msgpack",
-        ".npy",
-        ".npz",
-        ".onnx",
-        ".parquet",
-        ".pickle",
-        ".pkl",
-        ".pt",
-        ".pth",
-        ".safetensors",
-        ".toml",
-        ".xml",
-        ".yaml",
-        ".yml",
-        ".zip",
-    ]
-)
+    (
+        ".bin", ".ckpt", ".csv", ".h5", ".joblib", ".json", ".model", ".msgpack", ".npy", ".npz", ".onnx", ".parquet",
+        ".pickle", ".pkl", ".pt", ".pth", ".safetensors", ".toml", ".xml", ".yaml", ".yml", ".zip",
+    )
+)  # fmt: skip
 _ROOT = Path(__file__).resolve().parents[2]
 _OURS = "tsbench"
 _INSTALLED = ("site-packages", "dist-packages")
@@ -66,7 +46,7 @@ def digest(value: Any) -> str:
 
 
 def data_hash(rows: Iterable[Any], signs: Sequence[Mapping[str, Any]]) -> str:
-    """SHA-256 (hex) over all fields of scenario rows (dataclasses), in any order, and what the catalogue says of signs."""
+    """SHA-256 (hex) over all fields of rows (dataclasses), in any order, and what the catalogue says of signs."""
     each = sorted(digest(asdict(row)) for row in rows)
     return digest({"rows": each, "signs": list(signs)})
 
@@ -87,8 +67,8 @@ def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> File
     """Files of the modules `starts` and of all that they import.
 
     starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor followed.
-    Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path as far as nothing
-    is installed there. Raises OSError for a start that cannot be read.
+    Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path where nothing is
+    installed. Raises OSError for a start that cannot be read.
     """
     found: Files = {}
     for start in starts:
@@ -253,7 +233,7 @@ def _joined(parts: Iterable[ast.expr]) -> Iterator[ast.expr]:
     text = ""
     for part in parts:
         if isinstance(part, ast.Constant):
-            text += part.value
+            text += str(part.value)
             continue
         if text:
             yield ast.Constant(text)

@@ -126,7 +126,7 @@ class Collection:
         self.notices = [
             *aside.notices(),
             *(
-                f"{path}: {count} lines were driven by other code of {name}: tsbench oracle verify proves drives again, "
+                f"{path}: {count} lines were driven by other code of {name}: tsbench oracle verify proves them, "
                 "--redrive drives them again"
                 for name, count in sorted(self._by_other_code.items())
                 if count

@@ -21,7 +21,7 @@ from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by
 from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import METRICS, SCD, MetricColumn, Records, split_records
 
-SUMMARY_SCHEMA = 1
+SUMMARY_SCHEMA = 2
 TYPES_IN_BENCHMARK = 29
 
 _Mask = npt.NDArray[np.bool_]
@@ -57,10 +57,11 @@ class PlannerSummary:
 
 @dataclass(frozen=True)
 class Summary:
-    """A whole report in numbers."""
+    """A whole report in numbers. edition: the contract's name, "" where it has none."""
 
     title: str
     contract_hash: str
+    edition: str
     partial: bool
     level: float
     resamples: int
@@ -75,12 +76,17 @@ class Summary:
 
 
 def summarise(
-    episodes: pa.Table, *, contract_hash: str, asked: Mapping[str, int], allow_partial: bool = False
+    episodes: pa.Table,
+    *,
+    contract_hash: str,
+    asked: Mapping[str, int],
+    edition: str = "",
+    allow_partial: bool = False,
 ) -> Summary:
     """Aggregate the records of a run.
 
-    asked: scenarios asked of each planner. Raises InputError for holes (asked without a record) unless
-    partial figures are allowed, for records never asked for, and for malformed ones.
+    asked: scenarios asked of each planner. edition: as in `Summary`. Raises InputError for holes (asked without a
+    record) unless partial figures are allowed, for records never asked for, and for malformed ones.
     """
     records = split_records(episodes)
     holes = _holes(records, asked)
@@ -94,6 +100,7 @@ def summarise(
     return Summary(
         title=_title(planners, asked, holes),
         contract_hash=contract_hash,
+        edition=edition,
         partial=bool(holes),
         level=LEVEL,
         resamples=bootstrap.resamples,

@@ -41,9 +41,11 @@ def print_comparison(matched: Matched, console: Console, most_flips: int) -> Non
         console.print(Text(line, style="dim"))
     for won in (False, True):
         _print_flips([flip for flip in c.flips if flip.won == won], won, console, most_flips)
-    a, b = matched.contracts
-    text = f"contract {a}" if a == b else f"contracts A {a}, B {b}"
-    console.print(Text(text, style="dim"), soft_wrap=True)
+    a, b = (f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b))
+    for line in (a,) if a == b else (f"A {a}", f"B {b}"):
+        console.print(Text(line, style="dim"), soft_wrap=True)
+    for name, side in (("A", matched.a), ("B", matched.b)):
+        console.print(Text(f"{name} {side.run.rescored}", style="dim"), soft_wrap=True)
 
 
 def flips_csv(comparison: Comparison, path: Path) -> None:

@@ -38,7 +38,8 @@ def print_table(summary: Summary, console: Console) -> None:
     console.print(_STRICT, style="dim")
     for line in (*_errors(summary), *_fewer(summary), *_no_interval(summary)):
         console.print(line, style="yellow", markup=False)
-    console.print(f"contract {summary.contract_hash}", style="dim", markup=False, soft_wrap=True)
+    contract = f"edition {summary.edition}, contract {summary.contract_hash}"
+    console.print(contract, style="dim", markup=False, soft_wrap=True)
     for k in range(0, len(summary.planners), _PLANNERS_ABREAST):
         console.print(_by_type(summary, summary.planners[k : k + _PLANNERS_ABREAST]))
 
@@ -111,7 +112,11 @@ def to_markdown(summary: Summary) -> str:
             n = f"{p.recorded} / {p.completed}" if strict else str(p.completed)
             lines.append(markdown_row([name, *scd, *plain, n]))
     fewer = "".join(f" {line.replace('|', '&#124;')}." for line in _fewer(summary))
-    lines += ["", f"{summary.title}. {_KEY} {_STRICT}{fewer} Contract `{summary.contract_hash}`.", ""]
+    lines += [
+        "",
+        f"{summary.title}. {_KEY} {_STRICT}{fewer} Edition {summary.edition}, contract `{summary.contract_hash}`.",
+        "",
+    ]
     names = [p.planner for p in summary.planners]
     lines += [
         markdown_row(["group", "type", *names, "maps", "n"]),

@@ -21,7 +21,7 @@ from tsbench.scenarios.load import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.convoy import ConvoyRelease
-from tsbench.sim.ego import Motion, advance
+from tsbench.sim.ego import advance, start_motion
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
@@ -181,8 +181,7 @@ class Episode:
         self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
         self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
         start = scene.network.lane(scene.start.lane)
-        x, y = start.line.point_at(scene.start.s)
-        self.motion = Motion(x, y, start.line.heading_at(scene.start.s), scene.start.speed)
+        self.motion = start_motion(scene)
         self.ego = self._locate(start.index)
         sim.load_scene(scene)
         sim.start_ego(self.motion, start.edge, start.order)

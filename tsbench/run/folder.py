@@ -14,6 +14,7 @@ from tsbench.run.journal import Content, Journal, Key, belongs
 from tsbench.run.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
 from tsbench.run.memory import MemoryUse
 from tsbench.run.record import Record
+from tsbench.run.rescored import NAME as RESCORED
 from tsbench.run.schema import TABLES
 from tsbench.run.set_aside import FOLDER as ASIDE
 from tsbench.run.set_aside import SetAside
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
 TRACES, ERRORS = "traces", "errors"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
-_FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", *TABLES))
+_FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", RESCORED, *TABLES))
 _FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report"))
 
 

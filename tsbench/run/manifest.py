@@ -40,10 +40,15 @@ def new_manifest(
     asked: Mapping[str, Any],
     effective: Mapping[str, Any],
     planners: Sequence[Mapping[str, Any]],
+    edition: str = "",
 ) -> Manifest:
-    """A manifest as of now. effective: every option that can change a record, with its defaults filled in."""
+    """A manifest as of now. effective: every option that can change a record, with its defaults filled in.
+
+    edition: the contract's name, "" for what is no run of an edition.
+    """
     return {
         "schema_version": SCHEMA_VERSION,
+        "edition": edition,
         "contract": contract,
         "status": "running",
         "planners": [dict(planner) for planner in planners],

@@ -9,7 +9,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.errors import InputError
+from tsbench.run.edition import edition_of
 from tsbench.run.manifest import NAME, Manifest, read_manifest
+from tsbench.run.rescored import tell_rescored
 from tsbench.run.tables import file_hashes, read_table
 
 EPISODES = "episodes.parquet"
@@ -29,6 +31,16 @@ class StoredRun:
     def contract(self) -> str:
         """Contract hash (hex)."""
         return str(self.manifest["contract"])
+
+    @property
+    def edition(self) -> str:
+        """The contract's name."""
+        return edition_of(self.contract, self.manifest.get("edition"))
+
+    @property
+    def rescored(self) -> str:
+        """Whether it was judged again, in one line."""
+        return tell_rescored(self.path, self.contract, self.manifest["files"])
 
     def of(self, planner: str) -> pa.Table:
         """One planner's records."""

@@ -19,22 +19,25 @@ from tsbench.run.folder import SUMMARY
 from tsbench.run.journal import Key
 from tsbench.run.manifest import Manifest, read_manifest
 from tsbench.run.record import Row
+from tsbench.run.replay import replay
 from tsbench.run.score import score
 from tsbench.run.tables import read_table
 from tsbench.run.trace import Trace, read_trace, trace_path
-from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.load import Roads, SceneLoader
 from tsbench.scenarios.table import read_table as read_scenarios
 from tsbench.scenarios.table import table_path
 from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.sim.scene import Scene
 
 
 @dataclass(frozen=True)
 class Rescore:
     """traces: judged again; untraced: episodes without a readable one; disagreements: one line each.
 
-    note: what to know before reading them, "" if nothing.
+    contract: of this tsbench for the run's split. note: what to know before reading them, "" if nothing.
     """
 
+    contract: str
     traces: int
     untraced: int
     note: str
@@ -56,7 +59,11 @@ def rescore(folder: Path) -> Rescore:
             events[key].append(event)
         else:
             lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
-    judge = Judge(load_catalog())
+    catalog = load_catalog()
+    table = read_scenarios(table_path(manifest["effective"]["split"]))
+    now = contract_hash(table, catalog)
+    known = {spec.scenario_id: spec for spec in table} if now == manifest["contract"] else None
+    judge = Judge(catalog)
     judged = 0
     for key, row in rows.items():
         path = trace_path(folder, *key)
@@ -70,13 +77,19 @@ def rescore(folder: Path) -> Rescore:
             lines.append(f"{key[0]} {key[1]}: {problem}")
             continue
         judged += 1
-        lines += [f"{key[0]} {key[1]}: {line}" for line in judge.compare(trace, key, row, events[key])]
+        if known is not None and trace.spec != known.get(key[1]):
+            lines.append(f"{key[0]} {key[1]}: its trace is of another scenario than the table's row")
+        try:
+            for line in judge.compare(trace, key, row, events[key]):
+                lines.append(f"{key[0]} {key[1]}: {line}")
+        except (ValueError, InputError) as problem:
+            lines.append(f"{key[0]} {key[1]}: its trace cannot be judged: {problem}")
     expected = {trace_path(folder, *key) for key in rows}
     for path in sorted((folder / "traces").rglob("*.parquet")):
         if path not in expected and not path.name.startswith("."):
             lines.append(f"{path}: a trace without its episode")
     lines += _summary_lines(folder, manifest, episodes)
-    return Rescore(judged, len(rows) - judged, _contract_note(manifest), tuple(lines))
+    return Rescore(now, judged, len(rows) - judged, _contract_note(manifest, now), tuple(lines))
 
 
 def _had_trace(row: Row, events: list[Row], kept: str) -> bool:
@@ -98,13 +111,15 @@ class Judge:
         if (trace.planner, trace.spec.scenario_id) != key:
             yield f"its trace is that of {trace.planner} {trace.spec.scenario_id}"
             return
+        scene, roads = self._loader.load(trace.spec)
+        yield from replay(trace, scene, roads)
         if trace.outcome.value != row["outcome"]:
             yield f"outcome is {row['outcome']}, by its trace {trace.outcome.value}"
             return
         if trace.outcome.is_error:
             # An error outcome has no figures: there is nothing more to agree on.
             return
-        facts = self._facts(trace)
+        facts = self._facts(trace, scene, roads)
         if (facts.outcome, facts.contact) != (trace.outcome, trace.contact):
             yield f"outcome is {trace.outcome} ({trace.contact}), judged again {facts.outcome} ({facts.contact})"
             return
@@ -122,8 +137,7 @@ class Judge:
                 if not _same(old[name], new[name]):
                     yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
 
-    def _facts(self, trace: Trace) -> EpisodeFacts:
-        scene, roads = self._loader.load(trace.spec)
+    def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
         target, others = make_monitors(self._catalog, scene)
         ending = Ending(scene, target)
         outcome, seen = None, []
@@ -145,10 +159,8 @@ class Judge:
         )
 
 
-def _contract_note(manifest: Manifest) -> str:
+def _contract_note(manifest: Manifest, now: str) -> str:
     """Under another contract a disagreement is no wonder."""
-    split = manifest["effective"]["split"]
-    now = contract_hash(read_scenarios(table_path(split)), load_catalog())
     if now == manifest["contract"]:
         return ""
     return f"the run's contract is {manifest['contract'][:12]}, that of this tsbench {now[:12]}"
@@ -163,7 +175,13 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
         if not holes:
             yield f"{path}: missing, though no episode is"
         return
-    now = summarise(episodes, contract_hash=manifest["contract"], asked=asked, allow_partial=holes)
+    now = summarise(
+        episodes,
+        contract_hash=manifest["contract"],
+        edition=str(manifest.get("edition", "")),
+        asked=asked,
+        allow_partial=holes,
+    )
     with told_plainly(path):
         if path.read_bytes() != now.to_json().encode():
             yield f"{path}: differs from the aggregates of the {len(episodes)} records"

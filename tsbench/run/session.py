@@ -17,6 +17,7 @@ import pyarrow as pa
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import edition_of
 from tsbench.run.executor import Executor, Limits, make_executor
 from tsbench.run.folder import RunFolder, check_folder
 from tsbench.run.handout import HandOut, Task
@@ -103,7 +104,7 @@ def run(options: Options, watcher: Watcher) -> Ending:
         check_names(planners)
         names = [str(planner["name"]) for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
-        manifest = new_manifest(contract, _asked(options), effective, planners)
+        manifest = new_manifest(contract, _asked(options), effective, planners, edition_of(contract))
         out = options.out or Path("runs") / default_name(options, names, contract)
         with closing(RunFolder(out, manifest, keys)) as folder:
             for line in folder.notices:
@@ -187,7 +188,10 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_part
     holes = len(episodes) < sum(asked.values())
     summary = None
     if not holes or allow_partial:
-        summary = summarise(episodes, contract_hash=contract, asked=asked, allow_partial=allow_partial)
+        edition = folder.manifest["edition"]
+        summary = summarise(
+            episodes, contract_hash=contract, edition=edition, asked=asked, allow_partial=allow_partial
+        )
     return Ending(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
     )

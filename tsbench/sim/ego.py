@@ -14,6 +14,7 @@ import numpy as np
 from tsbench.errors import PlannerOutputError
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array
+from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, WHEELBASE_M
 
 MAX_STEER_RAD = math.radians(40.0)
@@ -35,6 +36,13 @@ class Motion:
     acceleration: float = 0.0
     steering: float = 0.0
     yaw_rate: float = 0.0
+
+
+def start_motion(scene: Scene) -> Motion:
+    """Where the ego of a scene begins: on the middle of its lane, at the scene's speed."""
+    line = scene.network.lane(scene.start.lane).line
+    x, y = line.point_at(scene.start.s)
+    return Motion(x, y, line.heading_at(scene.start.s), scene.start.speed)
 
 
 def advance(m: Motion, acceleration: float, steering: float) -> Motion:

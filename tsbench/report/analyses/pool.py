@@ -30,6 +30,11 @@ class Pool:
         """The hash that all runs share."""
         return self.runs[0].contract
 
+    @property
+    def edition(self) -> str:
+        """The contract's name."""
+        return self.runs[0].edition
+
     @cached_property
     def planners(self) -> tuple[str, ...]:
         """Names of the planners that have records, in the order of the published table, others behind."""
@@ -40,7 +45,11 @@ class Pool:
         """Every figure of every planner."""
         asked = {name: run.asked[name] for name, run in self.home.items()}
         return summarise(
-            self._episodes, contract_hash=self.contract, asked=asked, allow_partial=bool(self.holes)
+            self._episodes,
+            contract_hash=self.contract,
+            edition=self.edition,
+            asked=asked,
+            allow_partial=bool(self.holes),
         )
 
     @cached_property

@@ -114,7 +114,9 @@ def about(pool: Pool) -> list[dict[str, Any]]:
             "episodes": f"{len(run.episodes):,} of {sum(run.asked.values()):,} asked",
             "status": m["status"],
             "time": f"{m.get('started')} to {m.get('finished') or 'now'}",
+            "edition": run.edition,
             "contract": run.contract,
+            "rescored": run.rescored,
             "versions": versions,
             "commit": f"{git.get('commit') or 'unknown'}{', with changes' if git.get('modified') else ''}",
             "machine": f"{machine.get('processor')}, {machine.get('cores')} cores, {machine.get('memory_gib')} GiB",
@@ -170,4 +172,9 @@ def episodes_table(stock: Stock, playable: Collection[int]) -> bytes:
 def heading(pool: Pool) -> dict[str, Any]:
     """Title of the page and of the window; records that are missing come first."""
     what = ", ".join(pool.planners) if len(pool.planners) <= 4 else f"{len(pool.planners)} planners"
-    return {"title": pool.title(what), "partial": pool.summary.partial, "contract": pool.contract}
+    return {
+        "title": pool.title(what),
+        "partial": pool.summary.partial,
+        "contract": pool.contract,
+        "edition": pool.edition,
+    }

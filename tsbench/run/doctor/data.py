@@ -70,6 +70,38 @@ def check_data() -> Iterator[Finding]:
         yield _files(path, rows)
 
 
+def check_edition() -> Iterator[Finding]:
+    """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
+    from tsbench.run.edition import LOCAL, contract_now, edition_of
+    from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
+    from tsbench.scenarios.table import SPLITS, read_table, table_path
+    from tsbench.signs.catalog import load_catalog
+
+    for split in (split for split in SPLITS if table_path(split).is_file()):
+        contract = contract_now(split)
+        name = edition_of(contract)
+        text = f"{name}, contract of the {split} split {contract}"
+        if name.endswith(LOCAL):
+            yield Finding(
+                Status.NOTE, "edition", f"{text}: rules, scenes, code or versions are not those released",
+                "scores compare with runs of this very installation only",
+            )  # fmt: skip
+        else:
+            yield Finding(Status.OK, "edition", text)
+    path = certificates_path()
+    if not path.is_file():
+        yield Finding(Status.NOTE, "edition", f"{path}: not there", "tsbench scenarios build makes it")
+        return
+    rows = [row for split in SPLITS if table_path(split).is_file() for row in read_table(table_path(split))]
+    known = {c.scenario_id: c.basis for c in read_certificates(path)}
+    void = [name for name, basis in bases(rows, load_catalog()).items() if known.get(name) != basis]
+    if void:
+        text = f"{path}: {len(void)} rows without a certificate of what they are, first {void[0]}"
+        yield Finding(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")
+    else:
+        yield Finding(Status.OK, "edition", f"{len(rows)} rows, each with a certificate of what it is")
+
+
 def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
     """All files that the rows name are in the stores, and a sample of them has the rows' hashes."""
     from tsbench.scenarios.store import SceneStore, store_path

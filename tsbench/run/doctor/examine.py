@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 
 from tsbench.errors import InputError
-from tsbench.run.doctor.data import check_data, check_sumo
+from tsbench.run.doctor.data import check_data, check_edition, check_sumo
 from tsbench.run.doctor.finding import Finding, Status
 from tsbench.run.doctor.machine import check_gpu, check_machine, check_python, check_tools
 from tsbench.run.doctor.packages import check_packages
@@ -19,6 +19,7 @@ CHECKS: Mapping[str, Callable[[], Iterator[Finding]]] = {
     "packages": check_packages,
     "SUMO": check_sumo,
     "data": check_data,
+    "edition": check_edition,
     "machine": check_machine,
     "tools": check_tools,
     "torch": check_gpu,

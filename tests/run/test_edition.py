@@ -1,0 +1,82 @@
+"""The names that contracts are cited by, and that they say whether something was changed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import tsbench
+from tsbench.run import edition
+from tsbench.run.doctor.data import check_edition
+from tsbench.run.doctor.finding import Status
+from tsbench.run.edition import contract_now, edition_of, editions, release
+from tsbench.scenarios.table import SPLITS
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_this_tsbench_is_what_was_released(split: str) -> None:
+    """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
+    assert contract_now(split) == editions()[-1].released[tsbench.__version__][split]
+    assert edition_of(contract_now(split)) == editions()[-1].name
+
+
+def test_a_changed_contract_does_not_pass_under_the_name() -> None:
+    name = editions()[-1].name
+    assert edition_of("f" * 64) == f"{name}+local"
+    # Nor does a run's own word make it one.
+    assert edition_of("f" * 64, name) == f"{name}+local"
+    assert edition_of("f" * 64, "2031.1+local") == "2031.1+local"
+    assert edition_of("f" * 64, ["no", "name"]) == f"{name}+local"
+    assert edition_of(contract_now("test"), "2031.1") == name
+
+
+def test_a_release_writes_its_version_and_keeps_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "editions.yaml"
+    path.write_bytes(edition.PATH.read_bytes())
+    monkeypatch.setattr(edition, "PATH", path)
+    editions.cache_clear()
+    assert release() == editions()[-1].released[tsbench.__version__]
+    assert path.read_bytes() == edition.PATH.read_bytes()
+    before = editions()[-1]
+    monkeypatch.setattr(tsbench, "__version__", "9.9.9")
+    monkeypatch.setattr(edition, "contract_now", lambda split: split * 16)
+    release()
+    editions.cache_clear()
+    assert editions()[-1] == replace(
+        before, released={**before.released, "9.9.9": {"train": "train" * 16, "test": "test" * 16}}
+    )
+    assert edition_of("test" * 16) == before.name
+    monkeypatch.undo()
+    editions.cache_clear()
+
+
+def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    *splits, certificates = check_edition()
+    assert [finding.status for finding in splits] == [Status.OK] * len(SPLITS)
+    assert all(finding.text.startswith(f"{editions()[-1].name}, contract of the ") for finding in splits)
+    assert (certificates.status, certificates.text) == (
+        Status.OK,
+        "29000 rows, each with a certificate of what it is",
+    )
+    monkeypatch.setattr(edition, "contract_now", lambda split: "f" * 64)
+    finding = next(iter(check_edition()))
+    assert finding.status is Status.NOTE
+    assert f"{editions()[-1].name}+local" in finding.text
+
+
+def test_a_run_says_its_edition(bench) -> None:
+    """Fake scenes are nobody's edition."""
+    local = f"{editions()[-1].name}+local"
+    done = bench.run(
+        "run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "2", "--out", "out"
+    )
+    assert f"edition {local}, contract " in done.stdout
+    for name in ("run.json", "summary.json"):
+        assert json.loads((bench.folder / "out" / name).read_text())["edition"] == local
+    done = bench.run("compare", "out", "out")
+    assert f"edition {local}, contract " in done.stdout
