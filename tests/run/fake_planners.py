@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
+import socket
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -122,6 +125,171 @@ class Forks(Bad):
         self.bad = False
         os.fork()
         return Control(0.0, 0.0)
+
+
+class Misdeed:
+    """What `Hostile` does once, in an episode of its own."""
+
+
+class OwnNumber(Misdeed):
+    """A number that ends the process when it is read."""
+
+    class Number:
+        def __float__(self):
+            raise SystemExit("read")
+
+    def misbehave(self):
+        return Control(self.Number(), 0.0)
+
+
+class Own(BaseException):
+    """A planner's own exception."""
+
+
+class RaisesOwn(Misdeed):
+    def misbehave(self):
+        raise Own("mine")
+
+
+class Interrupts(Misdeed):
+    def misbehave(self):
+        raise KeyboardInterrupt("stop")
+
+
+class GeneratorExits(Misdeed):
+    def misbehave(self):
+        raise GeneratorExit("gone")
+
+
+class Surrogate(Misdeed):
+    def misbehave(self):
+        raise ValueError("half a character: \ud800")
+
+
+class NoText(Misdeed):
+    """An exception whose text raises."""
+
+    class Mute(Exception):
+        def __str__(self):
+            raise RuntimeError("no text")
+
+    def misbehave(self):
+        raise self.Mute
+
+
+class EndlessText(Misdeed):
+    def misbehave(self):
+        raise ValueError("word " * 2_000_000)
+
+
+def lines_to_the_run():
+    """Descriptors of the worker's sockets."""
+    found = [fd for fd in Path("/proc/self/fd").iterdir() if fd.is_symlink()]
+    return [int(fd.name) for fd in found if str(fd.readlink()).startswith("socket:")]
+
+
+class ClosesAll(Misdeed):
+    def misbehave(self):
+        os.closerange(0, 1024)
+        return Control(0.0, 0.0)
+
+
+class TakesLine(Misdeed):
+    """Something else stands where the line to the run was."""
+
+    def misbehave(self):
+        null = os.open(os.devnull, os.O_RDWR)
+        for fd in lines_to_the_run():
+            os.dup2(null, fd)
+        return Control(0.0, 0.0)
+
+
+class WritesLine(Misdeed):
+    def misbehave(self):
+        for fd in lines_to_the_run():
+            socket.socket(fileno=os.dup(fd)).sendall(b'{"task": 1}\n[]\n\x00\xff')
+        return Control(0.0, 0.0)
+
+
+class Gorges(Misdeed):
+    """Takes 360 MB, and keeps them."""
+
+    def misbehave(self):
+        self.kept = [np.ones(45_000_000)]
+        time.sleep(3600)
+
+
+class ChildGorges(Misdeed):
+    def misbehave(self):
+        code = "import time; kept = b'x' * 400_000_000; time.sleep(3600)"
+        subprocess.run([sys.executable, "-c", code], check=True)
+
+
+class AsksForAll(Misdeed):
+    """More than any machine has, in one piece."""
+
+    def misbehave(self):
+        return Control(np.ones(10**12).sum(), 0.0)
+
+
+class Computes(Misdeed):
+    """For ever."""
+
+    def misbehave(self):
+        while True:
+            pass
+
+
+class Daemonises(Misdeed):
+    """A grandchild in a session of its own, whose parents are gone and whose environment is empty."""
+
+    def misbehave(self):
+        code = "import os, time\nprint(os.getpid(), flush=True)\ntime.sleep(3600)"
+        fork = f"import subprocess, sys; subprocess.Popen([sys.executable, '-c', {code!r}], start_new_session=True)"
+        command = [sys.executable, "-c", fork]
+        with subprocess.Popen(command, env={}, start_new_session=True, stdout=subprocess.PIPE) as child:
+            told = child.stdout.readline()
+        Path(os.environ["TSBENCH_TEST_MARK"]).with_suffix(".daemon").write_bytes(told)
+        return Control(0.0, 0.0)
+
+
+MISDEEDS = [
+    OwnNumber, RaisesOwn, Interrupts, GeneratorExits, Surrogate, NoText, EndlessText, ClosesAll, TakesLine, WritesLine,
+    Gorges, ChildGorges, AsksForAll, Computes, Daemonises,
+]  # fmt: skip
+
+
+class Hostile(Good):
+    """One misdeed after the other, from the scenario of seed 100 on."""
+
+    def reset(self, context):
+        super().reset(context)
+        number = context.seed - 100
+        self.misdeed = MISDEEDS[number] if number < len(MISDEEDS) else None
+        if number == len(MISDEEDS):
+            raise SystemExit("reset")
+
+    def act(self, observation):
+        misdeed, self.misdeed = self.misdeed, None
+        return misdeed().misbehave() if misdeed else super().act(observation)
+
+
+class Spoils(Good):
+    """Changes its whole process: how numbers are rounded, what an error of NumPy does, what others call."""
+
+    def reset(self, context):
+        super().reset(context)
+        ctypes.CDLL("libm.so.6").fesetround(0x800)
+        np.seterr(all="raise")
+        os.environ["TSBENCH_DATA"] = "/nowhere"
+        sys.modules["fake_runner"].advance = lambda motion, *command: motion
+
+
+class Thirds(Good):
+    """Its poses hang on how numbers are rounded."""
+
+    def act(self, observation):
+        return Control(1.0 / 3.0, 0.001 / 3.0)
 
 
 class Leaks(Good):

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import handmade
 import numpy as np
 
-from tsbench.errors import PlannerOutputError
+from tsbench.errors import PlannerOutputError, cause_of
 from tsbench.metrics.outcome import Outcome
 from tsbench.planners.registry import resolve
 from tsbench.run.command import to_command
@@ -44,11 +44,11 @@ class FakeRunner:
         try:
             self._drive(spec)
         except PlannerOutputError as problem:
-            outcome, error = Outcome.INVALID_OUTPUT, f"{type(problem).__name__}: {problem}"
+            outcome, error = Outcome.INVALID_OUTPUT, cause_of(problem)
         except Exception as problem:
             outcome, error, detail = (
                 Outcome.PLANNER_ERROR,
-                f"{type(problem).__name__}: {problem}",
+                cause_of(problem),
                 traceback.format_exc(),
             )
         broken = [handmade.violation(1.0 + spec.variant / 7)] if spec.seed % 3 == 0 else []
@@ -71,8 +71,8 @@ class FakeRunner:
         for _ in range(TICKS):
             self._beat(PLANNING)
             output = planner.act(spec)
-            self._beat(SIMULATING)
             command, _ = to_command(output, motion, self._scene.network)
+            self._beat(SIMULATING)
             motion = advance(motion, *command)
             self._egos.append(handmade.ego(motion.x, motion.y, motion.heading, motion.speed))
         time.sleep(0.002)

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from run_helpers import Bench, assert_gone
+from run_helpers import Bench
 
 from tsbench.errors import InputError
 from tsbench.run.executor import Limits
 from tsbench.run.workers import Pool
 
 BAD_SCENARIO = "speed_limit-000-7"
+TOO_LATE = "one call of the planner took more than 4 s of processor time, or 4 s in all"
+TOO_LARGE = "the planner's worker took more than 400 MB of memory (--memory-limit)"
+BROKEN_LINE = "the planner has closed or used the line between its worker and the run"
 EXPECTED = {
     "Raises": ("planner_error", "RuntimeError: no idea what to do with <object object at 0x…>"),
     "PrintsAndRaises": ("planner_error", "ValueError: enough"),
@@ -24,15 +27,31 @@ EXPECTED = {
     "Nan": ("invalid_output", "acceleration nan"),
     "Inf": ("invalid_output", "steering inf"),
     "WrongShape": ("invalid_output", "shapes"),
-    "Sleeps": (
-        "planner_timeout",
-        "one call of the planner took more than 4 s of processor time, or 4 s in all",
-    ),
+    "Sleeps": ("planner_timeout", TOO_LATE),
     "Exits": ("planner_error", "the worker process ended in the planner: exit code 7"),
     "SysExits": ("planner_error", "SystemExit: bye"),
     "Segfaults": ("planner_error", "the worker process ended in the planner: SIGSEGV"),
     "KilledAlways": ("planner_error", "the worker process ended in the planner: SIGKILL"),
     "LeavesChild": ("planner_error", "the worker process ended in the planner: exit code 3"),
+}
+# What each misdeed of `Hostile` comes to, in the order of its scenarios.
+HOSTILE = {
+    "OwnNumber": ("invalid_output", "Control cannot be read (SystemExit: read)"),
+    "RaisesOwn": ("planner_error", "Own: mine"),
+    "Interrupts": ("planner_error", "KeyboardInterrupt: stop"),
+    "GeneratorExits": ("planner_error", "GeneratorExit: gone"),
+    "Surrogate": ("planner_error", "ValueError: half a character: \\ud800"),
+    "NoText": ("planner_error", "Mute: (its text cannot be had)"),
+    "EndlessText": ("planner_error", "ValueError: word word"),
+    "ClosesAll": ("planner_error", BROKEN_LINE),
+    "TakesLine": ("planner_error", BROKEN_LINE),
+    "WritesLine": ("planner_error", BROKEN_LINE),
+    "Gorges": ("planner_error", TOO_LARGE),
+    "ChildGorges": ("planner_error", TOO_LARGE),
+    "AsksForAll": ("planner_error", "MemoryError"),
+    "Computes": ("planner_timeout", TOO_LATE),
+    "Daemonises": ("arrived", None),
+    "RaisesInReset": ("planner_error", "SystemExit: reset"),
 }
 
 
@@ -47,9 +66,9 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory, make_data) -> Path:
     folder = tmp_path_factory.mktemp("misbehaved")
     bench = Bench(make_data(folder / "data"), folder)
     done = bench.run(
-        *args("Prints", "Good", "Forks", *EXPECTED, types="speed_limit", out="run", workers="2"),
+        *args("Prints", "Good", "Forks", "Hostile", *EXPECTED, types="speed_limit", out="run", workers="2"),
         expect=1,
-        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0}',
+        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0, "most_memory": 400.0}',
     )
     assert len(done.stdout) < 20_000
     assert "xxxxx" not in done.stdout + done.stderr
@@ -92,13 +111,45 @@ def test_the_others_are_not_touched(misbehaved: Path, planner: str) -> None:
 
 
 def test_children_of_a_planner_do_not_outlive_its_worker(misbehaved: Path) -> None:
-    assert_gone([int((misbehaved / "mark").read_text())])
+    pids = [int((misbehaved / name).read_text()) for name in ("mark", "mark.daemon")]
+    assert not [pid for pid in pids if Path(f"/proc/{pid}").exists()]
+
+
+@pytest.mark.parametrize("misdeed", HOSTILE)
+def test_a_misdeed_costs_its_own_episode(misbehaved: Path, misdeed: str) -> None:
+    rows = sorted(
+        (r for r in rows_of(misbehaved / "run").values() if r["planner"] == "Hostile"),
+        key=lambda r: r["seed"],
+    )
+    row, (outcome, error) = rows[list(HOSTILE).index(misdeed)], HOSTILE[misdeed]
+    assert row["outcome"] == outcome
+    assert error is None or error in row["error"]
+
+
+def test_no_misdeed_costs_another_episode(misbehaved: Path) -> None:
+    rows = [r for r in rows_of(misbehaved / "run").values() if r["planner"] == "Hostile"]
+    assert len(rows) == 20
+    assert [r["outcome"] for r in rows if r["seed"] >= 100 + len(HOSTILE)] == ["arrived"] * 4
+
+
+def test_what_a_planner_does_to_its_process_reaches_no_other(bench: Bench) -> None:
+    bench.run(*args("Spoils", "Thirds", types="speed_limit", out="after", workers="1", trace="all"))
+    bench.run(*args("Thirds", types="speed_limit", out="alone", workers="1", trace="all"))
+    found = []
+    for out in ("after", "alone"):
+        traces = sorted((bench.folder / out / "traces" / "Thirds").glob("*"))
+        rows = {key: row for key, row in rows_of(bench.folder / out).items() if key[0] == "Thirds"}
+        found.append((rows, [path.read_bytes() for path in traces]))
+    assert len(found[0][1]) == 20
+    assert found[0] == found[1]
 
 
 def test_the_manifest_counts_them(misbehaved: Path) -> None:
     manifest = json.loads((misbehaved / "run" / "run.json").read_text())
     assert manifest["status"] == "complete"
-    assert manifest["counts"] == {"asked": 300, "finished": 300, "errors": len(EXPECTED)}
+    asked = 20 * (4 + len(EXPECTED))
+    errors = len(EXPECTED) + len(HOSTILE) - 1
+    assert manifest["counts"] == {"asked": asked, "finished": asked, "errors": errors}
     assert not (misbehaved / "run" / "journal.jsonl").exists()
 
 

@@ -9,6 +9,7 @@ import yaml
 
 from tsbench.errors import InputError
 from tsbench.paths import data_file
+from tsbench.textfile import read_text
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,10 @@ class Extract:
 def known_extracts() -> dict[str, Extract]:
     """The extracts that the repository knows, by name."""
     path = data_file("sumo_nets/harvest.yaml")
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    try:
+        content = yaml.safe_load(read_text(path, "list of extracts"))
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from None
     if not isinstance(content, dict) or content.get("schema") != 1:
         raise InputError(f"{path}: expected `schema: 1`")
     return {

@@ -64,7 +64,7 @@ def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
                     ways += 1
                     roads += highway in CAR_ROADS
                 writer.add(entity)
-    except (RuntimeError, ValueError) as broken:
+    except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
         place = f"after {nodes} nodes and {ways} ways"
         raise InputError(
             f"{path}: not a whole OSM file ({' '.join(str(broken).split())}; {place})"

@@ -16,6 +16,8 @@ from typing import Any
 import tsbench
 from tsbench.errors import InputError
 from tsbench.run.schema import SCHEMA_VERSION
+from tsbench.scenarios.table import SPLITS
+from tsbench.textfile import read_json
 
 Manifest = dict[str, Any]
 
@@ -29,10 +31,23 @@ _PACKAGES = {
 }
 # What must be equal for a run to be continued in its folder.
 _SAME = ("contract", "planners", "effective")
-_PARTS: dict[str, type | tuple[type, ...]] = {
-    "contract": str, "planners": list, "effective": dict, "status": str, "sessions": list,
-    "files": (dict, type(None)),
+_STATES = frozenset(("running", "interrupted", "complete"))
+# What stands in a manifest, by kind. {}: a mapping with these keys, those with a question mark may be missing; [x]: a
+# list of x; a tuple: one of several; a set: one of its words. More keys than these are let through.
+_NONE = type(None)
+_SHAPE: dict[str, Any] = {
+    "contract": str, "status": _STATES, "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
+    "planners": [{"name": str, "spec": str, "privileged?": bool, "sign_access?": bool, "served_on?": [str],
+                  "weights_sha256?": (str, _NONE), "code_sha256?": (str, _NONE)}],
+    "effective": {"split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str,
+                  "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float, "collection?": str},
+    "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
+    "asked?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str}, "started?": str,
+    "finished?": (str, _NONE), "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
 }  # fmt: skip
+# Those of a run, which collections of other things lack.
+_OF_RUNS = {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool}
+_MOST = 2**53
 
 
 def new_manifest(
@@ -95,23 +110,58 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
 def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
     """The manifest of a run folder, None if there is none. Raises InputError for one that is not ours."""
     path = folder / name
-    try:
-        manifest: Manifest = json.loads(path.read_bytes())
-    except FileNotFoundError:
+    if not (path.exists() or path.is_symlink()):
         return None
-    except (OSError, ValueError) as problem:
-        raise InputError(f"{path}: cannot be read as a run manifest ({problem})") from None
+    manifest: Manifest = read_json(path, "run manifest")
     if not isinstance(manifest, dict) or "contract" not in manifest or "schema_version" not in manifest:
         raise InputError(f"{path}: not the manifest of a tsbench run")
     if manifest["schema_version"] != SCHEMA_VERSION:
         raise InputError(
-            f"{path}: schema version {manifest['schema_version']}, this tsbench reads {SCHEMA_VERSION}; "
+            f"{path}: schema version {manifest['schema_version']!r:.80}, this tsbench reads {SCHEMA_VERSION}; "
             f"read it with {_maker(manifest)}, or run it again into another folder"
         )
-    for name, kind in _PARTS.items():
-        if not isinstance(manifest.get(name), kind):
-            raise InputError(f"{path}: not the manifest of a tsbench run ({name!r} is missing or malformed)")
+    fault = _fault(manifest, _SHAPE, "")
+    if not fault and "collection" not in manifest["effective"]:
+        fault = _fault(manifest["effective"], _OF_RUNS, "effective")
+    if fault:
+        raise InputError(f"{path}: not the manifest of a tsbench run ({fault!r} is missing or malformed)")
     return manifest
+
+
+def _fault(value: Any, shape: Any, where: str) -> str:
+    """Which part of a value is not of a shape, "" if all are."""
+    if isinstance(shape, tuple):
+        faults = [_fault(value, one, where) for one in shape]
+        return "" if "" in faults else faults[-1]
+    if isinstance(shape, list):
+        if not isinstance(value, list):
+            return where
+        faults = [_fault(one, shape[0], f"{where}[{k}]") for k, one in enumerate(value)]
+        return next(filter(None, faults), "")
+    if isinstance(shape, dict):
+        if not isinstance(value, dict):
+            return where
+        for key, inner in shape.items():
+            name = key.removesuffix("?")
+            place = f"{where}.{name}" if where else name
+            if name not in value:
+                if name == key:
+                    return place
+            elif fault := _fault(value[name], inner, place):
+                return fault
+        return ""
+    return "" if _is(value, shape) else where
+
+
+def _is(value: Any, kind: Any) -> bool:
+    if isinstance(kind, frozenset):
+        return isinstance(value, str) and value in kind
+    if kind in (int, float):
+        # A truth value is no number; one that no counter reaches is none either.
+        allowed = (int,) if kind is int else (int, float)
+        return type(value) in allowed and abs(value) <= _MOST
+    # Half of a pair of code units is text that no file and no terminal takes.
+    return isinstance(value, kind) and (kind is not str or value.encode(errors="ignore").decode() == value)
 
 
 def _maker(manifest: Mapping[str, Any]) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -26,7 +26,7 @@ _READ_BYTES = 1 << 18
 # Far more than any answer has.
 _MOST_BYTES = 1 << 27
 _LAST_READS = 8
-_LAST_GASP_MS = 10_000
+_LAST_GASP_S = 5.0
 _ANSWER = frozenset(("row", "events", "timing", "detail", "trace"))
 _FAREWELL_S = 10.0
 _WARDEN = Path(__file__).with_name("warden.py")
@@ -69,9 +69,9 @@ class WorkerProcess:
     process: its warden, which ends as it does and takes along all that it has started; pid: its own, 0 until it has
     come up. planner: spec of the only planner that it has met, "" = none yet. held: tasks sent and not answered,
     oldest first. changed: monotonic time at which its pulse was last seen to move; stamp: what it was then; spent:
-    processor time that it had used soon after, None = not looked at yet. ready: it has come up. closed: nothing more
-    will come from it; broken: though it had not ended. answer: to the last probe. outgrown: it is too large to get
-    another task.
+    processor time that it had used soon after, None = not looked at yet. ready: it has come up. hung_up: when its line
+    was closed. closed: nothing more will come from it; broken: though it had not ended. answer: to the last probe.
+    outgrown: it is too large to get another task.
     """
 
     def __init__(self, now: float, most_mb: float) -> None:
@@ -83,6 +83,7 @@ class WorkerProcess:
         self.pid = 0
         self.changed = now
         self.spent: float | None = None
+        self.hung_up: float | None = None
         self.stamp = 0
         self.tail = bytearray()
         self.printed = 0
@@ -147,13 +148,20 @@ class WorkerProcess:
                 self._heard += rest
                 if len(self._heard) > _MOST_BYTES:
                     raise ValueError("no message of a worker")
-            self.closed = True
+            self.hung_up = self.hung_up or time.monotonic()
         except BlockingIOError:
             pass
-        except (OSError, ValueError, RecursionError):
-            # A planner closed what was not its own, or wrote there.
-            self.closed = True
+        except ConnectionResetError:
+            self.hung_up = self.hung_up or time.monotonic()
+        except (ValueError, RecursionError):
+            # A planner wrote there.
+            self.closed = self.broken = True
         return messages
+
+    def give_up(self, now: float) -> None:
+        """Its line was closed, and it has not ended: a planner closed what was not its own."""
+        if self.hung_up is not None and now - self.hung_up > _LAST_GASP_S:
+            self.closed = self.broken = True
 
     def read_log(self) -> bool:
         """Take what it printed, keep the tail; False once nothing more can come."""
@@ -181,11 +189,6 @@ class WorkerProcess:
 
     def end(self) -> int:
         """Kill it with everything that it started, and return its exit status (negative: a signal)."""
-        if self.closed:
-            # It is on its way out: its own exit status says more than ours would.
-            death = select.poll()
-            death.register(self.death_fd, select.POLLIN)
-            self.broken = not death.poll(_LAST_GASP_MS)
         self.process.terminate()
         try:
             status = self.process.wait(_FAREWELL_S)

@@ -61,13 +61,10 @@ def read_run(path: Path) -> StoredRun:
     manifest = read_manifest(path)
     if manifest is None:
         raise InputError(f"{path}: no run folder (it has no {NAME})")
-    try:
-        asked = dict.fromkeys(
-            (str(p["name"]) for p in manifest["planners"]), int(manifest["effective"]["scenarios"])
-        )
-        status, recorded = manifest["status"], manifest["files"] or {}
-    except (KeyError, TypeError, ValueError) as problem:
-        raise InputError(f"{path / NAME}: not the manifest of a tsbench run ({problem!r})") from None
+    if "scenarios" not in manifest["effective"]:
+        raise InputError(f"{path / NAME}: not the manifest of a tsbench run, but of a collection")
+    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    status, recorded = manifest["status"], manifest["files"] or {}
     episodes = read_table(path / EPISODES)
     # While a session is under way the tables of the one before may already have been replaced.
     if status in _ENDED:

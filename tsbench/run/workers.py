@@ -205,6 +205,9 @@ class Pool:
             return
         self._receive(worker, keep)
         worker.closed = worker.closed or event == "death"
+        if worker.hung_up is not None:
+            # Its end follows, or it is given up.
+            self._forget(worker.connection)
 
     def _receive(self, worker: WorkerProcess, keep: Callable[[Record], None]) -> None:
         for message in worker.receive():
@@ -239,6 +242,11 @@ class Pool:
             return
         self._looked = now
         for slot, worker in enumerate(self._workers):
+            if worker is not None:
+                worker.give_up(now)
+                if worker.closed:
+                    self._bury(slot, tasks, keep)
+                    continue
             if worker is None or (worker.ready and not worker.held):
                 continue
             overrun = find_overrun(worker, self._limits, now)
@@ -256,7 +264,7 @@ class Pool:
         worker = self._workers[slot]
         assert worker is not None
         status = self._drop(slot, worker)
-        begun = bool(worker.held) and worker.pulse.task == worker.held[0].number
+        begun = worker.pulse.task in [task.number for task in worker.held]
         self._stillborn = 0 if begun else self._stillborn + 1
         if begun:
             task = worker.held.popleft()
@@ -288,6 +296,7 @@ class Pool:
                     self._take_in(other, event, _no_record)
                     if other.closed and not other.planner:
                         self._drop(slot, other)
+            worker.give_up(time.monotonic())
             overrun = find_overrun(worker, self._limits, time.monotonic())
         if worker.answer is not None:
             answer, worker.answer = worker.answer, None

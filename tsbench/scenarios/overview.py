@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from tsbench.paths import data_file
 from tsbench.scenarios.build import stratum_of
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.textfile import read_json
 
 PLACE_M = 300.0
 
@@ -56,12 +56,13 @@ def places(points: Sequence[tuple[float, float]]) -> int:
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
     """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
     path = data_file("scenarios/build_report.json") if root is None else root / "build_report.json"
-    try:
-        report: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no build report (tsbench scenarios build makes it)") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not a build report ({error})") from None
+    if not path.exists():
+        raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
+    report: list[dict[str, Any]] = read_json(path, "build report")
+    wanted = {"type_id": str, "split": str}
+    for entry in report if isinstance(report, list) else [None]:
+        if not isinstance(entry, dict) or any(not isinstance(entry.get(k), v) for k, v in wanted.items()):
+            raise InputError(f"{path}: not a build report (expected a list of reports on types)")
     return report
 
 

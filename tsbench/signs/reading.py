@@ -37,6 +37,8 @@ def read_yaml(path: Path) -> "Fields":
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(f"{path}: {reason}") from error
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"{path}: not YAML ({error})") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}: " if mark is not None else ""

@@ -5,20 +5,20 @@ Source: docs/spec/simulation.md, "Traffic".
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from tsbench.paths import data_file
+from tsbench.textfile import read_json
 
 
 @cache
 def statistics() -> dict[str, Any]:
     """The figures of `scenarios/nuplan_statistics.json`."""
     path = data_file("scenarios/nuplan_statistics.json")
-    loaded: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    loaded: dict[str, Any] = read_json(path, "table of nuPlan's figures")
     return loaded
 
 
