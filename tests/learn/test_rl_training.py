@@ -59,7 +59,7 @@ def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     with torch.no_grad():
         trained = made.get_distribution(torch.from_numpy(seen)).distribution
     wanted = stats.norm(trained.mean.numpy(), trained.stddev.numpy()).ppf(records["draw"])
-    assert np.allclose(Ppo(tmp_path).infer(records)["action"], wanted, atol=1e-5)
+    assert np.allclose(Ppo(folder=tmp_path).infer(records)["action"], wanted, atol=1e-5)
     assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2 + 2
 
 
@@ -186,7 +186,7 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     assert first.training["steps"] == 16
     record = np.zeros(1, dtype=VECTOR)
     record["draw"] = 0.5
-    assert np.isfinite(Ppo(tmp_path).infer(record)["action"]).all()
+    assert np.isfinite(Ppo(folder=tmp_path).infer(record)["action"]).all()
 
     second = rl_train.train(replace(job, steps=32, rate=1e-4, more=("speed",)), told.append)
     after = load_file(tmp_path / "checkpoint.safetensors")

@@ -21,7 +21,7 @@ from tsbench.planners.weights import save_weights
 
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [
-    pytest.param(lambda p: Ppo(save_ppo(p)), id="ppo"),
+    pytest.param(lambda p: Ppo(folder=save_ppo(p)), id="ppo"),
     pytest.param(lambda p: Carl(folder=save_carl(p)), id="carl"),
 ]
 

@@ -10,7 +10,11 @@ _COLOURS = {"ok": "green", "note": "yellow", "failed": "red"}
 
 
 @click.command()
-def doctor() -> None:
+@click.option("--arithmetic", is_flag=True, help="Whether each planner gives the reference bytes here, and nothing else.")
+@click.option(
+    "--write", is_flag=True, help="With --arithmetic: make what comes out here the reference, for review by `git diff`."
+)
+def doctor(arithmetic: bool, write: bool) -> None:
     """Check this installation, its data and this machine; exit code 1 if something keeps tsbench from working.
 
     A note is about what only some commands need.
@@ -18,8 +22,18 @@ def doctor() -> None:
     from tsbench.run.doctor.examine import examine
     from tsbench.run.doctor.finding import Status
 
+    findings = examine()
+    if write and not arithmetic:
+        raise click.UsageError("--write goes with --arithmetic")
+    if arithmetic:
+        from tsbench.run.doctor.arithmetic import check_arithmetic, write_reference
+
+        if write:
+            for path in write_reference():
+                click.echo(f"written: {path}")
+        findings = check_arithmetic()
     failed = 0
-    for finding in examine():
+    for finding in findings:
         failed += finding.status is Status.FAILED
         word = click.style(f"{finding.status:<7}", fg=_COLOURS[finding.status])
         click.echo(f"{word} {finding.name:<9} {finding.text}")

@@ -15,6 +15,7 @@ from typing import Any
 
 import tsbench
 from tsbench.errors import InputError
+from tsbench.run import arithmetic
 from tsbench.run.schema import SCHEMA_VERSION
 from tsbench.scenarios.table import SPLITS
 from tsbench.textfile import read_json
@@ -72,6 +73,7 @@ def new_manifest(
         "versions": versions(),
         "git": git_state(),
         "machine": machine(),
+        "arithmetic": arithmetic.facts(),
         "started": timestamp(),
         "finished": None,
         "sessions": [],
@@ -104,6 +106,9 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
             return (
                 f"contract is {old[part][:12]}, not {new[part][:12]} (rules, scenes or versions have changed)"
             )
+    if "arithmetic" in new:
+        device = str(new["effective"].get("device", "cpu"))
+        return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], new["planners"], device)
     return None
 
 

@@ -27,13 +27,22 @@ _MOST = 8.0
 
 
 class Ppo(LearnedPlanner):
-    """The planner. folder: of the weights, as `tsbench train ppo --out` makes it; None: those of tsbench."""
+    """The planner. infer: who answers its records; folder: of the weights of its own network, as `tsbench train ppo --out`
+    makes it (None: tsbench's).
+    """
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
+    # At this size an answer costs less than the way to another process.
+    served_on: ClassVar[tuple[str, ...]] = ()
 
-    def __init__(self, folder: Path | None = None) -> None:
-        super().__init__(network(folder))
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        super().__init__(load(folder) if infer is None else infer)
         self._encoder = VectorEncoder()
+
+    @staticmethod
+    def network(device: str) -> Infer:  # noqa: ARG004
+        """tsbench's own network, on the CPU whatever the device."""
+        return load()
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode."""
@@ -45,7 +54,7 @@ class Ppo(LearnedPlanner):
         record["vector"][0] = self._encoder.encode(observation)
 
 
-def network(folder: Path | None = None) -> Infer:
+def load(folder: Path | None = None) -> Infer:
     """The MLP with the weights below `folder`; InputError where they are not its own."""
     of = Parameters(load_weights(WEIGHTS, folder))
     try:
