@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import re
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -32,6 +33,8 @@ def peak_mb() -> float:
 def give_back() -> None:
     """Return freed memory to the system: allocators keep it, and every module leaves its own holes."""
     gc.collect()
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
@@ -48,8 +51,8 @@ class MemoryGuard:
         if not self._told and peak_mb() > MOST_MB:
             self._told = True
             raise TooLarge(
-                f"{where}: this process of the suite has held {peak_mb():.0f} MB, more than {MOST_MB:.0f}. Start what is "
-                "large in a process of its own, or keep less from test to test (tests/memory_guard.py)"
+                f"{where}: this process of the suite has held {peak_mb():.0f} MB, more than {MOST_MB:.0f}. "
+                "Keep less from test to test, or mark what is large with own_process (tests/own_process.py)"
             )
 
     def pytest_collection_finish(self) -> None:

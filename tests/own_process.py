@@ -1,5 +1,6 @@
-"""`@pytest.mark.own_process`: the test runs in a process of its own, which takes what it needs of memory along when it
-ends. For trainings: an optimiser alone brings 0.1 GB of modules that nothing else needs. A plugin of `tests/conftest.py`.
+"""`@pytest.mark.own_process`: the test runs in a process of its own, which takes its memory along when it ends.
+
+For trainings: an optimiser alone brings 0.1 GB of modules that nothing else needs. A plugin of `tests/conftest.py`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 
 from tsbench.paths import data_root
 from tsbench.run.schema import EPISODES
@@ -24,7 +25,7 @@ def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subpro
         cwd=cwd,
         text=True,
         capture_output=True,
-        timeout=100,
+        timeout=HANG_S,
         check=False,
     )
     assert done.returncode == expect, done.stderr
@@ -43,7 +44,7 @@ def test_help_imports_nothing_heavy() -> None:
         f"import sys; sys.argv[1:] = ['--help']\ntry: {MAIN}\nfinally: print(*sys.modules, file=sys.stderr)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], text=True, capture_output=True, timeout=60, check=True
+        [sys.executable, "-c", code], text=True, capture_output=True, timeout=HANG_S, check=True
     )
     assert not {name.partition(".")[0] for name in done.stderr.split()} & set(HEAVY)
 
@@ -78,7 +79,7 @@ def test_wrong_usage_is_one_line_and_exit_2(arguments: list[str], words: str, tm
 
 def test_a_reader_that_leaves(tmp_path: Path) -> None:
     shell = f"'{sys.executable}' -c '{MAIN}' signs list | true"
-    done = subprocess.run(["bash", "-c", shell], text=True, capture_output=True, timeout=60, check=False)
+    done = subprocess.run(["bash", "-c", shell], text=True, capture_output=True, timeout=HANG_S, check=False)
     assert "Traceback" not in done.stderr
 
 

@@ -30,6 +30,5 @@ def rolled_out(context: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_equal_seeds_equal_bytes_under_spawn_and_forkserver() -> None:
     assert rolled_out("spawn") == rolled_out("forkserver")

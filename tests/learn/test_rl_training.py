@@ -175,7 +175,6 @@ def dying_once(learn: Any) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.own_process
-@pytest.mark.timeout(300)
 def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1)
     monkeypatch.setattr(rl_train, "HYPER", {"ppo": small})

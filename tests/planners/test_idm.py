@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from statistics import median
-from time import perf_counter
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from planner_loop import Body, World, cones, constant, front_of, ids, load
+from work import calls
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Observation
@@ -183,13 +182,8 @@ def test_a_tick_is_cheap() -> None:
 
     planner = Watching()
     World(network, "sc_0", 20.0, 10.0, Destination("cn", 60.0), bodies=bodies).run(planner, 8.0)
-    costs = []
-    for observation in tuple(seen) * 10:
-        start = perf_counter()
-        Idm.act(planner, observation)
-        costs.append(perf_counter() - start)
-    # The goal is 40 us; the bound leaves room for a loaded machine.
-    assert median(costs) < 120e-6
+    # About 90 calls, 40 us on a quiet machine; twice as many are another planner.
+    assert max(calls(lambda o=o: Idm.act(planner, o)) for o in tuple(seen)) < 130
 
 
 @pytest.mark.parametrize("beside", [True, False])

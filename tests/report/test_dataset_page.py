@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.errors import InputError
@@ -136,7 +137,7 @@ def test_chromium_shows_scenes_and_filters(page: Path, width: int) -> None:
     with sync_playwright() as tool:
         browser = tool.chromium.launch(executable_path=CHROMIUM, args=flags)
         tab = browser.new_page(viewport={"width": width, "height": 844})
-        tab.set_default_timeout(60_000)
+        tab.set_default_timeout(1_000 * HANG_S)
         problems: list[str] = []
         tab.on("pageerror", lambda error: problems.append(str(error)))
         tab.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)

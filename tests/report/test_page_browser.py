@@ -12,6 +12,7 @@ from urllib.parse import quote
 import page_runs
 import pytest
 from page_runs import HOSTILE, SENTENCE, TRACED
+from patience import HANG_S
 
 from tsbench.report.page import embed as embedding
 from tsbench.report.page import server as serving
@@ -45,7 +46,7 @@ def opened(
     """A page that may ask only for itself and its own server; errors in it fail the test."""
     context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
     page = context.new_page()
-    page.set_default_timeout(90_000)
+    page.set_default_timeout(1_000 * HANG_S)
     problems: list[str] = []
     asked: list[str] = []
     page.on("pageerror", lambda error: problems.append(str(error)))
@@ -63,7 +64,7 @@ def opened(
 
 def until(page: Page, expression: str) -> None:
     """Wait for an expression; Playwright's own way needs eval, which the page's policy forbids."""
-    for _ in range(900):
+    for _ in range(int(HANG_S / 0.1)):
         if page.evaluate(expression):
             return
         page.wait_for_timeout(100)
@@ -77,6 +78,15 @@ COLOURS = """id => {
   for (let k = 0; k < data.length; k += 4) seen.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
   return [...seen];
 }"""
+
+
+def until_drawn(page: Page, canvas: str, colours: set[str]) -> None:
+    """Wait for colours on a canvas."""
+    for _ in range(int(HANG_S / 0.1)):
+        if colours <= set(page.evaluate(COLOURS, canvas)):
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"never on {canvas}: {colours - set(page.evaluate(COLOURS, canvas))}")
 
 
 def rows(page: Page) -> int:
@@ -150,12 +160,9 @@ def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: P
     link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
     with opened(chromium, report.as_uri() + link) as page:
         until(page, "tsb.player.episode !== null")
-        page.wait_for_timeout(500)
-        seen = set(page.evaluate(COLOURS, "player-view"))
         # Ego, asphalt, violation, the oncoming car: colours of report/style.py.
-        assert {"255,112,32", "86,91,99", "228,30,45", "160,200,235"} <= seen
-        line = set(page.evaluate(COLOURS, "player-line"))
-        assert "192,21,37" in line  # the violation on the time line
+        until_drawn(page, "player-view", {"255,112,32", "86,91,99", "228,30,45", "160,200,235"})
+        until_drawn(page, "player-line", {"192,21,37"})  # the violation on the time line
 
 
 def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import page_runs
 import pytest
 from page_runs import HOSTILE, TRACED
+from patience import HANG_S
 from test_page_packing import unpack
 
 from tsbench.cli import main
@@ -54,7 +55,7 @@ def one_port(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 
 def ask(port: int, path: str, host: str | None = None, method: str = "GET") -> tuple[int, str, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=HANG_S)
     connection.putrequest(method, path, skip_host=True)
     connection.putheader("Host", host or f"127.0.0.1:{port}")
     connection.endheaders()

@@ -16,6 +16,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import faults
+from patience import HANG_S
 
 import tsbench.cli
 import tsbench.cli.run as command
@@ -23,7 +24,7 @@ from tsbench.run.journal import Journal
 from tsbench.run.session import Options
 
 # Nothing but what sleeps for ever is as slow as this, on the busiest machine.
-LIMITS = {"call": 30.0, "first_call": 30.0, "phase": 30.0, "start": 90.0}
+LIMITS = dict.fromkeys(("call", "first_call", "phase", "start"), HANG_S)
 
 
 def main(arguments: list[str] | None = None) -> None:

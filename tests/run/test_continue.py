@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from run_helpers import PATIENCE_S, Bench, assert_gone, workers_of
+from patience import HANG_S
+from run_helpers import Bench, assert_gone, workers_of
 
 from tsbench.run.tables import read_table
 from tsbench.scenarios.table import read_table as read_scenarios
@@ -34,7 +35,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, make_data) -> Bench:
 
 def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
     process = whole.start(*RUN, "--out", "two", "--workers", "2", PYTHONHASHSEED="77")
-    process.communicate(timeout=PATIENCE_S)
+    process.communicate(timeout=HANG_S)
     assert process.returncode == 1
     assert bytes_of(whole.folder / "two") == bytes_of(whole.folder / "whole")
 
@@ -60,7 +61,7 @@ def test_workers_killed_are_replaced(whole: Bench) -> None:
     for worker in workers_of(process):
         os.kill(worker, signal.SIGKILL)
     whole.go()
-    process.communicate(timeout=PATIENCE_S)
+    process.communicate(timeout=HANG_S)
     assert process.returncode == 1
     assert bytes_of(whole.folder / "worker") == bytes_of(whole.folder / "whole")
 
@@ -72,7 +73,7 @@ def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals
     workers = workers_of(process)
     process.send_signal(number)
     whole.go()
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 130
     assert "Traceback" not in err
     assert "run the same command again to continue" in out

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from run_helpers import PATIENCE_S, Bench
+from patience import HANG_S
+from run_helpers import Bench
 
 RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4"]
 
@@ -63,7 +64,7 @@ def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
     run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "none", "--workers", "1"]
     process = subprocess.run(
         bench.command(*run, "--out", "full"), cwd=bench.folder, env=bench.env, text=True, capture_output=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=PATIENCE_S, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=HANG_S, check=False,
     )  # fmt: skip
     assert process.returncode == 2
     assert process.stderr.count("\n") == 1
@@ -98,7 +99,7 @@ def remount(disk: Path, options: str) -> None:
 def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Bench, disk: Path) -> None:
     run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "all", "--workers", "2"]
     process = bench.start(*run, "--out", "disk/run")
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2, (out, err)
     assert err.count("\n") == 1
     assert "No space left on device; finished episodes are kept: free some space and run the same" in err
@@ -141,7 +142,7 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     process = bench.start_paused(5, *run, "--allow-partial")
     process.send_signal(signal.SIGINT)
     bench.go()
-    out, _ = process.communicate(timeout=PATIENCE_S)
+    out, _ = process.communicate(timeout=HANG_S)
     assert process.returncode == 130
     assert "PARTIAL" in out
     journal, texts = bench.folder / "run" / "journal.jsonl", ("summary.json", "summary.md")
@@ -151,7 +152,7 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     process = bench.start_paused(len(journal.read_bytes().splitlines()) + 1, *run)
     process.send_signal(signal.SIGINT)
     bench.go()
-    out, _ = process.communicate(timeout=PATIENCE_S)
+    out, _ = process.communicate(timeout=HANG_S)
     assert process.returncode == 130
     assert "PARTIAL" not in out
     assert "summary.md" not in out

@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from run_helpers import PATIENCE_S, Bench
-
-ray_cluster = pytest.importorskip("ray.cluster_utils")
+from patience import HANG_S
+from run_helpers import Bench
 
 RUN = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Exits", "--split", "test"]
 RUN += ["--trace", "all"]
 # Ray's own processes get the time that a busy machine needs; nothing is reported home.
 SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_agent_register_timeout_ms": "120000",
+    "RAY_agent_register_timeout_ms": "600000",
 }
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.slow
 
 
 def patiently(start: Callable[..., Any], **arguments: Any) -> Any:
@@ -38,7 +37,7 @@ def patiently(start: Callable[..., Any], **arguments: Any) -> Any:
 class OnCluster:
     """The command line on a cluster of our own; `local`: what the executor of this machine leaves."""
 
-    def __init__(self, bench: Bench, cluster: ray_cluster.Cluster) -> None:
+    def __init__(self, bench: Bench, cluster: Any) -> None:
         self.bench, self.cluster = bench, cluster
         bench.env |= {**SETTINGS, "RAY_ADDRESS": cluster.address}
         bench.run(*RUN, "--out", "local", "--workers", "1", expect=1)
@@ -64,7 +63,7 @@ class OnCluster:
         return found
 
     def assert_no_worker_is_left(self) -> None:
-        end = time.monotonic() + PATIENCE_S
+        end = time.monotonic() + HANG_S
         while self.workers():
             assert time.monotonic() < end, self.workers()
             time.sleep(0.1)
@@ -72,6 +71,8 @@ class OnCluster:
 
 @pytest.fixture(scope="module")
 def on(tmp_path_factory: pytest.TempPathFactory, make_data) -> Iterator[OnCluster]:
+    # Here, not above: 30 MB in every process of the suite.
+    ray_cluster = pytest.importorskip("ray.cluster_utils")
     folder = tmp_path_factory.mktemp("ray")
     with pytest.MonkeyPatch.context() as patch:
         for name, value in SETTINGS.items():
@@ -91,7 +92,7 @@ def test_a_node_killed_in_the_middle(on: OnCluster) -> None:
     assert len(on.workers()) == 2
     on.cluster.remove_node(goes, allow_graceful=False)
     on.bench.go()
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 1, (out, err)
     assert "80 of 80 episodes finished, 1 with an error outcome" in out
     assert on.content("killed") == on.local
@@ -116,7 +117,7 @@ def test_a_cluster_without_a_core(on: OnCluster) -> None:
     # The nodes that the tests before took away count until the cluster has noticed.
     on.cluster.wait_for_nodes()
     process = on.bench.start(*RUN, "--executor", "ray", "--out", "none")
-    _, err = process.communicate(timeout=PATIENCE_S)
+    _, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2
     assert err.startswith("error: --executor ray: the cluster at ")
     assert err.count("\n") == 1
@@ -124,7 +125,7 @@ def test_a_cluster_without_a_core(on: OnCluster) -> None:
 
 def test_no_cluster_there(on: OnCluster) -> None:
     process = on.bench.start(*RUN, "--executor", "ray", "--out", "none", RAY_ADDRESS="127.0.0.1:1")
-    _, err = process.communicate(timeout=2 * PATIENCE_S)
+    _, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2
     assert err.startswith("error: --executor ray: no cluster at '127.0.0.1:1' ")
     assert err.count("\n") == 1
@@ -134,4 +135,4 @@ def test_ray_is_imported_when_it_is_asked_for_only() -> None:
     code = (
         "import sys, tsbench.cli.run, tsbench.run.session, tsbench.run.seat; sys.exit('ray' in sys.modules)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE_S)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG_S)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 from run_helpers import Bench
 
 from tsbench.errors import InputError
@@ -175,7 +176,7 @@ def test_a_worker_killed_from_outside_costs_nothing(bench: Bench) -> None:
 def test_planners_that_are_none(tmp_path: Path, code: str | None, words: str) -> None:
     if code is not None:
         (tmp_path / "planner.py").write_text(code)
-    with pytest.raises(InputError) as problem, Pool(1, Limits(start=60.0)) as pool:
+    with pytest.raises(InputError) as problem, Pool(1, Limits(start=HANG_S)) as pool:
         pool.probe([f"{tmp_path / 'planner.py'}:P"])
     assert words in str(problem.value)
     assert "\n" not in str(problem.value)

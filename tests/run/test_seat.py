@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 from run_helpers import HERE, Bench, specs
 
 from tsbench.paths import data_root
@@ -30,7 +31,7 @@ def seat(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Seat]:
     monkeypatch.setattr(sys, "path", [*sys.path, str(HERE), str(HERE.parent / "metrics")])
     monkeypatch.chdir(bench.folder)
     data_root.cache_clear()
-    seat = Seat(greeting(Limits(start=90.0)))
+    seat = Seat(greeting(Limits(start=HANG_S)))
     yield seat
     seat.close()
     data_root.cache_clear()

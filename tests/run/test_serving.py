@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANG_S
 
 from tsbench.errors import InputError
 from tsbench.planners.batched import is_served
@@ -38,7 +39,7 @@ def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -
     done = subprocess.run(
         [TSBENCH, "run", *arguments, "--workers", str(workers), "--out", str(out)],
         env={**os.environ, "SERVED_LOG": str(tmp_path / f"{name}.log"), **more},
-        capture_output=True, text=True, timeout=100,
+        capture_output=True, text=True, timeout=HANG_S,
     )  # fmt: skip
     assert done.returncode == expect, done.stderr
     return out

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from run_helpers import PATIENCE_S, ROOT, Bench, assert_gone, workers_of
+from patience import HANG_S
+from run_helpers import ROOT, Bench, assert_gone, workers_of
 
 from tsbench.run.tables import read_table
 
@@ -45,7 +46,7 @@ class Target:
         return self.bench.start(*self.command, "--out", name, **env)
 
     def end(self, process: subprocess.Popen[str]) -> str:
-        out, err = process.communicate(timeout=PATIENCE_S)
+        out, err = process.communicate(timeout=HANG_S)
         assert process.returncode == self.code, (out, err)
         assert "Traceback" not in out + err
         return err
@@ -72,7 +73,7 @@ def killed_at_a_moment(target: Target, name: str, rng: np.random.Generator, whom
             process.send_signal(signal.SIGINT)
         elif workers:
             os.kill(workers[slot % len(workers)], signal.SIGKILL)
-        out, err = process.communicate(timeout=PATIENCE_S)
+        out, err = process.communicate(timeout=HANG_S)
         assert "Traceback" not in out + err, (out, err)
         assert_gone(workers)
     return f"{whom} killed after {moment:.3f} s of {target.seconds:.3f} s"
@@ -82,7 +83,7 @@ def killed_at_a_file(target: Target, name: str, rng: np.random.Generator) -> str
     """SIGKILL of the run just before it touches a file for the n-th time."""
     touch = int(rng.integers(1, target.touches + 1))
     process = target.start(name, f"kill:{touch}")
-    process.communicate(timeout=PATIENCE_S)
+    process.communicate(timeout=HANG_S)
     return f"killed before touch {touch} of {target.touches}"
 
 
@@ -91,7 +92,7 @@ def disk_full(target: Target, name: str, rng: np.random.Generator) -> str:
     touch = int(rng.integers(1, target.touches + 1))
     process = target.start(name, f"full:{touch}")
     workers = workers_of(process)
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=HANG_S)
     if process.returncode != target.code:
         assert process.returncode == 2, (out, err)
         (line,) = [line for line in err.splitlines() if not line.startswith("note: ")]

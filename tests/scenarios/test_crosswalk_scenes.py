@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANG_S
 from madepool import corridor
 from simworld import CALM, LIMIT, simulation
 
@@ -305,6 +306,7 @@ def test_an_episode_with_people_is_the_same_in_two_processes(
     paths = [str(p) for p in (Path(__file__).parent, Path(__file__).parents[1] / "sim")]
     child = subprocess.run(
         [sys.executable, "-c", CHILD, *paths, str(tmp_path), repr(row)],
-        capture_output=True, text=True, check=True, timeout=120, env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
+        capture_output=True, text=True, check=True, timeout=HANG_S,
+        env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip
     assert {*here, child.stdout.split()[-1]} == {here[0]}

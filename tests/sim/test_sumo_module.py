@@ -12,6 +12,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from patience import HANG_S
 from simworld import CALM, SceneMaker, motion_at, obstacle, plate
 
 from tsbench.errors import SimulationError
@@ -168,7 +169,8 @@ def test_the_same_scene_is_the_same_to_the_byte(
     again = stream(sim, on_cross, busy)
     child = subprocess.run(
         [sys.executable, "-c", CHILD, str(Path(__file__).parent), str(on_cross.net), repr(busy)],
-        capture_output=True, text=True, check=True, timeout=60, env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
+        capture_output=True, text=True, check=True, timeout=HANG_S,
+        env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip
     assert first == again == child.stdout.split()[-1]
     assert first != between

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.errors import InputError
@@ -69,7 +70,7 @@ def commonroad(run: Path) -> dict[str, Any]:
         capture_output=True,
         text=True,
         env=environment,
-        timeout=100,
+        timeout=HANG_S,
     )
     assert done.returncode == 0, done.stderr
     said: dict[str, Any] = json.loads(done.stdout)
