@@ -84,6 +84,7 @@ def refuse(path: Path) -> str:
         ({"initial_speed": float("nan")}, "initial speed nan"),
         ({"scenario_id": "yield-j-1-v0"}, "the id occurs twice"),
         ({"net": "../outside.net.xml"}, "outside the data folder"),
+        ({"scenario_type": "../../yield"}, "outside the data folder"),
         ({"net": "/etc/passwd"}, "outside the data folder"),
         ({"additional": "scenes/../../x.add.xml"}, "outside the data folder"),
     ],

@@ -130,19 +130,14 @@ class SceneStore:
     def __init__(self, root: Path | None = None) -> None:
         self.root = root
         self._opened: dict[Path, _Opened] = {}
-        self._maps: OrderedDict[tuple[Path, str], tuple[dict[str, int], pa.Table]] = OrderedDict()
+        self._maps: OrderedDict[tuple[Path, str], dict[str, bytes]] = OrderedDict()
 
     def read(self, spec: ScenarioSpec, name: str) -> SceneFile:
         """The file that a row names. Raises InputError for one that is missing, broken or too large."""
         path = store_path(spec.split, spec.scenario_type, self.root)
-        places, table = self._map(path, spec.map_id)
-        place = places.get(name)
-        if place is None:
+        content = self._map(path, spec.map_id).get(name)
+        if content is None:
             raise InputError(f"{path / name}: no such scene file")
-        content: bytes = table["content"][place].as_py()
-        size = table["size"][place].as_py()
-        if len(content) != size:
-            raise InputError(f"{path / name}: has {len(content)} bytes, not the {size} that it says")
         return SceneFile(path / name, content)
 
     def names(self, split: str, type_id: str) -> dict[str, str]:
@@ -151,16 +146,20 @@ class SceneStore:
         table = opened.table(tuple(opened.groups), ["name", "sha256"])
         return dict(zip(table["name"].to_pylist(), table["sha256"].to_pylist(), strict=True))
 
-    def _map(self, path: Path, map_id: str) -> tuple[dict[str, int], pa.Table]:
-        """Places of a map's files in its unpacked table; none for a map that the store does not have."""
+    def _map(self, path: Path, map_id: str) -> dict[str, bytes]:
+        """Contents of a map's files by name; none for a map that the store does not have."""
         key = (path, map_id)
         kept = self._maps.get(key)
         if kept is None:
             opened = self._open(path)
             if map_id not in opened.groups:
-                return {}, SCHEMA.empty_table()
-            table = opened.table((map_id,), ["name", "size", "content"])
-            kept = {name: k for k, name in enumerate(table["name"].to_pylist())}, table
+                return {}
+            columns = opened.table((map_id,), ["name", "size", "content"]).to_pydict()
+            kept = {}
+            for name, size, content in zip(*columns.values(), strict=True):
+                if len(content) != size:
+                    raise InputError(f"{path / name}: has {len(content)} bytes, not the {size} that it says")
+                kept[name] = content
             self._maps[key] = kept
             if len(self._maps) > _KEPT_MAPS:
                 self._maps.popitem(last=False)

@@ -70,6 +70,7 @@ def _check(specs: list[ScenarioSpec], path: Path) -> None:
             raise InputError(
                 f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
             )
-        files = (Path(spec.net), Path(spec.additional))
+        # The type names the store that the other two are in.
+        files = (Path(spec.scenario_type), Path(spec.net), Path(spec.additional))
         if any(f.is_absolute() or ".." in f.parts for f in files):
             raise InputError(f"{where}: a scene file outside the data folder")

@@ -75,10 +75,13 @@ def sumo_version() -> str:
 @contextmanager
 def _in_memory(content: bytes) -> Iterator[str]:
     """A path by which SUMO, in this process, can read `content`: gone with the block, or with the process."""
-    with os.fdopen(os.memfd_create("scene.xml"), "wb") as file:
-        file.write(content)
-        file.flush()
-        yield f"/proc/self/fd/{file.fileno()}"
+    file = os.memfd_create("scene.xml")
+    try:
+        # A write into memory is whole, or raises.
+        os.write(file, content)
+        yield f"/proc/self/fd/{file}"
+    finally:
+        os.close(file)
 
 
 class Simulation:
