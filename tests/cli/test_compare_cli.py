@@ -11,6 +11,11 @@ from command_line import in_process, refused
 from made_runs import CONTRACT, episodes, failed, lost, make_run
 from PIL import Image
 
+from tsbench.run.edition import editions
+
+# Made-up contracts are nobody's edition.
+LOCAL = f"{editions()[-1].name}+local"
+
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
@@ -87,7 +92,7 @@ def test_other_contracts_are_refused_unless_forced(run, tmp_path: Path) -> None:
     assert "--force" in told
     out, _ = run("a", "b", "--force", "--png", "forced.png")
     assert out.startswith("FORCED, contracts differ (A c0ffeec0ffee, B dddddddddddd): A idm (a)")
-    assert f"contracts A {CONTRACT}, B {'d' * 64}" in out
+    assert f"A edition {LOCAL}, contract {CONTRACT}\nB edition {LOCAL}, contract {'d' * 64}\n" in out
 
 
 def test_other_scenarios_are_refused_unless_forced(run, tmp_path: Path) -> None:

@@ -17,9 +17,10 @@ from tsbench.cli import main
 from tsbench.maps.build import build_net
 from tsbench.maps.network import read_network
 from tsbench.maps.pool import write_pool
-from tsbench.scenarios.certificates import certificates_path, write_certificates
+from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Destination, EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -57,8 +58,18 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         '[{"type_id": "yield", "split": "test", "maps": {}, "missed": {"X": 3}, "short": 0,'
         ' "reasons": {"the secondary arm is # m long": 7}}]'
     )
-    write_certificates([], certificates_path(folder))
+    every = [spec for split in rows.values() for spec in split]
+    of = bases(every, load_catalog(root / "sign_catalog"))
+    write_certificates([certificate(spec, of[spec.scenario_id]) for spec in every], certificates_path(folder))
     return root
+
+
+def certificate(spec: ScenarioSpec, basis: str) -> Certificate:
+    """One that says what it is of, and that nobody solves it."""
+    return Certificate(
+        spec.scenario_id, spec.scenario_type, spec.split, 0, "", 1.0, "idm", "arrived", False, False, 0.0, 0.0, 0, 0,
+        0.0, "", "", basis, "", None,
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -138,7 +149,9 @@ def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.
     assert "no such scene file" in told
     assert "SHA-256 differs" in told
     assert "yield-j-train-v0: unknown scenario type 'fly'" in told
-    assert "6 rows, 3 problems" in told
+    # What the first row is now is not what its certificate is of.
+    assert "yield-j-train-v0: its certificate is of another row, rule or SUMO" in told
+    assert "6 rows, 4 problems" in told
 
 
 def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(

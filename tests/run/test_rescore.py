@@ -153,6 +153,10 @@ def test_what_rescore_writes_is_what_a_report_says(copy: Path) -> None:
     assert (found.contract, found.edition) == (run.contract, run.edition)
     assert run.rescored == f"rescored with edition {run.edition}: 1 of 1 episodes by their traces, all agree"
     assert run.rescored in tsbench(copy.parent, "compare", "copy", "copy")
+    tsbench(copy.parent, "report", "copy", "--out", "page.html")
+    page = (copy.parent / "page.html").read_text(encoding="utf-8")
+    assert run.rescored in page
+    assert f"edition {run.edition}, contract <code>{run.contract}" in page
     # Looking again at the complete run minds neither.
     assert "does not belong" not in tsbench(copy.parent, *RUN, "--planner", "idm", "--out", "copy")
 
