@@ -12,6 +12,8 @@ import pyarrow.parquet as pq
 from tsbench.errors import InputError
 
 VERSION_KEY = "tsbench_schema"
+# Far more than any table of ours has.
+_MOST_ROWS, _MOST_BYTES = 20_000_000, 1 << 32
 
 
 def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] | None = None) -> pa.Table:
@@ -28,6 +30,7 @@ def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] 
         file = pq.ParquetFile(path)
         version = (file.schema_arrow.metadata or {}).get(VERSION_KEY.encode(), b"none").decode()
         missing = [name for name in names if name not in file.schema_arrow.names]
+        check_size(file, path)
         if version == wanted and not missing:
             return file.read(names).cast(pa.schema([schema.field(n) for n in names]))
     except (pa.ArrowException, ValueError, OSError) as error:
@@ -35,6 +38,16 @@ def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] 
     if version != wanted:
         raise InputError(f"{path}: schema version {version}, this tsbench reads {wanted}")
     raise InputError(f"{path}: column {missing[0]!r} is missing")
+
+
+def check_size(file: pq.ParquetFile, path: Path) -> None:
+    """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours."""
+    about = file.metadata
+    size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+    if about.num_rows > _MOST_ROWS or size > _MOST_BYTES:
+        raise InputError(
+            f"{path}: {about.num_rows} rows, {size >> 20} MiB unpacked: too large for a table of ours"
+        )
 
 
 def save_table(table: pa.Table, path: Path, encodings: Mapping[str, str] | None = None) -> None:

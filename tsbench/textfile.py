@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from tsbench.errors import InputError
 
 # Far more than any of ours has.
 _MOST_BYTES = 1 << 26
+_DEEPEST = 50
 
 
 def read_text(path: Path, what: str) -> str:
@@ -34,3 +37,31 @@ def read_json(path: Path, what: str) -> Any:
         return json.loads(read_text(path, what))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+
+
+def read_yaml(path: Path, what: str, loader: type[yaml.CSafeLoader] = yaml.CSafeLoader) -> Any:
+    """The content of a YAML file. Raises InputError; `what` says what it should be."""
+    text = read_text(path, what)
+    try:
+        _check_depth(path, text)
+        return loader(text).get_single_data()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = getattr(error, "problem", None) or " ".join(str(error).split())
+        raise InputError(f"{path}: {line}{problem or 'not YAML'}") from None
+    except (ValueError, TypeError) as error:
+        # A date that is none, a number without an end, a mapping as a key.
+        raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+
+
+def _check_depth(path: Path, text: str) -> None:
+    """The reader goes down with the content, and ends the process where that is too deep."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > _DEEPEST:
+            raise InputError(f"{path}: more than {_DEEPEST} levels deep")

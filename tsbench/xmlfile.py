@@ -1,4 +1,4 @@
-"""Reading SUMO's XML files, plain or gzip: one clear line for whatever is wrong with one."""
+"""Reading SUMO's XML files, plain or gzip, up to a size: one clear line for whatever is wrong with one."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ from lxml import etree
 from tsbench.errors import InputError
 
 _GZIP = b"\x1f\x8b"
+# The largest networks that are read (of whole cities) have a few hundred.
+_MOST_BYTES = 1 << 30
 
 
 def read_plain(path: Path, what: str) -> bytes:
     """A file's content, uncompressed if it is gzip. Raises InputError; `what` says what it should be."""
     try:
-        raw = path.read_bytes()
-        return gzip.decompress(raw) if raw[:2] == _GZIP else raw
+        with path.open("rb") as raw:
+            packed = raw.read(len(_GZIP)) == _GZIP
+            raw.seek(0)
+            # Read to the limit and no further: how large it will be unpacked stands nowhere that can be trusted.
+            data = (gzip.GzipFile(fileobj=raw) if packed else raw).read(_MOST_BYTES + 1)
     except FileNotFoundError:
         raise InputError(f"{path}: no such {what}") from None
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+    if len(data) > _MOST_BYTES:
+        raise InputError(f"{path}: more than {_MOST_BYTES >> 20} MiB unpacked: too large for a {what}")
+    return data
 
 
 def parse(data: bytes, path: Path, tag: str, what: str) -> etree._Element:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import http.client
+import socket
+import struct
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -151,6 +154,41 @@ def test_a_bad_trace_and_a_bad_run_say_why(port: int, run: Path) -> None:
     assert status == 422
     assert b"not the manifest of a tsbench run" in body
     assert b"not the manifest of a tsbench run" in ask(port, "/")[2]
+
+
+def test_who_goes_away_leaves_no_traceback(port: int, capfd: pytest.CaptureFixture[str]) -> None:
+    for request in ("GET / HTTP/1.1", "GET /run/0/ HTTP/1.1", "GET /nothing HTTP/1.1", "GET /run/0/da"):
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            # Closing at once with a reset, whatever comes.
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            line.sendall(f"{request}\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+    # Answered after all of them: one run is read by one thread at a time.
+    assert ask(port, "/run/0/")[0] == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_a_slow_page_does_not_hold_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = [page_runs.make_run(tmp_path / name) for name in ("slow", "quick")]
+    begun, go = threading.Event(), threading.Event()
+
+    def slow_page(pool, stock, data):
+        if data.startswith("/run/0/"):
+            begun.set()
+            assert go.wait(60)
+        return f"page of {data}"
+
+    monkeypatch.setattr(serving, "served_page", slow_page)
+    with served(*runs) as port, ThreadPoolExecutor() as threads:
+        slow = threads.submit(ask, port, "/run/0/")
+        assert begun.wait(60)
+        try:
+            assert ask(port, "/")[0] == 200
+            assert ask(port, "/run/1/")[2] == b"page of /run/1/data/"
+            assert ask(port, "/run/1/data/plate/3.24%7C40")[0] == 200
+            assert not slow.done()
+        finally:
+            go.set()
+        assert slow.result()[2] == b"page of /run/0/data/"
 
 
 def test_which_runs(tmp_path: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:

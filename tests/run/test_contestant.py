@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
 from tsbench.core.provenance import closure
+from tsbench.errors import InputError
 from tsbench.run.contestant import describe
 from tsbench.run.contract import code_files
 
@@ -92,3 +94,36 @@ def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPa
     (mine / "kit" / "more.py").write_text("STEERING = 0.2\n")
     assert describe("mine.planner:drive")["code_sha256"] != before
     assert json.dumps(describe("mine.planner:drive"))
+
+
+@pytest.mark.parametrize(
+    ("code", "command"),
+    [
+        ("import stable_baselines3.no_such", "pip install 'tsbench[learn]'"),
+        ("import no_such_package.part", "pip install no-such-package"),
+        ("def __init__(self): import tensorboard.no_such", "pip install 'tsbench[learn]'"),
+        ("def __init__(self): import no_such_package", "pip install no-such-package"),
+    ],
+)
+def test_what_a_planner_lacks_is_named_with_what_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, command: str
+) -> None:
+    for package in ("stable_baselines3", "tensorboard"):
+        # As where the extra is not installed.
+        monkeypatch.setitem(sys.modules, package, None)
+    lines = [f"    {code}"] if code.startswith("def") else []
+    text = "" if lines else f"{code}\n"
+    text += "\n".join(["class P:", *lines, "    def reset(self, context): ...", "    def act(self, o): ..."])
+    (tmp_path / "lacking.py").write_text(text)
+    with pytest.raises(InputError) as told:
+        describe(f"{tmp_path / 'lacking.py'}:P")
+    assert command in str(told.value)
+    assert "lacking.py" in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_planner_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    text = "class P:\n    def __init__(self): raise SystemExit('no licence')\n"
+    (tmp_path / "unmade.py").write_text(f"{text}    def reset(self, c): ...\n    def act(self, o): ...\n")
+    with pytest.raises(InputError, match="cannot be made: SystemExit: no licence .*unmade.py, line 2"):
+        describe(f"{tmp_path / 'unmade.py'}:P")

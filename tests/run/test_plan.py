@@ -123,6 +123,20 @@ def test_hand_out_of_one_network_still_keeps_all_busy() -> None:
     assert sorted(task.number for task in taken) == list(range(1, 11))
 
 
+def test_hand_out_of_one_planner_only() -> None:
+    rows = specs()
+    hand_out = HandOut([Task(n, n % 2, row) for n, row in enumerate(rows, start=1)])
+    assert hand_out.planner == 0
+    taken = [hand_out.next(k % 2, 1) for k in range(20)]
+    assert {task.planner for task in taken} == {1}
+    assert hand_out.next(0, 1) is None
+    assert hand_out.left == 20
+    assert hand_out.next(0).planner == 0
+    hand_out.give_back(taken[0])
+    assert hand_out.next(0, 0).planner == 0
+    assert hand_out.next(1, 1) is taken[0]
+
+
 def test_what_is_given_back_is_handed_out_again() -> None:
     hand_out = HandOut([Task(1, 0, specs()[0])])
     task = hand_out.next(0)

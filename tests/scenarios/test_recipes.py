@@ -74,13 +74,36 @@ def good() -> dict:
         ("maps", {"T": 0}, "maps: T: 0 is no multiple of 4"),
         ("numbers", {"gap_m": "wide"}, "numbers: gap_m: 'wide' is not a number"),
         ("numbers", {"gap_m": True}, "numbers: gap_m: True is not a number"),
+        ("numbers", {"gap_m": -1}, "numbers: gap_m: -1 is not in 0 to 1000 m"),
+        ("numbers", {"gap_m": float("nan")}, "numbers: gap_m: nan is not in 0 to 1000 m"),
+        ("numbers", {"gap_m": 10**400}, "is not in 0 to 1000 m"),
+        ("numbers", {"walk_mps": 0}, "numbers: walk_mps: 0 is not in 0.1 to 60 m/s"),
+        ("numbers", {"brake_mps2": 70}, "numbers: brake_mps2: 70 is not in 0.1 to 10 m/s2"),
+        ("numbers", {"meet_share": 1.1}, "numbers: meet_share: 1.1 is not in 0 to 1 as a share"),
+        ("numbers", {"least_lanes": 1.5}, "numbers: least_lanes: 1.5 is not in 0 to 100 as a whole number"),
+        ("numbers", {"a_least_m": 9, "a_most_m": 5}, "numbers: a_least_m: 9 is more than a_most_m, 5"),
+        ("numbers", {1: 2}, "numbers: must be a mapping of names"),
+        ("numbers", [1], "numbers: must be a mapping of names"),
+        ("maps", 7, "maps: must be a mapping of names"),
+        ("horizon", 5, "horizon: 5 is not in 10 to 10000 ticks"),
+        ("horizon", "long", "horizon: 'long' is not a number"),
+        ("placement", 7, "placement: must be text"),
+        ("choices", {"users": 3}, "choices: users: must be a list of at least one"),
+        ("choices", {"users": []}, "choices: users: must be a list of at least one"),
+        ("choices", {"users": [0]}, "choices: users: 0 is not in 1 to 20 as a whole number"),
+        ("choices", {"limits_kmh": [500]}, "choices: limits_kmh: 500 is not in 1 to 200 km/h"),
+        ("choices", {"presets": [{"count": "x"}]}, "choices: presets: count: 'x' is not a number"),
+        ("choices", {"presets": [{"colour": 1}]}, "choices: presets: 'colour': unknown key"),
+        ("choices", {"main_plates": [2.1]}, "choices: main_plates: 2.1 is no str"),
     ],
 )
 def test_a_wrong_recipe(tmp_path: Path, good: dict, key: str, value: object, words: str) -> None:
     assert words in refuse(tmp_path, yaml.safe_dump(change(good, key, value)))
 
 
-@pytest.mark.parametrize("text", ["", "- a\n- b\n", "a: [1,\n", "\tindented: true\n"])
+@pytest.mark.parametrize(
+    "text", ["", "- a\n- b\n", "a: [1,\n", "\tindented: true\n", "a: " + "[" * 100_000, "1: 2001-99-99\n"]
+)
 def test_no_recipe_at_all(tmp_path: Path, text: str) -> None:
     refuse(tmp_path, text)
 

@@ -94,6 +94,11 @@ def main(arguments: list[str] | None = None) -> None:
         # Who read our output has gone (`| head`): nothing is wrong, and nothing more can be said.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except OSError as problem:
+        # A file or folder that cannot be used as it was asked for.
+        if problem.filename is None:
+            raise
+        _fail(f"{problem.filename}: {problem.strerror}")
     sys.exit(code if isinstance(code, int) else 0)
 
 

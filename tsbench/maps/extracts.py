@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-import yaml
-
 from tsbench.errors import InputError
 from tsbench.paths import data_file
-from tsbench.textfile import read_text
+from tsbench.textfile import read_yaml
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,7 @@ class Extract:
 def known_extracts() -> dict[str, Extract]:
     """The extracts that the repository knows, by name."""
     path = data_file("sumo_nets/harvest.yaml")
-    try:
-        content = yaml.safe_load(read_text(path, "list of extracts"))
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from None
+    content = read_yaml(path, "list of extracts")
     if not isinstance(content, dict) or content.get("schema") != 1:
         raise InputError(f"{path}: expected `schema: 1`")
     return {

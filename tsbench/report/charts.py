@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,11 +22,14 @@ _METADATA: dict[str, dict[str, str | None]] = {
     "svg": {"Creator": "tsbench", "Date": None},
 }
 
+# matplotlib's settings are those of the whole process.
+_STYLE = threading.RLock()
+
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """matplotlib's own defaults, and ids in SVG that do not change from call to call."""
-    with mpl.rc_context():
+    """matplotlib's own defaults, and ids in SVG that do not change from call to call; one thread at a time draws."""
+    with _STYLE, mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams["svg.hashsalt"] = "tsbench"
         yield

@@ -37,17 +37,27 @@ _STATES = frozenset(("running", "interrupted", "complete"))
 # list of x; a tuple: one of several; a set: one of its words. More keys than these are let through.
 _NONE = type(None)
 _SHAPE: dict[str, Any] = {
-    "contract": str, "status": _STATES, "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
-    "planners": [{"name": str, "spec": str, "privileged?": bool, "sign_access?": bool, "served_on?": [str],
-                  "weights_sha256?": (str, _NONE), "code_sha256?": (str, _NONE)}],
-    "effective": {"split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str,
-                  "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float, "collection?": str},
+    "contract": str,
+    "status": _STATES,
+    "planners": [{
+        "name": str, "spec?": str, "privileged?": bool, "sign_access?": bool, "served_on?": [str],
+        "weights_sha256?": (str, _NONE), "code_sha256?": (str, _NONE),
+    }],
+    "effective": {
+        "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "limit?": (int, _NONE),
+        "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float, "collection?": str,
+    },
+    "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
     "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
-    "asked?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str}, "started?": str,
-    "finished?": (str, _NONE), "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
+    "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
+    "asked?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str},
+    "started?": str, "finished?": (str, _NONE),
 }  # fmt: skip
 # Those of a run, which collections of other things lack.
-_OF_RUNS = {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool}
+_OF_RUNS = {
+    "planners": [{"spec": str}],
+    "effective": {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool},
+}
 _MOST = 2**53
 
 
@@ -127,7 +137,7 @@ def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
         )
     fault = _fault(manifest, _SHAPE, "")
     if not fault and "collection" not in manifest["effective"]:
-        fault = _fault(manifest["effective"], _OF_RUNS, "effective")
+        fault = _fault(manifest, _OF_RUNS, "")
     if fault:
         raise InputError(f"{path}: not the manifest of a tsbench run ({fault!r} is missing or malformed)")
     return manifest

@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.parquet import check_size
 from tsbench.rules.base import Verdict, Violation
 from tsbench.run.record import one_line
 from tsbench.run.result import EpisodeResult
@@ -214,6 +215,7 @@ def read_trace(path: Path) -> Trace:
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             head = (file.metadata.metadata or {}).get(_KEY.encode())
+            check_size(file, path)
             table = file.read(use_threads=False)
     except FileNotFoundError:
         raise InputError(f"{path}: no such trace") from None
@@ -228,7 +230,7 @@ def read_trace(path: Path) -> Trace:
                 f"{path}: trace of schema {meta['schema']}, this tsbench reads schema {TRACE_SCHEMA}"
             )
         return _trace(meta, table.cast(SCHEMA).combine_chunks())
-    except (KeyError, TypeError, ValueError, IndexError, pa.ArrowException) as error:
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
         raise InputError(f"{path}: malformed trace ({type(error).__name__}: {_one_line(error)})") from None
 
 

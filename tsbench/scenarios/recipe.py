@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tsbench.errors import InputError
 from tsbench.paths import data_file
 from tsbench.signs.catalog import Catalog, ScenarioType
-from tsbench.textfile import read_text
+from tsbench.textfile import read_yaml
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
@@ -74,10 +72,7 @@ def recipes_folder() -> Path:
 def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> Recipe:
     """The recipe of a type. Raises InputError (file, key, problem)."""
     path = (folder or recipes_folder()) / f"{type_id}.yaml"
-    try:
-        data = yaml.safe_load(read_text(path, f"recipe for type {type_id!r}"))
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{path}: not YAML ({' '.join(str(error).split())})") from None
+    data = read_yaml(path, f"recipe for type {type_id!r}")
     if not isinstance(data, dict) or set(data) - _MAY != _KEYS:
         raise InputError(f"{path}: expected the keys {', '.join(sorted(_KEYS))}")
     for key in ("maps", "numbers", "choices"):

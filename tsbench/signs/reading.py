@@ -6,6 +6,7 @@ from typing import NoReturn
 
 import yaml
 
+from tsbench import textfile
 from tsbench.errors import InputError
 
 _TOO_BIG = 1e300  # shuts out infinity, and whole numbers that no float can hold
@@ -32,17 +33,7 @@ def read_yaml(path: Path) -> "Fields":
     Raises:
         InputError: the file is missing, not UTF-8, not YAML, or no mapping.
     """
-    try:
-        content = _UniqueKeyLoader(path.read_text(encoding="utf-8")).get_single_data()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise InputError(f"{path}: {reason}") from error
-    except (RecursionError, ValueError) as error:
-        raise InputError(f"{path}: not YAML ({error})") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}: " if mark is not None else ""
-        raise InputError(f"{path}: {line}{getattr(error, 'problem', None) or 'not YAML'}") from error
+    content = textfile.read_yaml(path, "sheet of the sign catalogue", _UniqueKeyLoader)
     if not isinstance(content, dict):
         raise InputError(f"{path}: the file must be a mapping of keys")
     return Fields(content, str(path))

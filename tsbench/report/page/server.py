@@ -8,6 +8,7 @@ that no page of another site can read runs through a name that resolves to this 
 from __future__ import annotations
 
 import re
+import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -51,13 +52,13 @@ class Opened:
 
 
 class Library:
-    """The runs that are served, read when first asked for. Requests come from several threads: one at a time reads."""
+    """The runs that are served, read when first asked for. Of the threads that ask, one at a time reads a run."""
 
     def __init__(self, runs: Sequence[Path]) -> None:
         self.runs = tuple(runs)
         self._opened: dict[int, Opened] = {}
-        self._packer = EpisodePacker()
-        self._lock = threading.Lock()
+        self._packers = [EpisodePacker() for _ in self.runs]
+        self._locks = [threading.Lock() for _ in self.runs]
 
     def index(self) -> bytes:
         """The page that lists all runs."""
@@ -66,17 +67,17 @@ class Library:
 
     def page(self, number: int) -> bytes:
         """A run's report. Raises NotThere, and InputError for a run that cannot be read."""
-        with self._lock:
+        with self._lock(number):
             run = self._open(number)
             run.page = run.page or served_page(run.pool, run.stock, f"/run/{number}/data/").encode()
             return run.page
 
     def data(self, number: int, kind: str, name: str) -> bytes:
         """Packed data of a run's page. Raises NotThere, and InputError for a trace that cannot be shown."""
-        with self._lock:
+        with self._lock(number):
             run = self._open(number)
             if kind == "episode":
-                return self._episode(run, name)
+                return self._episode(run, self._packers[number], name)
             if kind == "plate":
                 try:
                     return pack_plate(name)
@@ -86,7 +87,12 @@ class Library:
                 raise NotThere(f"no roads {name}")
             return run.roads[name]
 
-    def _episode(self, run: Opened, name: str) -> bytes:
+    def _lock(self, number: int) -> threading.Lock:
+        if number >= len(self.runs):
+            raise NotThere(f"no run {number}")
+        return self._locks[number]
+
+    def _episode(self, run: Opened, packer: EpisodePacker, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
         path = run.stock.traces.get(row)
         if path is None:
@@ -94,13 +100,11 @@ class Library:
         home = run.pool.home[run.stock.rows[row]["planner"]].path
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
-        packed = self._packer.pack(path, run.stock.key(row))
+        packed = packer.pack(path, run.stock.key(row))
         run.roads[packed.net] = packed.roads
         return packed.episode
 
     def _open(self, number: int) -> Opened:
-        if number >= len(self.runs):
-            raise NotThere(f"no run {number}")
         path = self.runs[number]
         try:
             state = (path / NAME).stat()
@@ -138,7 +142,7 @@ def make_server(runs: Sequence[Path], port: int) -> ThreadingHTTPServer:
         shelf = library
 
     try:
-        return ThreadingHTTPServer((HOST, port), Handler)
+        return _Server((HOST, port), Handler)
     except OSError as problem:
         raise InputError(f"port {port}: {problem.strerror or problem}; choose another with --port") from None
 
@@ -149,6 +153,15 @@ def runs_below(folder: Path) -> list[Path]:
     if not found:
         raise InputError(f"{folder}: no run folders in it; name some: tsbench view RUN…")
     return found
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Who asked has gone away, wherever we were: nobody is left to be told."""
+        if not isinstance(sys.exception(), ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -164,9 +177,6 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.NOT_FOUND, _TEXT, f"{problem}\n".encode())
         except InputError as problem:
             self._answer(HTTPStatus.UNPROCESSABLE_ENTITY, _TEXT, f"{problem}\n".encode())
-        except (BrokenPipeError, ConnectionResetError):
-            # Who asked has gone away.
-            self.close_connection = True
 
     do_HEAD = do_GET  # noqa: N815
 

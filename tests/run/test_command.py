@@ -1,0 +1,67 @@
+"""What a planner may return, and what of it is no command."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from run_helpers import handmade
+
+from tsbench.errors import PlannerOutputError
+from tsbench.planners.base import Control, Trajectory
+from tsbench.run.command import to_command
+from tsbench.sim.ego import Motion
+
+MOTION = Motion(0.0, 0.0, 0.0, 5.0)
+
+
+class Refuses:
+    """A number that raises when it is read."""
+
+    def __float__(self) -> float:
+        raise GeneratorExit("read")
+
+
+def command(output: object):
+    return to_command(output, MOTION, handmade.scene().network)
+
+
+@pytest.mark.parametrize(
+    "value", [1, 1.5, True, np.float32(1.5), np.int64(1), np.array(1.5), np.array([1.5])]
+)
+def test_numbers_of_all_kinds(value: object) -> None:
+    (acceleration, steering), intent = command(Control(value, 0.0))
+    assert (type(acceleration), acceleration, steering, intent) == (float, float(value), 0.0, ())
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        (None, "act returned NoneType"),
+        (Control(10**400, 0), "int too large to convert to float"),
+        (Control(float("nan"), 0.0), "not finite"),
+        (Control(0.0, -float("inf")), "not finite"),
+        (Control("1.5", 0.0), "holds str and float, expected two numbers"),
+        (Control(None, 0.0), "holds NoneType and float"),
+        (Control(1j, 0.0), "holds complex and float"),
+        (Control([1.0], 0.0), "holds list and float"),
+        (Control(np.zeros(1_000_000), 0.0), "no number of a vehicle"),
+        (Control(Refuses(), 0.0), "Control cannot be read (GeneratorExit: read)"),
+        (Control(0.0, 0.0, ["a"]), "intent is list"),
+        (Control(0.0, 0.0, ("no such edge" * 100,)), "which is not in the network"),
+        (Control(0.0, 0.0, ({},)), "which is not in the network"),
+        (Trajectory([1.0], np.zeros((1, 3))), "Trajectory.times is list"),
+        (Trajectory(np.array([1.0]), None), "Trajectory.poses is NoneType"),
+        (Trajectory(np.array([1.0, None]), np.zeros((2, 3))), "Trajectory.times is an array of object"),
+        (Trajectory(np.array([1j]), np.zeros((1, 3))), "Trajectory.times is an array of complex128"),
+        (Trajectory(np.array(["1"]), np.zeros((1, 3))), "Trajectory.times is an array of <U1"),
+        (Trajectory(np.arange(1.0, 1e6), np.zeros((999_999, 3))), "trajectory has shapes"),
+        (Trajectory(np.array([1.0, 2.0]), np.full((2, 3), np.nan)), "NaN or infinity"),
+        (Trajectory(np.array([1e-300, 1.0]), np.full((2, 3), 1e308)), "beyond what numbers can hold"),
+    ],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_what_is_no_command(output: object, words: str) -> None:
+    with pytest.raises(PlannerOutputError) as told:
+        command(output)
+    assert words in str(told.value)
+    assert len(str(told.value)) < 300
