@@ -191,7 +191,9 @@ def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.
     for workers, servers in ((1, []), (2, ["cpu"])):
         out = tmp_path / str(workers)
         said = ProgressWatcher(Console(file=io.StringIO(), width=200))
-        assert collect(CollectOptions(request, out, workers=workers), said).experts["ServedExpert"].solved == 2
+        assert (
+            collect(CollectOptions(request, out, workers=workers), said).experts["ServedExpert"].solved == 2
+        )
         assert served == servers
         # The first line says what the journal is of, the others stand in the order in which they came.
         lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))

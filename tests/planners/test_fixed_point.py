@@ -44,13 +44,15 @@ def test_the_worst_input_is_still_exact() -> None:
     linear = Linear(weight, np.zeros(1), bound=16.0, snapped=None)
     x = np.full((1, 500), 16.0)
     x[0, ::2] -= 2.0**-BITS
-    exact = sum(Fraction(a) * Fraction(b) for a, b in zip(x[0].tolist(), linear.weight[0].tolist(), strict=True))
+    exact = sum(
+        Fraction(a) * Fraction(b) for a, b in zip(x[0].tolist(), linear.weight[0].tolist(), strict=True)
+    )
     assert Fraction(float((x @ linear.weight.T)[0, 0])) == exact
 
 
 @pytest.mark.parametrize("weight", [np.full((2, 3), 1e9), np.full((2, 3), np.nan), np.full((2, 3), np.inf)])
 def test_weights_without_exact_sums_are_refused(weight: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="too large|no finite"):
+    with pytest.raises(ValueError, match=r"too large|no finite"):
         Linear(weight, np.zeros(2), bound=8.0)
 
 
@@ -92,7 +94,9 @@ def test_a_sum_by_halves() -> None:
     assert np.allclose(tree_sum(x)[:, 0], x.sum(axis=1))
 
 
-@pytest.mark.parametrize(("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)])
+@pytest.mark.parametrize(
+    ("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)]
+)
 def test_convolutions_are_those_of_torch(size: int, stride: int, pad: int) -> None:
     weight, bias = RNG.normal(scale=0.1, size=(6, 5, size, size)), RNG.normal(size=6)
     x = snap(RNG.uniform(-1.0, 1.0, (2, 31, 22, 5)))

@@ -107,7 +107,10 @@ def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: s
 @pytest.mark.parametrize("name", ["plant2", "plant2-ft"])
 def test_shipped_weights_plan_as_by_torch(name: str) -> None:
     asked = questions(name)
-    mine, its = load(name, "cpu")(asked), inference(network_of("mini", load_weights(name), name), "cpu")(asked)
+    mine, its = (
+        load(name, "cpu")(asked),
+        inference(network_of("mini", load_weights(name), name), "cpu")(asked),
+    )
     assert np.abs(its["path"]).max() > 5.0
     assert np.abs(mine["path"] - its["path"]).max() < 1e-4
     assert np.abs(mine["speed"] - its["speed"]).max() < 2e-4

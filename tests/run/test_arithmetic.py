@@ -19,7 +19,7 @@ from tsbench.run.doctor import arithmetic as doctor
 from tsbench.run.doctor.finding import Status
 from tsbench.run.manifest import difference, new_manifest
 
-SIMD = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
+SIMD = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 # What other processors choose: everything at once, as an older and as a newer one does. OpenCV warns of what it does
 # not know.
 SETTINGS = {
@@ -50,7 +50,11 @@ print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answ
 
 def under(settings: dict[str, str], code: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **settings}, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        env={**os.environ, **settings},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -28,7 +28,7 @@ _FAINTEST, _FLAT = -24.0, 16
 
 
 def magic(bits: float | Array) -> float | Array:
-    """Added to a number and taken away again, it leaves the nearest multiple of 2**-bits; for sizes below 2**(51 - bits)."""
+    """Added to a number below 2**(51 - bits) and taken away again, it leaves the nearest multiple of 2**-bits."""
     found: float | Array = 1.5 * 2.0 ** (SUM_BITS - bits)
     return found
 
@@ -96,8 +96,10 @@ class Linear:
 
 def largest(weight: Array, bound: float, norm: float = math.inf) -> Array:
     """(out,) most that any part of each output's sum can be."""
-    by_element = np.abs(weight).sum(axis=1) * bound
-    return np.minimum(by_element, np.sqrt(np.square(weight).sum(axis=1)) * norm) if norm < math.inf else by_element
+    sizes: Array = np.abs(weight).sum(axis=1) * bound
+    if norm < math.inf:
+        np.minimum(sizes, np.sqrt(np.square(weight).sum(axis=1)) * norm, out=sizes)
+    return sizes
 
 
 class Curve:
@@ -176,14 +178,17 @@ class LayerNorm:
     Attributes: norm: most that an answer's Euclidean norm is.
     """
 
-    def __init__(self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5) -> None:
+    def __init__(
+        self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5
+    ) -> None:
         self._width = len(weight)
         if self._width & (self._width - 1) or bias.shape != weight.shape:
             raise ValueError("a layer's width is no power of two, or does not fit")
         self._weight, self._lift, self._epsilon = weight.astype(np.float64), float(magic(BITS)), epsilon
         self._bias = bias.astype(np.float64) + self._lift
         self.norm = 1.001 * float(
-            math.sqrt(self._width) * np.abs(weight).max() + math.sqrt(np.square(bias.astype(np.float64)).sum())
+            math.sqrt(self._width) * np.abs(weight).max()
+            + math.sqrt(np.square(bias.astype(np.float64)).sum())
         )
 
     def __call__(self, x: Array) -> Array:

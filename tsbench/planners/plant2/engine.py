@@ -13,10 +13,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.planners.fixed_point import BITS, SUM_BITS, Array, Curve, LayerNorm, Linear, gelu, snap, softmax, tree_sum
+from tsbench.geometry.polyline import Array
+from tsbench.planners.fixed_point import (
+    BITS,
+    SUM_BITS,
+    Curve,
+    Linear,
+    gelu,
+    snap,
+    softmax,
+    tree_sum,
+)
+from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
-from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2.plan import plans
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT
 
@@ -58,7 +68,9 @@ class Layer:
         snapped = np.repeat([crossed, BITS], [2 * width, width]).astype(np.float64)
         value_bound = float(most[2 * width :].max())
         # Shares add up to 1, and then to values.
-        self._share_bits = min(SUM_BITS - BITS - math.ceil(math.log2(2.0 * max(value_bound, 1.0))), _SHARE_BITS)
+        self._share_bits = min(
+            SUM_BITS - BITS - math.ceil(math.log2(2.0 * max(value_bound, 1.0))), _SHARE_BITS
+        )
         self._project = Linear(weight, bias, bound=norm, norm=norm, snapped=snapped)
         self._join = Linear(*of.linear(f"{name}.self_attn.out_proj"), bound=value_bound, snapped=None)
         self._attended, self._done = of.norm(f"{name}.norm1"), of.norm(f"{name}.norm2")
