@@ -67,7 +67,7 @@ def learned(
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:
     """All tensors of a network by name, as NumPy arrays; InputError unless the file has the size and hash it should."""
-    from safetensors import SafetensorError  # an extra: only who uses a network needs it
+    from safetensors import SafetensorError
     from safetensors.numpy import load
 
     facts = network(name, folder)
