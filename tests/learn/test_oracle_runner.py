@@ -185,12 +185,15 @@ def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.
             served.append(device)
 
     monkeypatch.setattr("tsbench.run.serving.InferenceServer", Seen)
-    request = Request(("plant2-e",), "train", ("bus_lane_road",), limit=2)
+    expert = f"{Path(__file__).with_name('served_expert.py')}:ServedExpert"
+    request = Request((expert,), "train", ("bus_lane_road",), limit=2)
     lines = []
     for workers, servers in ((1, []), (2, ["cpu"])):
         out = tmp_path / str(workers)
         said = ProgressWatcher(Console(file=io.StringIO(), width=200))
-        assert collect(CollectOptions(request, out, workers=workers), said).experts["plant2-e"].solved == 2
+        assert (
+            collect(CollectOptions(request, out, workers=workers), said).experts["ServedExpert"].solved == 2
+        )
         assert served == servers
         # The first line says what the journal is of, the others stand in the order in which they came.
         lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))

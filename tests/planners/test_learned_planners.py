@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo, with_signs
+from scipy.special import betaincinv, ndtri
 
 from tsbench.errors import InputError
 from tsbench.planners.batched import is_served
-from tsbench.planners.carl.planner import Carl, CarlExpert
+from tsbench.planners.carl.planner import Carl, CarlExpert, _by_torch, load
 from tsbench.planners.learned import LearnedPlanner
 from tsbench.planners.learned_actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.planners.ppo.planner import Ppo
-from tsbench.planners.weights import save_weights
+from tsbench.planners.weights import load_weights, save_weights
+from tsbench.run.doctor.arithmetic import questions
 
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [
@@ -81,12 +81,34 @@ def test_the_cnn_has_about_two_million_parameters() -> None:
     assert 1.9e6 < sum(p.numel() for p in CarlActor().parameters()) < 2.3e6
 
 
-def test_torch_waits_until_carl_is_made() -> None:
-    code = (
-        "import sys, tsbench.planners.ppo.planner, tsbench.planners.carl.planner, tsbench.planners.builtin\n"
-        "sys.exit('torch' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+def test_carl_answers_as_by_torch(tmp_path: Path) -> None:
+    asked = questions("carl")
+    mine = load("cpu")(asked)["action"]
+    densities = _by_torch(load_weights("carl"), "cpu")(asked)
+    its = [2.0 * betaincinv(a, b, p) - 1.0 for (a, b), p in zip(densities, asked["draw"], strict=True)]
+    assert np.abs(its).max() > 0.1
+    assert np.abs(mine - its).max() < 1e-4
+
+
+def test_ppo_answers_as_float64_does() -> None:
+    asked, tensors = questions("ppo"), load_weights("ppo")
+    x = asked["vector"].astype(np.float64)
+    for name in ("hidden.0", "hidden.1"):
+        x = np.tanh(x @ tensors[f"{name}.weight"].T + tensors[f"{name}.bias"])
+    mean = x @ tensors["action.weight"].T + tensors["action.bias"]
+    its = mean + np.exp(tensors["action.log_std"]) * ndtri(asked["draw"])
+    assert np.abs(Ppo().infer(asked)["action"] - its).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", ["ppo", "carl"])
+def test_answers_do_not_hang_on_the_company(name: str) -> None:
+    infer = Ppo().infer if name == "ppo" else Carl().infer
+    asked = np.concatenate([questions(name)] * 4)
+    asked["draw"] = np.random.default_rng(1).random((16, 2))
+    alone = [infer(asked[k : k + 1]).tobytes() for k in range(16)]
+    for size in range(2, 17):
+        assert infer(asked[:size]).tobytes() == b"".join(alone[:size])
+        assert infer(asked[16 - size :]).tobytes() == b"".join(alone[16 - size :])
 
 
 def test_actions_mean_what_they_say(drive: Recorder) -> None:

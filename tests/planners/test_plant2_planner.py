@@ -34,8 +34,6 @@ def drive() -> Recorder:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where: Path = tmp_path_factory.mktemp("weights")
-    # As in a run's workers: with several threads a product's rounding hangs on the size of the batch.
-    torch.set_num_threads(1)
     torch.manual_seed(1)
     for name, kind in (("plant2", Plant2Network), ("plant2-ft", Plant2FtNetwork)):
         arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}

@@ -18,8 +18,14 @@ from rich.table import Table
 @click.option(
     "--json", "json_path", type=click.Path(path_type=Path), default=None, help="Write the figures here."
 )
-def bench(scenes: int, rounds: int, json_path: Path | None) -> None:
+@click.option(
+    "--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else."
+)
+def bench(scenes: int, rounds: int, json_path: Path | None, networks: bool) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
+    if networks:
+        _networks(json_path)
+        return
     from tsbench.run.bench import run_bench
 
     console = Console()
@@ -44,3 +50,19 @@ def bench(scenes: int, rounds: int, json_path: Path | None) -> None:
     console.print(f"two workers by one: {result.workers_speedup:.2f}x (goal: 1.9)")
     if json_path is not None:
         json_path.write_text(json.dumps(result.to_dict(), indent=1) + "\n", encoding="utf-8")
+
+
+def _networks(json_path: Path | None) -> None:
+    from tsbench.run.bench_networks import bench_networks
+
+    console, table = (
+        Console(),
+        Table("network", "ms alone", "ms each of eight", title="CPU time of an answer"),
+    )
+    figures = {}
+    for name, alone, together in bench_networks():
+        table.add_row(name, f"{alone:.2f}", f"{together:.2f}")
+        figures[name] = {"alone_ms": round(alone, 4), "of_eight_ms": round(together, 4)}
+    console.print(table)
+    if json_path is not None:
+        json_path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.geometry.elementary import Array, arctan2
+from tsbench.geometry.elementary import arctan2
+
+Array = npt.NDArray[np.float64]
 
 
 class Polyline:

@@ -19,10 +19,10 @@ from tsbench.learn.imitation_loss import losses
 from tsbench.learn.imitation_recipe import validation_rows
 from tsbench.learn.imitation_skill import Skill, measure
 from tsbench.learn.trainer import Integers, Place
-from tsbench.planners.plant2.torch_inference import network_of
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.network_ft import Plant2FtNetwork
+from tsbench.planners.plant2.torch_inference import network_of
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -26,9 +26,9 @@ from tsbench.learn.imitation_checkpoint import Progress, load_checkpoint, save_c
 from tsbench.learn.imitation_loss import total
 from tsbench.learn.imitation_skill import Skill
 from tsbench.learn.start import command_line, prepare
-from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.weights import Network, network, save_weights
 from tsbench.scenarios.seeds import rng_of, seed_of
 

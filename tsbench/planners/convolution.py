@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.planners.fixed_point import BITS, Array, Linear, magic, tree_sum
+from tsbench.geometry.polyline import Array
+from tsbench.planners.fixed_point import BITS, Linear, magic, tree_sum
 
 # Measured activations are below 20.
 LARGEST = 64.0

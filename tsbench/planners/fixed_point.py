@@ -20,16 +20,16 @@ from tsbench.geometry.elementary import Array, exp, normal_density, normal_share
 # Activations are multiples of 2**-BITS.
 BITS = 21
 # One bit less than float64 has, for what rounding adds.
-_SUM_BITS = 52
+SUM_BITS = 52
 _FINEST, _COARSEST = 30, 12
-# `Curve`: straight pieces of 2**-9: off by at most 4e-7 times the second derivative.
-_PIECE_BITS = 9
+# `Curve`: straight pieces of 2**-9 are off by at most 5e-7 times the second derivative, those of 2**-11 by 3e-8.
+_PIECE_BITS, _FALLING_PIECE_BITS, _FALLING_BITS = 9, 11, 26
 _FAINTEST, _FLAT = -24.0, 16
 
 
 def magic(bits: float | Array) -> float | Array:
-    """Added to a number and taken away again, it leaves the nearest multiple of 2**-bits; for sizes below 2**(51 - bits)."""
-    found: float | Array = 1.5 * 2.0 ** (_SUM_BITS - bits)
+    """Added to a number below 2**(51 - bits) and taken away again, it leaves the nearest multiple of 2**-bits."""
+    found: float | Array = 1.5 * 2.0 ** (SUM_BITS - bits)
     return found
 
 
@@ -74,7 +74,7 @@ class Linear:
             raise ValueError("weights that are no finite numbers, or do not fit")
         sizes = largest(w, bound, norm)
         most = float(sizes.max())
-        fine = min(_SUM_BITS - bits - math.ceil(math.log2(max(most, 1.0))), _FINEST)
+        fine = min(SUM_BITS - bits - math.ceil(math.log2(max(most, 1.0))), _FINEST)
         if fine < _COARSEST:
             raise ValueError(f"weights too large for exact sums: up to {most:.3g}")
         # So laid out, small products take half the time.
@@ -96,19 +96,31 @@ class Linear:
 
 def largest(weight: Array, bound: float, norm: float = math.inf) -> Array:
     """(out,) most that any part of each output's sum can be."""
-    by_element = np.abs(weight).sum(axis=1) * bound
-    return np.minimum(by_element, np.sqrt(np.square(weight).sum(axis=1)) * norm) if norm < math.inf else by_element
+    sizes: Array = np.abs(weight).sum(axis=1) * bound
+    if norm < math.inf:
+        np.minimum(sizes, np.sqrt(np.square(weight).sum(axis=1)) * norm, out=sizes)
+    return sizes
 
 
 class Curve:
-    """A function of one number by straight pieces between low and high; its values are multiples of 2**-BITS."""
+    """A function of one number by straight pieces of 2**-piece_bits between low and high; its values are multiples of
+    2**-bits.
+    """
 
-    def __init__(self, values: Callable[[Array], Array], slopes: Callable[[Array], Array], low: int, high: int) -> None:
-        at = np.arange(low << _PIECE_BITS, (high << _PIECE_BITS) + 1) / (1 << _PIECE_BITS)
-        self._lift = float(magic(BITS))
+    def __init__(
+        self,
+        values: Callable[[Array], Array],
+        slopes: Callable[[Array], Array],
+        low: int,
+        high: int,
+        piece_bits: int = _PIECE_BITS,
+        bits: int = BITS,
+    ) -> None:
+        at = np.arange(low << piece_bits, (high << piece_bits) + 1) / (1 << piece_bits)
+        self._lift = float(magic(bits))
         # With what rounds to the grid added already.
         self._values, self._slopes = values(at) + self._lift, slopes(at)
-        self._to_piece = float(magic(_PIECE_BITS))
+        self._to_piece = float(magic(piece_bits))
         self._first = int(np.float64(self._to_piece + low).view(np.int64))
 
     def __call__(self, x: Array) -> Array:
@@ -134,7 +146,7 @@ def gelu(reach: int) -> Curve:
 
 @cache
 def _falling() -> Curve:
-    return Curve(exp, exp, int(_FAINTEST), 0)
+    return Curve(exp, exp, int(_FAINTEST), 0, _FALLING_PIECE_BITS, _FALLING_BITS)
 
 
 @cache
@@ -151,13 +163,13 @@ def tanh(x: Array) -> Array:
     return _bent()(np.clip(x, -_FLAT, _FLAT, out=x))
 
 
-def softmax(x: Array) -> Array:
-    """Over the last axis, as multiples of 2**-BITS; x, contiguous, is overwritten."""
+def softmax(x: Array, bits: int) -> Array:
+    """Over the last axis, as multiples of 2**-bits; x, contiguous, is overwritten."""
     x -= x.max(axis=-1, keepdims=True)
     np.maximum(x, _FAINTEST, out=x)
     share = _falling()(x)
     share /= share.sum(axis=-1, keepdims=True)
-    return snap(share)
+    return snap(share, bits)
 
 
 class LayerNorm:
@@ -166,14 +178,17 @@ class LayerNorm:
     Attributes: norm: most that an answer's Euclidean norm is.
     """
 
-    def __init__(self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5) -> None:
+    def __init__(
+        self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5
+    ) -> None:
         self._width = len(weight)
         if self._width & (self._width - 1) or bias.shape != weight.shape:
             raise ValueError("a layer's width is no power of two, or does not fit")
         self._weight, self._lift, self._epsilon = weight.astype(np.float64), float(magic(BITS)), epsilon
         self._bias = bias.astype(np.float64) + self._lift
         self.norm = 1.001 * float(
-            math.sqrt(self._width) * np.abs(weight).max() + math.sqrt(np.square(bias.astype(np.float64)).sum())
+            math.sqrt(self._width) * np.abs(weight).max()
+            + math.sqrt(np.square(bias.astype(np.float64)).sum())
         )
 
     def __call__(self, x: Array) -> Array:

@@ -54,7 +54,9 @@ def beta_quantile(a: float, b: float, p: float) -> float:
     low, high, x = 0.0, 1.0, edge
     for _ in range(_ROUNDS):
         density = _power(a, b, x) / whole
-        below = density * _fraction(a, b, x) / a if x <= edge else 1.0 - density * _fraction(b, a, 1.0 - x) / b
+        below = (
+            density * _fraction(a, b, x) / a if x <= edge else 1.0 - density * _fraction(b, a, 1.0 - x) / b
+        )
         if below > p:
             high = x
         else:
@@ -75,7 +77,7 @@ def _power(a: float, b: float, x: float) -> float:
 
 
 def _fraction(a: float, b: float, x: float) -> float:
-    """The continued fraction of the incomplete Beta function (Lentz; DLMF 8.17.22), for x up to (a + 1) / (a + b + 2)."""
+    """The continued fraction of the incomplete Beta function (DLMF 8.17.22, by Lentz), for x up to `edge` above."""
     c, d = 1.0, 1.0 / (1.0 - (a + b) * x / (a + 1.0))
     value = d
     for m in range(1, _TERMS):

@@ -32,14 +32,15 @@ _KERNEL_NAMES = ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "
 
 @cache
 def facts() -> Facts:
-    """simd, blas, libc: what is in use, in words. versions: of packages, None where not installed. answers: hashes of what
-    `libm` (by Python's `math`), `numpy`'s functions and `blas` (products that round) answer.
+    """simd, blas, libc: what is in use, in words. versions: of packages, None where not installed.
+
+    answers: hashes of what `libm` (by Python's `math`), `numpy`'s functions and `blas` (products that round) answer.
     """
     config = np.show_config(mode="dicts")
     assert isinstance(config, dict)
     simd, blas = config["SIMD Extensions"], config["Build Dependencies"]["blas"]
     return {
-        "simd": [*simd["baseline"], *simd["found"]],
+        "simd": [*simd["baseline"], *simd.get("found", ())],
         "blas": " ".join(filter(None, (blas["name"], blas.get("version"), _kernel()))),
         "libc": " ".join(platform.libc_ver()),
         "versions": {name: _version(name) for name in _PACKAGES},
@@ -116,7 +117,9 @@ def _libm() -> str:
 def _numpy() -> str:
     x, y = _points()
     functions = (np.sin, np.cos, np.tan, np.exp, np.tanh)
-    return _hash(np.array([*(f(x) for f in functions), np.log(y), np.arctan2(x, y), np.hypot(x, y), np.power(y, x)]))
+    return _hash(
+        np.array([*(f(x) for f in functions), np.log(y), np.arctan2(x, y), np.hypot(x, y), np.power(y, x)])
+    )
 
 
 def _blas() -> str:

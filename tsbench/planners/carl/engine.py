@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.elementary import exp, log
+from tsbench.geometry.polyline import Array
 from tsbench.planners.batched import Records
 from tsbench.planners.carl.raster import MEASUREMENTS
 from tsbench.planners.convolution import LARGEST, Convolution, rectified
-from tsbench.planners.fixed_point import BITS, Array, Linear, snap
+from tsbench.planners.fixed_point import BITS, Linear, snap
 from tsbench.planners.parameters import Parameters
 
 _FULL = 255
@@ -36,7 +37,9 @@ class Engine:
             weight, bias = of.linear(f"trunk.image.{2 * k}")
             self._convolutions.append(Convolution(weight / scale, bias, stride, bound=bound, bits=bits))
             bound, bits, scale = LARGEST, BITS, 1.0
-        self._wide, self._joint = (Linear(*of.linear(f"trunk.{name}.0"), bound=LARGEST) for name in ("wide", "joint"))
+        self._wide, self._joint = (
+            Linear(*of.linear(f"trunk.{name}.0"), bound=LARGEST) for name in ("wide", "joint")
+        )
         self._measured = Linear(*of.linear("trunk.measured.0"), bound=_MOST)
         self._action = Linear(*of.linear("action"), bound=LARGEST, snapped=None)
         of.end()

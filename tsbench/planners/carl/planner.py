@@ -24,7 +24,7 @@ WEIGHTS = "carl"
 RECORD = np.dtype(
     [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW]
 )
-# On a CPU a row of a batch costs as much as alone: only a GPU is worth a process of its own.
+# On a CPU a row of a batch costs nearly as much as alone: only a GPU is worth a process of its own.
 _SERVED_ON = ("cuda",)
 
 

@@ -13,16 +13,26 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.planners.fixed_point import BITS, Array, Curve, LayerNorm, Linear, gelu, snap, softmax, tree_sum
+from tsbench.geometry.polyline import Array
+from tsbench.planners.fixed_point import (
+    BITS,
+    SUM_BITS,
+    Curve,
+    Linear,
+    gelu,
+    snap,
+    softmax,
+    tree_sum,
+)
+from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
-from tsbench.planners.parameters import Parameters
 from tsbench.planners.plant2.plan import plans
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT
 
 # Inputs beyond are cut, and embedded tokens that are longer are shortened, which bounds all that follows.
 _MOST, _LONGEST = 32.0, 64.0
-_SUM_BITS = 52
+_SHARE_BITS = 24
 
 
 class Head:
@@ -54,9 +64,13 @@ class Layer:
         # Queries and keys as fine as their products' sums allow.
         most = np.sqrt(np.square(weight).sum(axis=1)) * norm + np.abs(bias)
         sums = (most[:width] * most[width : 2 * width]).reshape(heads, each).sum(axis=1).max()
-        crossed = min((_SUM_BITS - math.ceil(math.log2(max(sums, 1.0)))) // 2, BITS)
+        crossed = min((SUM_BITS - math.ceil(math.log2(max(sums, 1.0)))) // 2, BITS)
         snapped = np.repeat([crossed, BITS], [2 * width, width]).astype(np.float64)
         value_bound = float(most[2 * width :].max())
+        # Shares add up to 1, and then to values.
+        self._share_bits = min(
+            SUM_BITS - BITS - math.ceil(math.log2(2.0 * max(value_bound, 1.0))), _SHARE_BITS
+        )
         self._project = Linear(weight, bias, bound=norm, norm=norm, snapped=snapped)
         self._join = Linear(*of.linear(f"{name}.self_attn.out_proj"), bound=value_bound, snapped=None)
         self._attended, self._done = of.norm(f"{name}.norm1"), of.norm(f"{name}.norm2")
@@ -82,7 +96,7 @@ class Layer:
         mixed = np.empty((len(x), heads, width // heads))
         start = first = 0
         for end, last in zip(ends, cuts, strict=True):
-            shares = softmax(queries[:, first:last] @ keys[:, start:end].transpose(0, 2, 1))
+            shares = softmax(queries[:, first:last] @ keys[:, start:end].transpose(0, 2, 1), self._share_bits)
             mixed[first:last] = (shares @ values[:, start:end]).transpose(1, 0, 2)
             start, first = end, last
         y = self._join(snap(mixed.reshape(len(x), width)))

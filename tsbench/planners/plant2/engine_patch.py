@@ -7,10 +7,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.geometry.polyline import Array
 from tsbench.planners.convolution import LARGEST, Convolution, rectified
-from tsbench.planners.fixed_point import Array, Linear, gelu
-from tsbench.planners.plant2 import layout as at
+from tsbench.planners.fixed_point import Linear, gelu
 from tsbench.planners.parameters import Parameters
+from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.sizes import TILE
 
 _FULL = 255
@@ -38,8 +39,13 @@ class _Residual:
     """Two convolutions and a way around them."""
 
     def __init__(self, of: Parameters, name: str, stride: int, area: int) -> None:
-        self._first, self._first_norm = _convolution(of, f"{name}.first", stride, 1), of.group_norm(f"{name}.first_norm", area)
-        self._second, self._second_norm = _convolution(of, f"{name}.second", 1, 1), of.group_norm(f"{name}.second_norm", area)
+        self._first, self._second = (
+            _convolution(of, f"{name}.first", stride, 1),
+            _convolution(of, f"{name}.second", 1, 1),
+        )
+        self._first_norm, self._second_norm = (
+            of.group_norm(f"{name}.{k}_norm", area) for k in ("first", "second")
+        )
         self._around = _convolution(of, f"{name}.around", stride, 0) if stride > 1 else None
 
     def __call__(self, x: Array) -> Array:
@@ -65,7 +71,7 @@ class ResidualPatch:
 
     def __call__(self, patch: npt.NDArray[np.uint8]) -> Array:
         """(b, 3, rows, columns) to (b, width)."""
-        x = rectified(self._norm(self._first(patch.transpose(0, 2, 3, 1))))
+        x = rectified(self._norm(self._first(patch.transpose(0, 2, 3, 1).astype(np.float64))))
         for block in self._blocks:
             x = block(x)
         return self._out(x.transpose(0, 3, 1, 2).reshape(len(x), -1))

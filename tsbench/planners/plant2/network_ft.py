@@ -11,8 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import SIZES, ClassProjection, Plan, Plant2Network, per_sample
+from tsbench.planners.plant2.network import ClassProjection, Plan, Plant2Network, per_sample
 from tsbench.planners.plant2.signs import CLASSES, VOCABULARY
+from tsbench.planners.plant2.sizes import SIZES
 
 
 class Plant2FtNetwork(Plant2Network):

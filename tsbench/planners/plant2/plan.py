@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tsbench.geometry.elementary import exp
-from tsbench.planners.fixed_point import Array, tree_sum
+from tsbench.geometry.polyline import Array
+from tsbench.planners.fixed_point import tree_sum
 from tsbench.planners.plant2 import layout as at
 
 _SPEEDS = np.array(at.SPEEDS)

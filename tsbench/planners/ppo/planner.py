@@ -27,8 +27,8 @@ _MOST = 8.0
 
 
 class Ppo(LearnedPlanner):
-    """The planner. infer: who answers its records; folder: of the weights of its own network, as `tsbench train ppo --out`
-    makes it (None: tsbench's).
+    """The planner. infer: who answers its records; folder: of the weights of its own network, as `tsbench train ppo
+    --out` makes it (None: tsbench's).
     """
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
@@ -59,7 +59,9 @@ def load(folder: Path | None = None) -> Infer:
     of = Parameters(load_weights(WEIGHTS, folder))
     try:
         first = Linear(*of.linear("hidden.0"), bound=_MOST, snapped=None)
-        second, action = (Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action"))
+        second, action = (
+            Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action")
+        )
         width = exp(of.take("action.log_std").astype(np.float64))
         of.end()
         if (first.weight.shape[1], action.weight.shape[0]) != (SIZE, len(width)):

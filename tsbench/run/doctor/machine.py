@@ -79,7 +79,7 @@ def check_tools() -> Iterator[Finding]:
 def check_gpu() -> Iterator[Finding]:
     """Whether torch is there and sees a GPU."""
     if not installed(("torch",)):
-        remedy = "needed for learned planners only: pip install 'tsbench[learn]'"
+        remedy = "needed for training and --device cuda only: pip install 'tsbench[learn]'"
         yield Finding(Status.NOTE, "torch", "not installed", remedy)
         return
     see = "torch.cuda.get_device_name(0) if torch.cuda.is_available() else ''"
