@@ -1,6 +1,7 @@
 """A process of the suite stays small, so that several fit on a machine with others. A plugin of `tests/conftest.py`.
 
-What tests have freed is given back to the system, and the test in which a process grows beyond `MOST_MB` fails by name. Linux with glibc; elsewhere nothing is measured.
+What tests have freed is given back to the system, and the test in which a process grows beyond `MOST_MB` fails by
+name. Linux with glibc; elsewhere nothing is measured.
 """
 
 from __future__ import annotations
