@@ -1,13 +1,14 @@
 """A process of the suite stays small, so that several fit on a machine with others. A plugin of `tests/conftest.py`.
 
-What a module's tests have freed is given back to the system before the next module, and the test in which a process
-grows beyond `MOST_MB` fails by name. Linux with glibc; elsewhere nothing is measured.
+What tests have freed is given back to the system, and the test in which a process grows beyond `MOST_MB` fails by
+name. Linux with glibc; elsewhere nothing is measured.
 """
 
 from __future__ import annotations
 
 import ctypes
 import gc
+import os
 import re
 import sys
 from collections.abc import Generator
@@ -15,7 +16,11 @@ from pathlib import Path
 
 import pytest
 
+from tsbench.run.memory import resident_mb
+
 MOST_MB = 700.0
+# Given back after a module, and after a test that leaves so much more than there was.
+GROWTH_MB = 20.0
 _STATUS = Path("/proc/self/status")
 
 
@@ -45,6 +50,7 @@ class MemoryGuard:
 
     def __init__(self) -> None:
         self._told = False
+        self._was = 0.0
 
     def look(self, where: str) -> None:
         """Raises TooLarge the first time that the process is found to have been too large."""
@@ -60,6 +66,7 @@ class MemoryGuard:
         # What is there now stays: no collection of garbage needs to look at it again.
         give_back()
         gc.freeze()
+        self._was = resident_mb(os.getpid())
         self.look("collecting the tests")
 
     @pytest.hookimpl(wrapper=True)
@@ -68,8 +75,10 @@ class MemoryGuard:
     ) -> Generator[None, None, None]:
         """After each test, its fixtures included."""
         yield
-        if nextitem is None or nextitem.path != item.path:
+        over = nextitem is None or nextitem.path != item.path
+        if over or resident_mb(os.getpid()) > self._was + GROWTH_MB:
             give_back()
+            self._was = resident_mb(os.getpid())
         self.look(item.nodeid)
 
 

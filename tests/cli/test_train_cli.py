@@ -8,6 +8,7 @@ import pytest
 from command_line import in_process, refused
 
 
+@pytest.mark.own_process
 def test_a_fine_tuning_without_drives_or_base_is_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
