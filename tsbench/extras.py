@@ -21,10 +21,20 @@ EXTRA_OF = {
     "gymnasium": "learn",
     "greenlet": "learn",
     "stable_baselines3": "learn",
+    "tensorboard": "learn",
     "torch": "learn",
     "ray": "ray",
     "foxglove": "mcap",
 }
+# Packages that are not called as what is imported from them.
+_PACKAGES = {"commonroad": "commonroad-io", "cv2": "opencv-python-headless", "yaml": "pyyaml"}
+
+
+def install_command(module: str) -> str:
+    """What installs a missing module: the extra of tsbench that has it, or the package of its name."""
+    top = module.partition(".")[0]
+    package = _PACKAGES.get(top, top.replace("_", "-"))
+    return f"pip install 'tsbench[{EXTRA_OF[top]}]'" if top in EXTRA_OF else f"pip install {package}"
 
 
 def missing_extra(problem: ModuleNotFoundError) -> InputError | None:
@@ -32,7 +42,7 @@ def missing_extra(problem: ModuleNotFoundError) -> InputError | None:
     name = (problem.name or "").partition(".")[0]
     if name not in EXTRA_OF:
         return None
-    return InputError(f"this needs {name}, which is not installed: pip install 'tsbench[{EXTRA_OF[name]}]'")
+    return InputError(f"this needs {name}, which is not installed: {install_command(name)}")
 
 
 def load(module: str) -> ModuleType:

@@ -7,17 +7,11 @@ import importlib
 import importlib.util
 import sys
 import traceback
-from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from types import ModuleType
 
 from tsbench.errors import InputError, cause_of
-
-# Packages that are not called as what is imported from them.
-_PACKAGES = {
-    "PIL": "pillow", "commonroad": "commonroad-io", "cv2": "opencv-python-headless", "foxglove": "foxglove-sdk",
-    "yaml": "pyyaml",
-}  # fmt: skip
+from tsbench.extras import install_command
 
 
 def import_attribute(source: str, attribute: str, where: str) -> object:
@@ -94,20 +88,6 @@ def cause_with_place(error: BaseException) -> str:
     own = [f for f in frames if f.filename != __file__ and "importlib" not in f.filename]
     place = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
     lacks = error.name if isinstance(error, ModuleNotFoundError) else None
-    return f"{cause_of(error).removesuffix(': ')}{place}" + (f"; {remedy(lacks)}" if lacks else "")
-
-
-def remedy(module: str) -> str:
-    """The command that installs what a missing module is from: the extra of tsbench that has it, or the package."""
-    from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
-
-    top = module.partition(".")[0]
-    package = canonicalize_name(_PACKAGES.get(top, top))
-    try:
-        asked = [Requirement(line) for line in requires("tsbench") or ()]
-    except PackageNotFoundError:
-        asked = []
-    markers = [str(r.marker or "") for r in asked if canonicalize_name(r.name) == package]
-    extras = [extra for marker in markers if (extra := marker.partition('extra == "')[2].partition('"')[0])]
-    return f"to install it: pip install {repr(f'tsbench[{extras[0]}]') if extras else package}"
+    return f"{cause_of(error).removesuffix(': ')}{place}" + (
+        f"; to install it: {install_command(lacks)}" if lacks else ""
+    )
