@@ -35,6 +35,8 @@ from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import PlateParams, read_params
+from tsbench.signs.rule_kinds import RULE_KINDS
 from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
@@ -119,8 +121,13 @@ def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
         role=spec.get("role", "context" if number else "target"), ends=spec.get("ends"),
-        params={k: str(v) for k, v in spec.get("params", {}).items()},
+        params=_params(spec),
     )  # fmt: skip
+
+
+def _params(spec: Spec) -> PlateParams | None:
+    kind, given = RULE_KINDS[load_catalog().sign(spec["code"]).rule.name].params, spec.get("params")
+    return None if kind is None or not given else read_params(kind, {k: str(v) for k, v in given.items()})
 
 
 def _obstacle(spec: Spec, net: RoadNetwork) -> Obstacle:

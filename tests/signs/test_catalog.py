@@ -44,17 +44,21 @@ one_way_right 5.7.1 - routing dual_path
 one_way_left 5.7.2 - routing dual_path
 """
 
+# Of every rule: how far beside its road the ego still drives along it.
+ROAD = {"beside_road_widths": 2}
 GIVE_WAY = {
     "engage_distance_m": 30,
     "priority_distance_m": 60,
     "gap_s": 4,
     "min_foe_speed_mps": 2,
     "post_clear_s": 1,
+    "least_overlap_m": 0.5,
+    **ROAD,
 }
 GIVE_WAY_CLAUSES = ["entered_while_blocked", "encroached", "contact"]
-DETOUR = {"engage_distance_m": 30}
+DETOUR = {"engage_distance_m": 30, **ROAD}
 DETOUR_CLAUSES = ["wrong_side", "contact", "off_carriageway"]
-TURN = {"straight_deg": 35, "u_turn_deg": 145}
+TURN = {"straight_deg": 35, "u_turn_deg": 145, **ROAD}
 
 # spec/rules.md: thresholds and clauses by sign.
 RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
@@ -67,11 +71,19 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
     "4.3": ("roundabout", {**GIVE_WAY, "wrong_way_m": 5}, ["wrong_direction", *GIVE_WAY_CLAUSES]),
     "5.19": (
         "crosswalk",
-        {"engage_distance_m": 30, "kerb_distance_m": 2, "clearance_m": 1, "moving_mps": 0.1},
+        {
+            "engage_distance_m": 30,
+            "kerb_distance_m": 2,
+            "clearance_m": 1,
+            "moving_mps": 0.1,
+            "walks_along_cos": 0.5,
+            "sweeps_across_sin": 0.3,
+            **ROAD,
+        },
         ["did_not_yield", "contact"],
     ),
     **{
-        code: ("speed", {"tolerance_kmh": 1}, ["over_limit"])
+        code: ("speed", {"tolerance_kmh": 1, **ROAD}, ["over_limit"])
         for code in ("3.24", "3.25", "5.21", "5.22", "5.31", "5.32")
     },
     "4.6": (
@@ -83,6 +95,7 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
             "leader_min_m": 15,
             "leader_margin_m": 15,
             "leader_divisor_mps2": 8,
+            **ROAD,
         },
         ["under_minimum"],
     ),
@@ -95,14 +108,15 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
             "held_speed_mps": 0.5,
             "held_s": 3,
             "held_within_m": 12,
+            **ROAD,
         },
         ["entered_closed_road"],
     ),
     **{
-        code: ("reserved_lane", {"engage_distance_m": 30, "duration_s": 0.5}, ["in_reserved_lane", "contact"])
+        code: ("reserved_lane", {"engage_distance_m": 30, "duration_s": 0.5, **ROAD}, ["in_reserved_lane", "contact"])
         for code in ("5.14.1", "5.14.2", "5.11.1", "5.11.2")
     },
-    "3.1": ("no_entry", {"past_line_m": 0.3, "engage_distance_m": 30}, ["entered"]),
+    "3.1": ("no_entry", {"past_line_m": 0.3, "engage_distance_m": 30, **ROAD}, ["entered"]),
     **{
         code: ("manoeuvre", TURN, ["prohibited_manoeuvre"])
         for code in ("3.18.1", "3.18.2", "4.1.1", "4.1.2", "4.1.3", "4.1.4", "4.1.5", "4.1.6")

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tsbench.geometry.angles import turn_class
 from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork
-from tsbench.sim.lanegraph import LaneGraph, RoutePath, manoeuvre
+from tsbench.sim.lanegraph import LaneGraph, RoutePath
 from tsbench.sim.scene import Destination
 
 END = Destination("bu", 100.0)
@@ -41,7 +42,7 @@ def check_smooth(line: Polyline) -> None:
      (-144, "right"), (145, "u_turn"), (-150, "u_turn"), (180, "u_turn"), (350, "straight"), (270, "right")],
 )  # fmt: skip
 def test_manoeuvre_classes(degrees: float, name: str) -> None:
-    assert manoeuvre(math.radians(degrees)) == name
+    assert turn_class(degrees) == name
 
 
 def test_routes_are_shortest_and_avoid_what_they_are_told(graph: LaneGraph) -> None:

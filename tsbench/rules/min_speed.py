@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
 from tsbench.rules.speed import KMH_PER_MPS
@@ -19,8 +17,6 @@ class MinSpeed(Monitor):
 
     The excursion begins with the first slow tick; it becomes an event once it has lasted.
     """
-
-    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)

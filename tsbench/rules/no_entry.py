@@ -18,13 +18,14 @@ class NoEntry(Monitor):
         super().__init__(sign, rule, scene)
         self.log = EventLog(sign, rule)
         network = scene.network
-        self._road = Road(network, (sign.edge,))
+        beside = rule.thresholds["beside_road_widths"]
+        self._road = Road(network, (sign.edge,), beside_widths=beside)
         leads = {
             network.lanes[c.from_lane].edge
             for c in network.connections
             if network.lanes[c.to_lane].edge == sign.edge
         }
-        self._lines = [ApproachLine(network, e) for e in network.edges if e in leads]
+        self._lines = [ApproachLine(network, e, beside) for e in network.edges if e in leads]
         self._plate = sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._window = rule.thresholds["engage_distance_m"]

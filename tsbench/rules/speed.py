@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
 from tsbench.rules.zone import Zone, posted_kmh
@@ -17,8 +15,6 @@ KMH_PER_MPS = 3.6
 
 class Speed(Monitor):
     """Not faster than posted, plus the tolerance, while the ego's front is in the zone."""
-
-    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)

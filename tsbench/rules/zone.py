@@ -1,7 +1,6 @@
 """The zone of a plate along the road: from its own line to its end plate's or the end of the last edge.
 
-Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next
-junction the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
+Positions are metres from the start of an edge's lanes.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
 from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EgoState
 
 
@@ -18,11 +18,10 @@ class Zone:
 
     def __init__(self, monitor: Monitor) -> None:
         sign, scene = monitor.sign, monitor.scene
-        edges = monitor.edges("zone_edges")
+        edges = sign.params_as(ZoneParams).zone_edges
         where = f"{scene.additional_path}: sign {sign.id!r}"
-        if sign.edge != edges[0]:
-            raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {edges[0]!r}")
-        self.road = Road(scene.network, edges, sign.lane)
+        beside = monitor.rule.thresholds["beside_road_widths"]
+        self.road = Road(scene.network, edges, sign.lane, beside_widths=beside)
         self.start = sign.position_m
         self.end = self.road.length
         plate = _end_plate(sign, scene.signs)

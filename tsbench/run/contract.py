@@ -25,6 +25,7 @@ CODE = (
     "metrics/outcome.py",
     "metrics/progress.py",
     "metrics/tracks.py",
+    "roads",
     "rules",
     "sim",
     "maps/network.py",

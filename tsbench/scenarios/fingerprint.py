@@ -11,7 +11,7 @@ from tsbench.scenarios.families.base import Placement
 from tsbench.sim.sumo import sumo_version
 from tsbench.sources import closure
 
-_PARTS = ("geometry", "maps", "scenarios", "signs", "sim")
+_PARTS = ("geometry", "maps", "roads", "scenarios", "signs", "sim")
 _NOT_MAKERS = (
     "fetch.py",
     "stats.py",

@@ -14,6 +14,7 @@ from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.planners.profile import PathSamples
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Actors
@@ -49,8 +50,8 @@ class CrosswalkGuard:
     """Follows navigation; asks at each tick before the crossing whether it may go on."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._crossing = context.network.crossings[privilege.sign.params["crossing"]]
-        self._exit = privilege.sign.params["exit"]
+        params = privilege.sign.params_as(CrosswalkParams)
+        self._crossing, self._exit = context.network.crossings[params.crossing], params.exit
         self._clear = privilege.rule.thresholds["clearance_m"] + _SPARE_M
         (self._x, self._y), (x, y) = self._crossing.line.points[[0, -1]].tolist()
         self._length = math.hypot(x - self._x, y - self._y)

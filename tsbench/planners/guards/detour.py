@@ -16,6 +16,7 @@ from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.gaps import gap_free
 from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
@@ -45,7 +46,7 @@ class DetourGuard:
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._context = context
-        self._name = privilege.sign.params["obstacle"]
+        self._name = privilege.sign.params_as(ObstacleParams).obstacle
         self._allowed = privilege.rule.options["allowed_sides"]
         self._path: RoutePath | None = None
         self._task: _Task | None = None

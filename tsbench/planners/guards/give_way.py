@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.guards.blocking import Demand
-from tsbench.planners.guards.junction import ways_from, ways_through
+from tsbench.planners.guards.junction import paths_through
 from tsbench.planners.guards.yielding import Yielding
+from tsbench.roads.junction_paths import junction_paths
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.navigation import RouteView
 
 
@@ -17,15 +19,14 @@ class GiveWayGuard:
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        params, thresholds = privilege.sign.params, privilege.rule.thresholds
-        network, first = context.network, tuple(params["main_in"].split())
-        self.approach = params["approach"]
+        params, thresholds = privilege.sign.params_as(GiveWayParams), privilege.rule.thresholds
+        network, self.approach = context.network, params.approach
         self.yielding = Yielding(
             network,
             self.approach,
-            ways_from(network, first),
+            junction_paths(network, params.main_in),
             Demand(thresholds["gap_s"], thresholds["min_foe_speed_mps"], thresholds["post_clear_s"]),
-            ways_through(network, self.approach, first),
+            paths_through(network, self.approach, params.main_in),
         )
 
     def guide(self, observation: Observation) -> RouteView:

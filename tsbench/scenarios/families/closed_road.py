@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tsbench.geometry.angles import U_TURN
 from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
@@ -22,6 +23,7 @@ from tsbench.scenarios.families.base import (
 from tsbench.scenarios.families.junction_arms import through_arms, with_priorities
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Destination, EgoStart, Obstacle
 
@@ -64,7 +66,7 @@ class ClosedRoadPlacement:
         x, y, heading = beside_road(network, way.exit, plate_s)
         sign = SignInstance(
             id="sign_0", code=self.code, value=None, edge=way.exit, lane=-1, position_m=plate_s, x=x, y=y,
-            heading=heading, role="target", params={"approach": lane.edge},
+            heading=heading, role="target", params=ApproachParams(lane.edge),
         )  # fmt: skip
         barriers = tuple(
             _barrier(k, closed, near + depth / 2, depth, recipe.number("barrier_gap_m"))
@@ -91,7 +93,7 @@ def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) 
         if approach not in network.edges or network.edges[approach].length < approach_m + 5.0:
             continue
         for target in graph.successors(approach):
-            if graph.turn(approach, target) == "u_turn" or network.edges[target].length < least:
+            if graph.turn(approach, target) == U_TURN or network.edges[target].length < least:
                 continue
             if graph.route(approach, target) != (approach, target) or target not in back:
                 continue

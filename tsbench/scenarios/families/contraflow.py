@@ -18,6 +18,7 @@ from tsbench.scenarios.families.reserved_lane import run_up_room, start_before_p
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -53,7 +54,7 @@ class ContraflowPlacement:
         x, y, heading = beside_road(network, zone, 0.0)
         sign = SignInstance(
             id="sign_0", code=self.code, value=None, edge=zone, lane=-1, position_m=0.0, x=x, y=y, heading=heading,
-            role="target", params={"approach": first, "zone_edges": zone, "lanes": reserved.id},
+            role="target", params=ReservedLaneParams((zone,), first, (reserved.id,)),
         )  # fmt: skip
         room = network.edge_lanes(zone)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(variant.route_length, room)

@@ -30,6 +30,7 @@ from tsbench.scenarios.families.crosswalk_net import (
 )
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import Destination, EgoStart, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -77,7 +78,7 @@ class CrosswalkPlacement:
         right = network.edge_lanes(first)[0]
         sign = SignInstance(
             id="sign_0", code=self.code, value=None, edge=first, lane=-1, position_m=right.line.length, x=x, y=y,
-            heading=heading, role="target", params={"crossing": crossing.id, "exit": last},
+            heading=heading, role="target", params=CrosswalkParams(crossing.id, last),
         )  # fmt: skip
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)

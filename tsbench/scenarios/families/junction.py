@@ -30,6 +30,7 @@ from tsbench.scenarios.families.junction_convoy import Conflict, conflicts, conv
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.lanegraph import Turn
 from tsbench.sim.scene import Destination, EgoStart
 
@@ -92,20 +93,16 @@ class GiveWayPlacement:
             wanted = [(arms.ego_in, self._code)]
             for edges, key in ((arms.prior_in, "main_plates"), (arms.minor_in, "minor_plates")):
                 wanted += [(e, str(code)) for e in edges for code in recipe.choices.get(key, ())]
-        binding = {
-            "junction": task.row.fields["node"],
-            "approach": arms.ego_in,
-            "main_in": " ".join(arms.prior_in),
-        }
+        binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
         before = recipe.number("plate_before_line_m")
         return tuple(
-            _plate(network, k, edge, code, before, {} if k else binding)
+            _plate(network, k, edge, code, before, None if k else binding)
             for k, (edge, code) in enumerate(wanted)
         )
 
 
 def _plate(
-    network: RoadNetwork, number: int, edge: str, code: str, before: float, params: dict[str, str]
+    network: RoadNetwork, number: int, edge: str, code: str, before: float, params: GiveWayParams | None
 ) -> SignInstance:
     """A plate beside an edge, `before` m before its end; without params it binds nobody whom we watch."""
     s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)

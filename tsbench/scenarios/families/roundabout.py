@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsbench.geometry.overlap import conflict_zone
 from tsbench.maps.network import Connection, Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
@@ -23,13 +22,14 @@ from tsbench.scenarios.families.base import (
     require,
     way_ahead,
 )  # fmt: skip
-from tsbench.scenarios.families.junction_convoy import Conflict, connection_path
+from tsbench.scenarios.families.junction_convoy import Conflict, meeting
 from tsbench.scenarios.families.ring_convoy import ring_convoy
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.scene import Destination, EgoStart
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+from tsbench.sim.world import EGO_LENGTH_M
 
 _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
@@ -91,7 +91,7 @@ class RoundaboutPlacement:
         sign = SignInstance(
             id="sign_0", code=self._code, value=None, edge=approach, lane=-1, position_m=plate_s, x=x, y=y,
             heading=heading, role="target",
-            params={"junction": node, "approach": approach, "main_in": upstream, "ring": " ".join(ring)},
+            params=RoundaboutParams(approach, node, (upstream,), tuple(ring)),
         )  # fmt: skip
         others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
         return Arrangement(
@@ -145,14 +145,12 @@ def _taken(network: RoadNetwork, path: RoutePath, approach: str) -> Connection:
 def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]:
     """Connections from the ring that stay on it, meet the ego's and have right of way over it in SUMO, too."""
     found = []
-    line, _ = connection_path(network, ego)
     target = network.lanes[ego.to_lane].edge
     for lane in passenger_lanes(network, upstream):
         for foe in network.outgoing[lane.index]:
             if network.lanes[foe.to_lane].edge != target or ego.yields_to.isdisjoint(foe.via):
                 continue
-            foe_line, foe_width = connection_path(network, foe)
-            zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+            zone = meeting(network, ego, foe)
             if zone is not None and (ego.state, foe.state) == ("m", "M"):
                 found.append(Conflict(ego, foe, zone))
     # Those who will share the ego's lane first: what is beside it only brushes its way.

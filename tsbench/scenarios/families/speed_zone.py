@@ -16,6 +16,7 @@ from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.seeds import seed_of
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -39,14 +40,14 @@ def speed_plate(
 ) -> SignInstance:
     """The target plate of a speed scene, right of the road at `s` m along an edge; `value` in km/h."""
     x, y, heading = beside_road(network, edge, s)
-    params = {"zone_edges": " ".join(zone_edges)}
+    params = ZoneParams(tuple(zone_edges))
     return SignInstance("sign_0", code, value, edge, -1, s, x, y, heading, "target", None, params)
 
 
 def end_plate(network: RoadNetwork, code: str, edge: str, value: float) -> SignInstance:
     """The plate that ends the target's zone, where an edge starts."""
     x, y, heading = beside_road(network, edge, 0.0)
-    return SignInstance("sign_1", code, value, edge, -1, 0.0, x, y, heading, "end", "sign_0", {})
+    return SignInstance("sign_1", code, value, edge, -1, 0.0, x, y, heading, "end", "sign_0")
 
 
 class SpeedZonePlacement:

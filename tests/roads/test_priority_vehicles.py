@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pytest
-from labelled import network
 
-from tsbench.rules.foes import Foe, FoeFinder
-from tsbench.rules.paths import junction_paths
+from tsbench.maps.network import RoadNetwork, read_network
+from tsbench.roads.junction_paths import junction_paths
+from tsbench.roads.priority import EXPERT_FOLLOWING, RULE_FOLLOWING, Following, PriorityVehicle, PriorityVehicles
 from tsbench.sim.world import ActorKind, Actors, ActorTable
 
 # Routes over a crossroads whose arms have two lanes each; lengths: arms 89.6 m, fw_in 100 m, way across 20.8 m.
@@ -18,18 +21,26 @@ ROUTES = {
 }
 
 
-def _find(*placed: tuple[str, str, float]) -> list[tuple[str, Foe]]:
+@cache
+def _network() -> RoadNetwork:
+    return read_network(Path(__file__).parent.parent / "cases" / "nets" / "x.net.xml")
+
+
+def _find(
+    *placed: tuple[str, str, float], following: Following = RULE_FOLLOWING, only: frozenset[str] | None = None
+) -> list[tuple[str, PriorityVehicle]]:
     """Vehicles by route, lane and place of the front: the lane from which the path of each comes, and the rest."""
-    net, table = network("x"), ActorTable()
+    net, table = _network(), ActorTable()
     for k, (name, route) in enumerate(ROUTES.items()):
         table.add(name, ActorKind.CAR, 4.0 + k, 1.8, route)
     rows = np.array([table.rows[name] for name, _, _ in placed], dtype=np.int32)
     lanes = np.array([net.lane_index[lane] for _, lane, _ in placed], dtype=np.int32)
     places, speeds = np.array([s for _, _, s in placed]), np.arange(3.0, 3.0 + len(placed))
     actors = Actors(table, rows, np.zeros((len(placed), 3)), speeds, lanes, places)
-    paths = junction_paths(net, "w_in")
-    found = FoeFinder(net, paths).find(actors)
-    return [(net.lanes[paths[foe.path].connection.from_lane].id, foe) for foe in found]
+    paths = junction_paths(net, ("w_in",))
+    counted = None if only is None else {net.lane_index[lane] for lane in only}
+    found = PriorityVehicles(net, paths, following, counted).find(actors)
+    return [(paths[foe.path].source.id, foe) for foe in found]
 
 
 @pytest.mark.parametrize(
@@ -71,3 +82,25 @@ def test_each_vehicle_keeps_its_row_length_and_speed() -> None:
     )
     assert (first.at, first.row, first.length, first.speed) == (0, 3, 7.0, 3.0)
     assert (second.at, second.row, second.length, second.speed) == (2, 0, 4.0, 5.0)
+
+
+def test_an_expert_takes_a_path_that_leads_on_to_where_a_vehicle_goes() -> None:
+    # Both lanes lead straight on, to two lanes of e_out; on from there goes nobody here: the nearest lane it is.
+    for lane, source in (("w_in_0", "w_in_0"), ("w_in_1", "w_in_1")):
+        [(came_from, foe)] = _find(("straight", lane, 80.0), following=EXPERT_FOLLOWING)
+        assert came_from == source
+        assert foe.s == pytest.approx(-9.6, abs=0.01)
+
+
+def test_a_rule_looks_150_metres_upstream_and_an_expert_as_far_as_the_route_goes() -> None:
+    far = Following(scaled=True, upstream_m=10.0, onward=False, leftmost=True)
+    assert _find(("straight", "fw_in_1", 36.75), following=far) == []
+    assert len(_find(("straight", "w_in_1", 3.0), following=far)) == 1
+    assert (RULE_FOLLOWING.upstream_m, EXPERT_FOLLOWING.upstream_m) == (150.0, float("inf"))
+
+
+def test_on_lanes_that_do_not_count_nobody_has_priority() -> None:
+    placed = (("straight", "w_in_1", 80.0), ("straight", ":C_15_1", 3.0))
+    [(_, foe)] = _find(placed[0], only=frozenset({"w_in_1"}))
+    assert foe.s == pytest.approx(-9.6, abs=0.002)
+    assert _find(placed[1], only=frozenset({"w_in_1"})) == []
