@@ -42,16 +42,15 @@ def test_a_path_goes_on_along_its_exit_as_far_as_that_reaches() -> None:
 
 def test_crossing_paths_have_a_zone_and_those_that_part_none() -> None:
     net = _network("x")
-    across, left = _between(net, "s_in", "n_out"), _between(net, "s_in", "w_out")
-    met = [_between(net, "w_in", "e_out"), _between(net, "e_in", "s_out")]
-    zones = path_zones((across, left), met, least_overlap=0.5)
-    assert [[z is not None for z in row] for row in zones][0] == [True, False]
-    zone = zones[0][0]
+    across = _between(net, "s_in", "n_out")
+    met = [_between(net, "w_in", "e_out"), _between(net, "w_in", "s_out")]
+    zone, none = path_zones((across,), met, least_overlap=0.5)[0]
     assert zone is not None
-    assert zone.a_out - zone.a_in == pytest.approx(met[0].width, abs=0.1)
+    assert none is None
+    assert zone.a_out - zone.a_in == pytest.approx(met[0].width, abs=0.2)
     narrow = path_zones((across,), met, width=1.0)[0][0]
     assert narrow is not None
-    assert narrow.a_out - narrow.a_in == pytest.approx(1.0, abs=0.1)
+    assert narrow.a_out - narrow.a_in == pytest.approx(1.0, abs=0.2)
 
 
 def test_what_overlaps_by_less_than_asked_is_no_zone() -> None:

@@ -8,7 +8,13 @@ import pytest
 
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.roads.junction_paths import junction_paths
-from tsbench.roads.priority import EXPERT_FOLLOWING, RULE_FOLLOWING, Following, PriorityVehicle, PriorityVehicles
+from tsbench.roads.priority import (
+    EXPERT_FOLLOWING,
+    RULE_FOLLOWING,
+    Following,
+    PriorityVehicle,
+    PriorityVehicles,
+)
 from tsbench.sim.world import ActorKind, Actors, ActorTable
 
 # Routes over a crossroads whose arms have two lanes each; lengths: arms 89.6 m, fw_in 100 m, way across 20.8 m.

@@ -33,10 +33,8 @@ from tsbench.geometry.polyline import Polyline, join
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitors
-from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import PlateParams, read_params
-from tsbench.signs.rule_kinds import RULE_KINDS
 from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
@@ -116,18 +114,14 @@ def _route(spec: Spec, net: RoadNetwork) -> tuple[str, ...]:
 def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
     lane = net.edge_lanes(spec["edge"])[0]
     x, y = lane.line.point_at(spec["position_m"], -3.0)
+    role = spec.get("role", "context" if number else "target")
     return SignInstance(
         id=spec.get("id", f"sign{number}"), code=spec["code"], value=spec.get("value"), edge=spec["edge"],
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
-        role=spec.get("role", "context" if number else "target"), ends=spec.get("ends"),
-        params=_params(spec),
+        role=role, ends=spec.get("ends"),
+        params=plate_params(spec["code"], {k: str(v) for k, v in spec.get("params", {}).items()}, role),
     )  # fmt: skip
-
-
-def _params(spec: Spec) -> PlateParams | None:
-    kind, given = RULE_KINDS[load_catalog().sign(spec["code"]).rule.name].params, spec.get("params")
-    return None if kind is None or not given else read_params(kind, {k: str(v) for k, v in given.items()})
 
 
 def _obstacle(spec: Spec, net: RoadNetwork) -> Obstacle:

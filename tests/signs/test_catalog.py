@@ -113,7 +113,11 @@ RULES: dict[str, tuple[str, dict[str, float], list[str]]] = {
         ["entered_closed_road"],
     ),
     **{
-        code: ("reserved_lane", {"engage_distance_m": 30, "duration_s": 0.5, **ROAD}, ["in_reserved_lane", "contact"])
+        code: (
+            "reserved_lane",
+            {"engage_distance_m": 30, "duration_s": 0.5, **ROAD},
+            ["in_reserved_lane", "contact"],
+        )
         for code in ("5.14.1", "5.14.2", "5.11.1", "5.11.2")
     },
     "3.1": ("no_entry", {"past_line_m": 0.3, "engage_distance_m": 30, **ROAD}, ["entered"]),

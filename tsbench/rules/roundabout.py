@@ -23,8 +23,9 @@ class Roundabout(GiveWay):
     """Who still stands at another arm's line has no priority yet: it is not on the ring."""
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        self._ring_edges = sign.params_as(RoundaboutParams).ring
         super().__init__(sign, rule, scene)
-        self._ring = Circulation(scene.network, sign.params_as(RoundaboutParams).ring)
+        self._ring = Circulation(scene.network, self._ring_edges)
         self._most = rule.thresholds["wrong_way_m"]
         self._against = 0.0
         self._last: tuple[float, float] | None = None
@@ -32,7 +33,7 @@ class Roundabout(GiveWay):
 
     def lanes_with_priority(self) -> frozenset[int]:
         """Those of the ring and its junctions, entries' ways in among them, and of where the paths lead."""
-        network, ring = self._network, self.sign.params_as(RoundaboutParams).ring
+        network, ring = self._network, self._ring_edges
         ordinary = {*ring, *(p.target.edge for p in self._foe_paths)}
         found = {i for edge in ordinary for i in network.edges[edge].lanes}
         found |= {v for c in network.connections if network.lanes[c.to_lane].edge in ring for v in c.via}

@@ -171,7 +171,7 @@ def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
             heading=float(given["heading"]),
             role=given["role"],
             ends=given.get("ends"),
-            params=_params(given["code"], given["role"], extra),
+            params=plate_params(given["code"], extra, given["role"]),
         )
         angle = float(poi.attrib["angle"])
     except KeyError as error:
@@ -188,8 +188,11 @@ def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
     return sign
 
 
-def _params(code: str, role: str, given: Mapping[str, str]) -> PlateParams | None:
-    """The params of a plate from its texts. Raises ValueError for a missing or strange one, InputError for the code."""
+def plate_params(code: str, given: Mapping[str, str], role: str = "target") -> PlateParams | None:
+    """The params of a plate from their texts; only a target must have any.
+
+    Raises ValueError for a missing or strange one, InputError for a code that the catalogue has not.
+    """
     rule = load_catalog().sign(code).rule.name
     kind = RULE_KINDS[rule].params
     if not given and (kind is None or role != "target"):
