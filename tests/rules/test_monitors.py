@@ -161,7 +161,7 @@ def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
     sign, end = scene.signs
     early, beyond = replace(end, edge="ab", position_m=100.0), replace(end, edge="cd")
     where = "case.add.xml: sign 'sign0': "
-    assert _refusal(_with(scene, value=None)) == where + "value is missing"
+    assert _refusal(_with(scene, value=None)) == "sign 'sign0' (3.24): value is missing"
     for position in (110.0, 100.0):
         late = _with(replace(scene, signs=(sign, early)), position_m=position)
         assert _refusal(late) == where + "its zone ends before it starts"

@@ -78,11 +78,7 @@ class Expert:
         self._guard = GUARDS[privilege.rule.name](context, privilege)
         self._lanes = LaneChanges(context)
         # A guard that looks after a junction itself says from which approach, and where right of way is not enough.
-        self._courtesy = Courtesy(
-            context,
-            but=getattr(self._guard, "approach", ""),
-            wary=getattr(self._guard, "wary", frozenset()),
-        )
+        self._courtesy = Courtesy(context, but=self._guard.approach, wary=self._guard.wary)
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:

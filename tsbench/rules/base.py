@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
+from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -78,6 +79,16 @@ class Monitor(ABC):
     @abstractmethod
     def finish(self) -> Verdict:
         """Close open excursions and give the verdict."""
+
+    def road(self, edges: tuple[str, ...], order: int = 0) -> Road:
+        """A stretch of road along which the ego is followed, as wide as the rule has it."""
+        return Road(
+            self.scene.network, edges, order, beside_widths=self.rule.thresholds["beside_road_widths"]
+        )
+
+    def line_of(self, approach: str) -> ApproachLine:
+        """The line at the end of an approach, likewise."""
+        return ApproachLine(self.scene.network, approach, self.rule.thresholds["beside_road_widths"])
 
     @property
     def completed(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ApproachParams
@@ -21,8 +20,7 @@ class ClosedRoad(Monitor):
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         approach = sign.params_as(ApproachParams).approach
-        beside = rule.thresholds["beside_road_widths"]
-        self._road = Road(scene.network, (approach, sign.edge), beside_widths=beside)
+        self._road = self.road((approach, sign.edge))
         self._line = self._road.starts[sign.edge] + sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._engage = rule.thresholds["engage_distance_m"]

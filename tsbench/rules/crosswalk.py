@@ -9,7 +9,6 @@ import numpy as np
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import CrosswalkParams
@@ -33,7 +32,7 @@ class Crosswalk(Monitor):
         self._heading = math.atan2(y - self._y, x - self._x)
         self._c, self._s = math.cos(self._heading), math.sin(self._heading)
         self._middle = (x + self._x) / 2, (y + self._y) / 2
-        self._road = Road(scene.network, (sign.edge, params.exit), beside_widths=t["beside_road_widths"])
+        self._road = self.road((sign.edge, params.exit))
         self._begin = self._road.line.project(*self._middle)[0] - crossing.width / 2
         self._engage, self._kerb, self._clear = (
             t["engage_distance_m"],

@@ -10,7 +10,6 @@ import math
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ObstacleParams
@@ -30,8 +29,7 @@ class Detour(Monitor):
         wanted = sign.params_as(ObstacleParams).obstacle
         o = self._obstacle = next(o for o in scene.obstacles if o.id == wanted)
         lane = scene.network.lane(o.lane)
-        beside = rule.thresholds["beside_road_widths"]
-        self._road = Road(scene.network, (lane.edge,), lane.order, beside_widths=beside)
+        self._road = self.road((lane.edge,), lane.order)
         self._lanes = [x for x in scene.network.edge_lanes(lane.edge) if x.permits("passenger")]
         at, _ = lane.line.project(o.x, o.y)
         heading = lane.line.heading_at(at)

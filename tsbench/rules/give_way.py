@@ -8,7 +8,6 @@ from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.crossing import Crossing
 from tsbench.rules.events import EventLog
-from tsbench.rules.lines import ApproachLine
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import GiveWayParams
@@ -28,7 +27,7 @@ class GiveWay(Monitor):
         self.log = EventLog(sign, rule)
         self._network = scene.network
         params = sign.params_as(GiveWayParams)
-        self.line = ApproachLine(scene.network, params.approach, rule.thresholds["beside_road_widths"])
+        self.line = self.line_of(params.approach)
         self._paths = junction_paths(scene.network, (params.approach,))
         if not self._paths:
             raise InputError(f"{scene.net_path}: edge {params.approach!r} leads nowhere (sign {sign.id!r})")

@@ -8,7 +8,6 @@ from tsbench.geometry.angles import U_TURN, turn_class, wrap
 from tsbench.maps.network import RoadNetwork
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog
-from tsbench.rules.lines import ApproachLine
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import JunctionParams
@@ -25,7 +24,7 @@ class Manoeuvre(Monitor):
         self.log = EventLog(sign, rule)
         self._network = scene.network
         params = sign.params_as(JunctionParams)
-        self._line = ApproachLine(scene.network, params.approach, rule.thresholds["beside_road_widths"])
+        self._line = self.line_of(params.approach)
         # Heading change by edge entered, and +1 where it is driven in its own direction, -1 against it.
         self._exits = _exits(scene.network, params.approach, params.junction)
         self._straight = rule.thresholds["straight_deg"]

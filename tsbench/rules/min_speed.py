@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
 from tsbench.rules.speed import KMH_PER_MPS
-from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -22,7 +22,7 @@ class MinSpeed(Monitor):
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         self._zone = Zone(self)
-        self._minimum = posted_kmh(self)
+        self._minimum = sign.posted
         self._under = Excursion(self._log, "under_minimum", smaller_is_worse=True)
         self._next: dict[int, dict[int, float]] = {}
         self._slow: list[WorldSnapshot] = []

@@ -9,7 +9,6 @@ import numpy as np
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams
@@ -29,8 +28,7 @@ class ReservedLane(Monitor):
         params = sign.params_as(ReservedLaneParams)
         self._lanes = frozenset(scene.network.lane_index[lane] for lane in params.lanes)
         self._edges = frozenset(scene.network.lanes[i].edge for i in self._lanes)
-        beside = rule.thresholds["beside_road_widths"]
-        self._road = Road(scene.network, (params.approach, *params.zone_edges), beside_widths=beside)
+        self._road = self.road((params.approach, *params.zone_edges))
         self._plate = self._road.starts[sign.edge] + sign.position_m
         self._kind = int(_KINDS[rule.option("users")])
         self._inside = Excursion(self._log, "in_reserved_lane")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -20,7 +20,7 @@ class Speed(Monitor):
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         self._zone = Zone(self)
-        self._threshold = posted_kmh(self) + rule.thresholds["tolerance_kmh"]
+        self._threshold = sign.posted + rule.thresholds["tolerance_kmh"]
         self._over = Excursion(self._log, "over_limit")
         self._engaged = False
 

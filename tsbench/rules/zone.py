@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EgoState
@@ -20,8 +19,7 @@ class Zone:
         sign, scene = monitor.sign, monitor.scene
         edges = sign.params_as(ZoneParams).zone_edges
         where = f"{scene.additional_path}: sign {sign.id!r}"
-        beside = monitor.rule.thresholds["beside_road_widths"]
-        self.road = Road(scene.network, edges, sign.lane, beside_widths=beside)
+        self.road = monitor.road(edges, sign.lane)
         self.start = sign.position_m
         self.end = self.road.length
         plate = _end_plate(sign, scene.signs)
@@ -41,10 +39,3 @@ class Zone:
 def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
     """The plate that ends this one."""
     return next((s for s in signs if s.ends == sign.id), None)
-
-
-def posted_kmh(monitor: Monitor) -> float:
-    """The number on the plate; InputError where a speed sign carries none."""
-    if monitor.sign.value is None:
-        raise InputError(f"{monitor.scene.additional_path}: sign {monitor.sign.id!r}: value is missing")
-    return monitor.sign.value

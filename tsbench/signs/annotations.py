@@ -63,6 +63,13 @@ class SignInstance:
         if problem is not None:
             raise ValueError(f"sign {self.id!r}: {problem}")
 
+    @property
+    def posted(self) -> float:
+        """The number that the sign sets. Raises InputError where it has none."""
+        if self.value is None:
+            raise InputError(f"sign {self.id!r} ({self.code}): value is missing")
+        return self.value
+
     def params_as(self, kind: type[Params]) -> Params:
         """The params, of the kind that a rule reads. Raises InputError where the plate carries none, or others."""
         if not isinstance(self.params, kind):

@@ -12,7 +12,7 @@ import numpy as np
 
 from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
 from tsbench.planners.profile import PathSamples
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.lanegraph import RoutePath
@@ -46,7 +46,7 @@ class _Passage:
     u: float
 
 
-class CrosswalkGuard:
+class CrosswalkGuard(Guard):
     """Follows navigation; asks at each tick before the crossing whether it may go on."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
@@ -61,10 +61,6 @@ class CrosswalkGuard:
         self._samples: PathSamples
         self._waits_since = math.inf
         self._patient = True
-
-    def guide(self, observation: Observation) -> RouteView:
-        """Navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What stops before the crossing while somebody is on it or comes; what leaves it briskly."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.base import Guard
 from tsbench.planners.guards.blocking import Demand
 from tsbench.planners.guards.junction import paths_through
 from tsbench.planners.guards.yielding import Yielding
@@ -11,7 +12,7 @@ from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.navigation import RouteView
 
 
-class GiveWayGuard:
+class GiveWayGuard(Guard):
     """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds.
 
     Whoever else has right of way over the ego in this junction (it turns left in front of the arm opposite) is let
@@ -28,10 +29,6 @@ class GiveWayGuard:
             Demand(thresholds["gap_s"], thresholds["min_foe_speed_mps"], thresholds["post_clear_s"]),
             paths_through(network, self.approach, params.main_in),
         )
-
-    def guide(self, observation: Observation) -> RouteView:
-        """The navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What the junction asks for."""

@@ -8,13 +8,13 @@ from collections.abc import Set as AbstractSet
 from tsbench.errors import InputError
 from tsbench.geometry.angles import U_TURN, turn_class
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE
+from tsbench.planners.guards.base import Guard
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.lanegraph import LaneGraph, Turn, heading_change
 from tsbench.sim.navigation import Navigator, RouteView
 
 
-class ManoeuvreGuard:
+class ManoeuvreGuard(Guard):
     """Leads the base planner by a navigator of its own, to the end: so it is never led back into the turn."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
@@ -31,11 +31,6 @@ class ManoeuvreGuard:
         if self._navigator is None:
             return self._begin(observation)
         return self._navigator.update(observation.ego)
-
-    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """The way is all that the rule asks for."""
-        del observation, route
-        return FREE
 
     def _begin(self, observation: Observation) -> RouteView:
         graph, destination = self._context.graph, self._context.destination

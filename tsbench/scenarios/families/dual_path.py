@@ -15,7 +15,7 @@ from tsbench.scenarios.families.base import (
     SceneTask,
     UnfitMapError,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
@@ -105,7 +105,7 @@ class ManoeuvrePlacement:
         lane = task.network.edge_lanes(short[0])[0]
         params = JunctionParams(short[0], task.row.fields["junction"])
         at = lane.line.length - task.recipe.number("plate_before_line_m")
-        return _plate(task.network, self.code, short[0], at, params)
+        return plate_beside(task.network, self.code, short[0], at, params)
 
 
 class OneWayPlacement(ManoeuvrePlacement):
@@ -166,7 +166,7 @@ class NoEntryPlacement(ManoeuvrePlacement):
         at = task.recipe.number("plate_after_start_m")
         length = task.network.edge_lanes(short[1])[0].line.length
         require(length >= 2.0 * at, f"the closed edge is {length:.0f} m long")
-        return _plate(task.network, self.code, short[1], at)
+        return plate_beside(task.network, self.code, short[1], at)
 
 
 def _avoided(
@@ -197,14 +197,6 @@ def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant
                 raise UnfitMapError(
                     f"SUMO calls the turn into {exit_} {c.direction!r}, by its angle it is {turn}"
                 )
-
-
-def _plate(network: RoadNetwork, code: str, edge: str, at: float, params: JunctionParams | None = None) -> SignInstance:
-    x, y, heading = beside_road(network, edge, at)
-    return SignInstance(
-        id="sign_0", code=code, value=None, edge=edge, lane=-1, position_m=at, x=x, y=y, heading=heading,
-        role="target", params=params,
-    )  # fmt: skip
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:

@@ -17,7 +17,7 @@ from tsbench.scenarios.families.base import (
     Arrangement,
     SceneTask,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
@@ -25,7 +25,6 @@ from tsbench.scenarios.families.base import (
 from tsbench.scenarios.families.junction_convoy import Conflict, meeting
 from tsbench.scenarios.families.ring_convoy import ring_convoy
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.scene import Destination, EgoStart
@@ -87,12 +86,8 @@ class RoundaboutPlacement:
         require(bool(met), "no path on the ring meets the ego's and goes first")
         cars = ring_convoy(task, met, start, before)
         plate_s = lane.line.length - recipe.number("plate_before_line_m")
-        x, y, heading = beside_road(network, approach, plate_s)
-        sign = SignInstance(
-            id="sign_0", code=self._code, value=None, edge=approach, lane=-1, position_m=plate_s, x=x, y=y,
-            heading=heading, role="target",
-            params=RoundaboutParams(approach, node, (upstream,), tuple(ring)),
-        )  # fmt: skip
+        params = RoundaboutParams(approach, node, (upstream,), tuple(ring))
+        sign = plate_beside(network, self._code, approach, plate_s, params)
         others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=destination, route_hint=route,
