@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tsbench.maps.network import RoadNetwork, read_network
+from tsbench.maps.network import Connection, RoadNetwork, read_network
 from tsbench.roads.junction_paths import junction_paths
 from tsbench.roads.priority import (
     EXPERT_FOLLOWING,
@@ -90,12 +91,42 @@ def test_each_vehicle_keeps_its_row_length_and_speed() -> None:
     assert (second.at, second.row, second.length, second.speed) == (2, 0, 4.0, 5.0)
 
 
-def test_an_expert_takes_a_path_that_leads_on_to_where_a_vehicle_goes() -> None:
-    # Both lanes lead straight on, to two lanes of e_out; on from there goes nobody here: the nearest lane it is.
-    for lane, source in (("w_in_0", "w_in_0"), ("w_in_1", "w_in_1")):
-        [(came_from, foe)] = _find(("straight", lane, 80.0), following=EXPERT_FOLLOWING)
-        assert came_from == source
-        assert foe.s == pytest.approx(-9.6, abs=0.01)
+def _straight_with(outgoing: dict[str, tuple[Connection, ...]], lane: str) -> dict[str, str]:
+    """For a rule and an expert: the exit lane of the path that a vehicle on a lane of w_in takes straight on.
+
+    outgoing: the connections of some lanes, in the place of their own. The vehicle goes on to fw_in behind e_out.
+    """
+    whole, table = _network(), ActorTable()
+    table.add("v", ActorKind.CAR, 4.0, 1.8, ("w_in", "e_out", "fw_in"))
+    changed = {whole.lane_index[name]: connections for name, connections in outgoing.items()}
+    net = replace(whole, outgoing=tuple(changed.get(i, own) for i, own in enumerate(whole.outgoing)))
+    at = np.array([net.lane_index[lane]], dtype=np.int32)
+    actors = Actors(table, np.zeros(1, np.int32), np.zeros((1, 3)), np.ones(1), at, np.array([80.0]))
+    paths, found = junction_paths(net, ("w_in",)), {}
+    for name, following in (("rule", RULE_FOLLOWING), ("expert", EXPERT_FOLLOWING)):
+        [foe] = PriorityVehicles(net, paths, following).find(actors)
+        found[name] = paths[foe.path].target.id
+    return found
+
+
+def _connection(source: str, target: str) -> Connection:
+    net = _network()
+    return next(c for c in net.outgoing[net.lane_index[source]] if c.to_lane == net.lane_index[target])
+
+
+def test_only_an_expert_looks_whether_a_lane_leads_on_to_where_a_vehicle_goes() -> None:
+    onward = replace(_connection("fw_in_0", "w_in_0"), to_lane=_network().lane_index["fw_in_0"])
+    assert _straight_with({}, "w_in_1") == {"rule": "e_out_1", "expert": "e_out_1"}
+    assert _straight_with({"e_out_0": (onward,)}, "w_in_1") == {"rule": "e_out_1", "expert": "e_out_0"}
+
+
+def test_of_two_paths_from_one_lane_a_rule_takes_the_leftmost_and_an_expert_the_rightmost() -> None:
+    right, left = _connection("w_in_0", "e_out_0"), _connection("w_in_1", "e_out_1")
+    both = (right, replace(left, from_lane=right.from_lane))
+    assert _straight_with({"w_in_0": both, "w_in_1": ()}, "w_in_0") == {
+        "rule": "e_out_1",
+        "expert": "e_out_0",
+    }
 
 
 def test_a_rule_looks_150_metres_upstream_and_an_expert_as_far_as_the_route_goes() -> None:

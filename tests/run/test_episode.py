@@ -207,7 +207,7 @@ def test_what_a_planner_does_wrong_is_the_outcome_of_its_episode(
 def refused(on_road) -> dict[str, tuple[ScenarioSpec, str]]:
     good = on_the_road(on_road, "good")
     bad_car = [Car("bg_000", 0, 0.0, ("zz",), 0, 10.0)]
-    unsigned = world.plate(on_road.network, "road", 60.0)
+    unsigned = world.plate(on_road.network, "road", 60.0, "2.4")
     return {
         "hash": (replace(good, additional_sha256="0" * 64), "SHA-256 differs"),
         "file": (replace(good, net="gone.net.xml.gz"), "no such scene file"),
