@@ -25,7 +25,7 @@ def teacher(code: str, speeds: np.ndarray, value: float | None = None, since: in
     x = np.concatenate(([0.0], np.cumsum(0.1 * speeds[:-1])))
     egos = [SimpleNamespace(ego=SimpleNamespace(x=a, y=0.0, speed=v)) for a, v in zip(x, speeds, strict=True)]
     lane = SimpleNamespace(line=Polyline(np.array([(0.0, 0.0), (300.0, 0.0)])))
-    sign = SimpleNamespace(params={}, edge="e", position_m=LINE_S, value=value)
+    sign = SimpleNamespace(params=None, edge="e", position_m=LINE_S, value=value)
     scene = SimpleNamespace(
         target_sign=sign, obstacles=(), network=SimpleNamespace(edge_lanes=lambda _: [lane])
     )

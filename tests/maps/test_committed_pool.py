@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.maps.lines import wrap
+from tsbench.geometry.angles import wrap_deg
 from tsbench.maps.pool import SLOTS, PoolRow, read_pool
 from tsbench.maps.stats import count_tables, draw_pool
 
@@ -50,11 +50,11 @@ def test_junctions(pool: list[PoolRow]) -> None:
         assert len(arms) == {"T": 3, "X": 4}[row.shape]
         assert len(row.fields["through"]) == len(arms) - 2
         headings = sorted(arm["heading_deg"] % 360 for arm in arms)
-        gaps = [abs(wrap(b - a)) for a, b in zip(headings, [*headings[1:], headings[0]], strict=True)]
+        gaps = [abs(wrap_deg(b - a)) for a, b in zip(headings, [*headings[1:], headings[0]], strict=True)]
         assert min(gaps) >= 39.8
         assert all(40 <= arm["length_m"] <= 80 for arm in arms)
         for i, j in row.fields["through"]:
-            assert abs(wrap(arms[i]["heading_deg"] - arms[j]["heading_deg"])) >= 144.8
+            assert abs(wrap_deg(arms[i]["heading_deg"] - arms[j]["heading_deg"])) >= 144.8
 
 
 def test_roundabouts(pool: list[PoolRow]) -> None:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tsbench.geometry.angles import wrap_deg
 from tsbench.maps.lines import (
     chord_over_arc,
     cut,
@@ -14,8 +15,6 @@ from tsbench.maps.lines import (
     heading_away,
     heading_towards,
     length,
-    turn_class,
-    wrap,
 )
 from tsbench.maps.utm import to_lat_lon, to_utm
 
@@ -44,21 +43,7 @@ def test_a_chord_is_never_longer_than_its_arc(line: np.ndarray) -> None:
 @given(lines)
 def test_driving_back_turns_the_heading_round(line: np.ndarray) -> None:
     there, back = heading_away(line), heading_towards(line[::-1])
-    assert abs(wrap(there - back - 180)) < 1e-6 or abs(wrap(there - back + 180)) < 1e-6
-
-
-@given(st.floats(-180, 180))
-def test_a_mirrored_turn_has_the_mirrored_class(change: float) -> None:
-    mirrored = {"l": "r", "r": "l", "s": "s", "u": "u"}
-    assert turn_class(-change) == mirrored[turn_class(change)]
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [(0, "s"), (35, "s"), (35.1, "l"), (-90, "r"), (144.9, "l"), (145, "u"), (-180, "u")],
-)
-def test_turn_classes_at_their_bounds(change: float, expected: str) -> None:
-    assert turn_class(change) == expected
+    assert abs(wrap_deg(there - back - 180)) < 1e-6 or abs(wrap_deg(there - back + 180)) < 1e-6
 
 
 def test_densified_keeps_ends_and_step() -> None:

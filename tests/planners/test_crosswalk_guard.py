@@ -15,6 +15,7 @@ from tsbench.planners.expert import IdmExpert
 from tsbench.planners.idm import Idm
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind
 
@@ -41,7 +42,7 @@ def walker(name: str, side: str, from_kerb: float, speed: Callable[[float, World
 def world(
     network: RoadNetwork, *people: Body, lane: int = 0, speed: float = 8.0, before: float = 60.0
 ) -> World:
-    params = {"crossing": ":B_c0", "exit": "bc"}
+    params = CrosswalkParams(":B_c0", "bc")
     sign = SignInstance("sign_0", "5.19", None, "ab", -1, 117.0, 117.0, -7.6, 0.0, "target", None, params)
     start = CROSSING_X - before - EGO_LENGTH_M / 2
     return World(

@@ -14,7 +14,7 @@ from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
 from tsbench.planners.expert import Expert, IdmExpert
 from tsbench.planners.idm import Idm
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Destination, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -23,7 +23,9 @@ KMH = 3.6
 
 
 def privilege(code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str) -> Privilege:
-    sign = SignInstance("sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, params)
+    sign = SignInstance(
+        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, plate_params(code, params)
+    )
     return Privilege(sign, load_catalog().sign(code).rule)
 
 

@@ -10,19 +10,21 @@ from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Privilege
 from tsbench.planners.expert import IdmExpert
 from tsbench.planners.guards.blocking import Demand, Plan, Seen
-from tsbench.planners.guards.junction import Foe, passage, ways_from, ways_through
+from tsbench.planners.guards.junction import passage, paths_through
 from tsbench.planners.guards.yielding import COURTESY
+from tsbench.roads.junction_paths import junction_paths
+from tsbench.roads.priority import PriorityVehicle
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
-PARAMS = {"junction": "c", "approach": "sc", "main_in": "wc ec"}
 
-
-def privilege(code: str, **params: str) -> Privilege:
-    sign = SignInstance("sign_0", code, None, "sc", -1, 80.0, 0.0, 0.0, 0.0, "target", None, PARAMS | params)
+def privilege(code: str, main_in: str = "wc ec") -> Privilege:
+    params = GiveWayParams("sc", "c", tuple(main_in.split()))
+    sign = SignInstance("sign_0", code, None, "sc", -1, 80.0, 0.0, 0.0, 0.0, "target", None, params)
     return Privilege(sign, load_catalog().sign(code).rule)
 
 
@@ -121,8 +123,8 @@ def way_pair(network: RoadNetwork, target: str) -> tuple[frozenset[str], frozens
     lane = network.lane("sc_0")
     path = graph.path(("sc", target), lane.index, 10.0, Destination(target, 50.0))
     assert path is not None
-    ruled = ways_from(network, ("wc", "ec"))
-    ways = (*ruled, *ways_through(network, "sc", ("wc", "ec")))
+    ruled = junction_paths(network, ("wc", "ec"))
+    ways = (*ruled, *paths_through(network, "sc", ("wc", "ec")))
     found = passage(network, path, "sc", ways, len(ruled))
     assert found is not None
     names = [f"{w.source.edge} {w.target.edge}" for w in ways]
@@ -142,14 +144,14 @@ def test_right_of_way_is_read_from_the_network() -> None:
 
 def seen(s: float, speed: float, accel: float = 0.0, standing: float = 0.0, source: str = "nc") -> Seen:
     network = load("cross")
-    way = next(w for w in ways_from(network, (source,)) if w.target.edge in ("cs", "ce"))
+    way = next(w for w in junction_paths(network, (source,)) if w.target.edge in ("cs", "ce"))
     path = LaneGraph(network).path(("sc", "cw"), network.lane("sc_0").index, 10.0, Destination("cw", 50.0))
     assert path is not None
     found = passage(network, path, "sc", (way,), 1)
     assert found is not None
     zone = found.zones[0]
     assert zone is not None
-    return Seen(Foe(0, s, 4.5, speed, 0), way, zone, accel, standing)
+    return Seen(PriorityVehicle(0, 0, 0, s, 4.5, speed), way, zone, accel, standing)
 
 
 PLAN = Plan(at_line=1.0, enters=2.0, left=5.0)

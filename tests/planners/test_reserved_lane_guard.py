@@ -14,6 +14,7 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.steering import pursue_route
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import ActorKind
 
@@ -23,7 +24,7 @@ CODES = {"5.14.1": SAME, "5.14.2": SAME, "5.11.1": AGAINST, "5.11.2": AGAINST}
 
 
 def privilege(code: str) -> Privilege:
-    params = {"approach": "ab", "zone_edges": "bc", "lanes": "bc_0" if code.startswith("5.14") else "cb_0"}
+    params = ReservedLaneParams(("bc",), "ab", ("bc_0" if code.startswith("5.14") else "cb_0",))
     sign = SignInstance("sign_0", code, None, "bc", -1, 0.0, 0.0, 0.0, 0.0, "target", None, params)
     return Privilege(sign, load_catalog().sign(code).rule)
 

@@ -13,6 +13,7 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -23,7 +24,7 @@ LINE = 100.0
 
 def privilege(code: str, edge: str, value: float, at: float, zone: str) -> Privilege:
     sign = SignInstance(
-        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, {"zone_edges": zone}
+        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, ZoneParams(tuple(zone.split()))
     )
     return Privilege(sign, load_catalog().sign(code).rule)
 

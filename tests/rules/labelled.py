@@ -34,7 +34,7 @@ from tsbench.geometry.polyline import Polyline, join
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitors
-from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Destination, EgoStart, Obstacle, Scene, SceneFile
@@ -115,12 +115,13 @@ def _route(spec: Spec, net: RoadNetwork) -> tuple[str, ...]:
 def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
     lane = net.edge_lanes(spec["edge"])[0]
     x, y = lane.line.point_at(spec["position_m"], -3.0)
+    role = spec.get("role", "context" if number else "target")
     return SignInstance(
         id=spec.get("id", f"sign{number}"), code=spec["code"], value=spec.get("value"), edge=spec["edge"],
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
-        role=spec.get("role", "context" if number else "target"), ends=spec.get("ends"),
-        params={k: str(v) for k, v in spec.get("params", {}).items()},
+        role=role, ends=spec.get("ends"),
+        params=plate_params(spec["code"], {k: str(v) for k, v in spec.get("params", {}).items()}, role),
     )  # fmt: skip
 
 

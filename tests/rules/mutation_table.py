@@ -1,4 +1,4 @@
-"""The table of `make mutation`: of how many mutants of each file of tsbench/rules the tests take notice.
+"""The table of `make mutation`: of how many mutants of each file of the rules and of roads the tests take notice.
 
 Reads what `mutmut results --all true` prints. A mutant is caught when a test fails, or when it runs on without end
 (timeout). Exit code 1 where the share of all, or that of one file, is too small, or mutants were not tried.

@@ -6,13 +6,14 @@ from typing import cast
 
 import numpy as np
 import pytest
-from labelled import CASES, network, play
+from labelled import CASES, play
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.paths import junction_paths
 from tsbench.rules.registry import MONITORS, make_monitor, make_monitors
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import read_params
+from tsbench.signs.rule_kinds import RULE_KINDS
 from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
@@ -112,19 +113,20 @@ def _refusal(scene: Scene) -> str:
 
 
 def _with(scene: Scene, **changes: object) -> Scene:
-    """The scene with another target plate; `params` are added to those that it has."""
-    target = scene.target_sign
-    params = {**target.params, **cast(dict[str, str], changes.pop("params", {}))}
-    wrong = replace(target, params={k: v for k, v in params.items() if v}, **changes)  # type: ignore[arg-type]
+    """The scene with another target plate; `params`, as texts, are put in the place of those that it has."""
+    target, params = scene.target_sign, cast(dict[str, str], changes.pop("params", {}))
+    if target.params is not None:
+        changes["params"] = read_params(type(target.params), {**target.params.texts(), **params})
+    wrong = replace(target, **changes)  # type: ignore[arg-type]
     return replace(scene, signs=(wrong, *scene.signs[1:]))
 
 
-@pytest.mark.parametrize("rule", MONITORS)
-def test_a_missing_param_is_named(rule: str) -> None:
-    scene = _scene(rule)
-    for key in MONITORS[rule].needs:
-        said = f"case.add.xml: sign 'sign0': param {key!r} is missing, rule {rule} needs it"
-        assert _refusal(_with(scene, params={key: ""})) == said
+@pytest.mark.parametrize("rule", [name for name, kind in RULE_KINDS.items() if kind.params is not None])
+def test_a_plate_without_its_params_is_named(rule: str) -> None:
+    scene, kind = _scene(rule), RULE_KINDS[rule].params
+    assert kind is not None
+    bare = replace(scene, signs=(replace(scene.target_sign, params=None), *scene.signs[1:]))
+    assert _refusal(bare) == f"sign 'sign0' ({scene.target_sign.code}): carries no {kind.__name__}: None"
 
 
 @pytest.mark.parametrize(
@@ -136,11 +138,11 @@ def test_a_missing_param_is_named(rule: str) -> None:
         ("give_way", {"main_in": "w_out"}, "edge 'w_out' does not lead to junction 'C'"),
         ("stop", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
         ("roundabout", {"ring": "r_e nowhere"}, "param 'ring': no edge 'nowhere'"),
-        ("crosswalk", {"crossing": "none"}, "no crossing 'none'"),
+        ("crosswalk", {"crossing": "none"}, "param 'crossing': no crossing 'none'"),
         ("crosswalk", {"exit": "nowhere"}, "param 'exit': no edge 'nowhere'"),
         ("speed", {"zone_edges": "bc"}, "stands on edge 'ab', but its zone starts with 'bc'"),
         ("min_speed", {"zone_edges": "bc cd"}, "stands on edge 'ab', but its zone starts with 'bc'"),
-        ("detour", {"obstacle": "none"}, "no obstacle 'none'"),
+        ("detour", {"obstacle": "none"}, "param 'obstacle': no obstacle 'none'"),
         ("closed_road", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
         ("manoeuvre", {"junction": "E"}, "edge 's_in' does not lead to junction 'E'"),
         ("one_way_exit", {"approach": "nowhere"}, "param 'approach': no edge 'nowhere'"),
@@ -149,7 +151,9 @@ def test_a_missing_param_is_named(rule: str) -> None:
     ],
 )
 def test_a_param_that_fits_no_map_is_named(rule: str, params: dict[str, str], said: str) -> None:
-    assert _refusal(_with(_scene(rule), params=params)) == f"case.add.xml: sign 'sign0': {said}"
+    with pytest.raises(InputError) as refusal:
+        _with(_scene(rule), params=params)
+    assert str(refusal.value) == f"case.add.xml: sign 'sign0': {said}"
 
 
 def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
@@ -157,7 +161,7 @@ def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
     sign, end = scene.signs
     early, beyond = replace(end, edge="ab", position_m=100.0), replace(end, edge="cd")
     where = "case.add.xml: sign 'sign0': "
-    assert _refusal(_with(scene, value=None)) == where + "value is missing"
+    assert _refusal(_with(scene, value=None)) == "sign 'sign0' (3.24): value is missing"
     for position in (110.0, 100.0):
         late = _with(replace(scene, signs=(sign, early)), position_m=position)
         assert _refusal(late) == where + "its zone ends before it starts"
@@ -165,10 +169,7 @@ def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
     assert _refusal(replace(scene, signs=(sign, beyond))) == where + said
 
 
-def test_an_obstacle_on_no_lane_and_an_approach_that_leads_nowhere_are_named() -> None:
-    scene = _scene("detour")
-    lost = replace(scene, obstacles=(replace(scene.obstacles[0], lane="ab_9"),))
-    assert _refusal(lost) == "case.add.xml: sign 'sign0': no lane 'ab_9'"
+def test_an_approach_that_leads_nowhere_is_named() -> None:
     scene = _scene("give_way")
     outwards = {"approach": "w_out", "junction": "W", "main_in": "w_out"}
     assert (
@@ -176,25 +177,10 @@ def test_an_obstacle_on_no_lane_and_an_approach_that_leads_nowhere_are_named() -
     )
 
 
-def test_a_connection_without_internal_lanes_is_named() -> None:
-    net = network("t")
-    bare = tuple(tuple(replace(c, via=()) for c in connections) for connections in net.outgoing)
-    with pytest.raises(InputError) as refusal:
-        junction_paths(replace(net, outgoing=bare), "s_in")
-    assert str(refusal.value) == "edge 's_in': a connection without internal lanes (rebuild the network)"
-
-
-def test_a_rule_without_monitor_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    others = {name: MONITORS[name] for name in ("stop", "give_way")}
-    monkeypatch.setattr("tsbench.rules.registry.MONITORS", others)
-    said = "case.add.xml: sign 'sign0': no monitor for rule 'speed', only for give_way, stop"
-    assert _refusal(_scene("speed")) == said
-
-
 def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     scene = _scene("speed")
     own = scene.target_sign
     binding = replace(own, id="second", role="context", position_m=100.0)
-    scenery = replace(own, id="third", role="context", code="2.1", value=None, params={})
+    scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
     _, others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery)))
     assert [m.sign.id for m in others] == ["second"]

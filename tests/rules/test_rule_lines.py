@@ -7,11 +7,22 @@ import pytest
 from labelled import network
 
 from tsbench.maps.network import RoadNetwork
-from tsbench.rules.lines import ApproachLine, Road, reverse_edges
+from tsbench.rules import lines
+from tsbench.rules.lines import reverse_edges
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 HALF = EGO_LENGTH_M / 2
 SIDEWAYS = math.radians(60)  # of the ego's half length, half is along the road
+
+BESIDE_WIDTHS = 2.0
+
+
+def road_over(net: RoadNetwork, edges: tuple[str, ...], order: int = 0) -> lines.Road:
+    return lines.Road(net, edges, order, beside_widths=BESIDE_WIDTHS)
+
+
+def approach_line(net: RoadNetwork, edge: str) -> lines.ApproachLine:
+    return lines.ApproachLine(net, edge, BESIDE_WIDTHS)
 
 
 def _on(net: RoadNetwork, lane: str, s: float, turn: float = 0.0) -> EgoState:
@@ -40,7 +51,7 @@ def test_the_other_direction_of_a_road() -> None:
 
 def test_places_along_a_road_over_a_junction() -> None:
     net = network("corridor")
-    road = Road(net, ("bc", "cd"))
+    road = road_over(net, ("bc", "cd"))
     assert road.starts == {"bc": 0.0, "cd": _about(112.8 + 14.4)}
     assert road.length == _about(112.8 + 14.4 + 112.8)
     assert road.line.length == _about(road.length)
@@ -63,7 +74,7 @@ def test_places_along_a_road_over_a_junction() -> None:
 
 def test_a_road_that_turns_at_a_junction() -> None:
     net = network("x")
-    road = Road(net, ("w_in", "n_out"))
+    road = road_over(net, ("w_in", "n_out"))
     before, behind = (net.lane(name).line.length for name in (":C_17_0", ":C_21_0"))
     assert road.starts["n_out"] == _about(89.6 + before + behind)
     assert road.place(_on(net, ":C_17_0", 3.0)) == _about(92.6)
@@ -74,7 +85,7 @@ def test_a_road_that_turns_at_a_junction() -> None:
 
 def test_a_road_that_starts_behind_a_long_junction() -> None:
     net = network("corridor")
-    road = Road(net, ("cd",))
+    road = road_over(net, ("cd",))
     assert road.place(_on(net, "bc_1", 100.0)) == _about(-27.2)
     assert road.place(_on(net, ":P2_6_0", 4.0)) == _about(-10.4)
     assert road.place(_on(net, "q_in_0", 20.0)) is not None
@@ -82,13 +93,13 @@ def test_a_road_that_starts_behind_a_long_junction() -> None:
 
 
 def test_edges_that_nothing_joins_lie_end_to_end() -> None:
-    road = Road(network("corridor"), ("ab", "q_out"))
+    road = road_over(network("corridor"), ("ab", "q_out"))
     assert road.starts == {"ab": 0.0, "q_out": _about(120.0)}
 
 
 def test_only_who_drives_along_the_road_has_its_front_on_it() -> None:
     net = network("corridor")
-    road = Road(net, ("ab", "bc"))
+    road = road_over(net, ("ab", "bc"))
     assert road.front(_on(net, "ab_1", 50.0)) == _about(50.0 + HALF)
     assert road.front(_on(net, "ab_1", 50.0, SIDEWAYS)) == _about(50.0 + HALF / 2)
     assert road.front(_on(net, "ab_1", 50.0, math.pi)) is None
@@ -103,7 +114,7 @@ def test_only_who_drives_along_the_road_has_its_front_on_it() -> None:
 
 
 def test_off_every_lane_a_road_is_two_carriageways_wide() -> None:
-    road = Road(network("corridor"), ("ab", "bc"))
+    road = road_over(network("corridor"), ("ab", "bc"))
     assert road.front(_off(50.0, -17.5)) == _about(50.0 + HALF)
     assert road.front(_off(50.0, -17.7)) is None
     assert road.front(_off(50.0, 7.9)) == _about(50.0 + HALF)
@@ -117,7 +128,7 @@ def test_the_lanes_of_a_bend_are_scaled_to_one() -> None:
     net = network("curve")
     inner, middle, outer = (net.lane(f"pr_{k}").line.length for k in (2, 1, 0))
     for order, size in ((-1, outer), (0, outer), (1, middle), (2, inner), (7, inner)):
-        road = Road(net, ("pr",), order)
+        road = road_over(net, ("pr",), order)
         assert road.length == _about(size)
         assert road.place(_on(net, "pr_2", inner / 4)) == _about(size / 4)
         assert road.place(_on(net, "pr_0", outer / 4)) == _about(size / 4)
@@ -127,7 +138,7 @@ def test_the_lanes_of_a_bend_are_scaled_to_one() -> None:
 
 def test_the_line_at_the_end_of_an_approach() -> None:
     net = network("t")
-    line = ApproachLine(net, "s_in")
+    line = approach_line(net, "s_in")
     assert line.lanes == {net.lane_index["s_in_0"]}
     assert line.opposite == {net.lane_index["s_out_0"]}
     assert line.to_go(_on(net, "s_in_0", 80.0)) == _about(12.8 - HALF)
@@ -148,7 +159,7 @@ def test_the_line_at_the_end_of_an_approach() -> None:
 
 def test_who_is_in_the_junction_has_no_line_to_go_to() -> None:
     net = network("forks")
-    line = ApproachLine(net, "l33_in")
+    line = approach_line(net, "l33_in")
     assert line.to_go(_on(net, "l33_in_0", 80.0)) == _about(net.lane("l33_in_0").line.length - 80.0 - HALF)
     for way in (":J1_0_0", ":J1_1_0", ":J1_2_0"):
         assert line.to_go(_on(net, way, 0.5)) is None

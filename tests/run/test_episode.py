@@ -380,7 +380,7 @@ def test_two_runs_are_the_same_tick_by_tick(root: Path, on_road) -> None:
 def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:
     """From the south across the main road; the convoy from the east waits for its moment."""
     network, fronts = on_cross.network, (125.0, 115.0)
-    sign = world.plate(network, "s_in", 139.0, junction="x", approach="s_in", main_in="w_in e_in")
+    sign = world.plate(network, "s_in", 139.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in")
     start, end = EgoStart("s_in_0", 77.0, 7.75), Destination("n_out", 60.0)
     at = ("e_in_0", fronts, ("e_in", "w_out"))
     # The ego's line is the end of s_in; the conflict zone begins about 7 m further on both paths.

@@ -35,6 +35,7 @@ from tsbench.scenarios.site import Site, SiteBuilder
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.variants import Variant, variants_of
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -133,7 +134,7 @@ def test_speed_limit(networks: dict[str, RoadNetwork], initial: float, seed: int
     assert plate.value in recipe.choices["limits_kmh"]
     assert v * 3.6 + recipe.number("below_road_kmh") <= LIMIT * 3.6 + 0.5
     assert (plate.edge, end.edge, plate.position_m, end.position_m) == ("road.1", "road.2", 0.0, 0.0)
-    assert plate.params["zone_edges"] == "road.1 road.2"
+    assert plate.params == ZoneParams(("road.1", "road.2"))
     v0 = a.start.speed
     assert v0 >= min(v + recipe.number("least_excess_mps"), LIMIT) - 1e-9
     assert v0 <= v + recipe.number("most_excess_kmh") / 3.6 + 1e-9

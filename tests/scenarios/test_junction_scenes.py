@@ -12,13 +12,13 @@ from madepool import crossroads
 from simworld import CALM, cross_plain
 
 from tsbench.geometry.overlap import conflict_zone
+from tsbench.roads.junction_paths import junction_path
 from tsbench.maps.build import build_net
 from tsbench.maps.network import Connection, RoadNetwork, read_network
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import Arrangement, SceneTask, UnfitMapError
 from tsbench.scenarios.families.junction_arms import bending_arms, through_arms
-from tsbench.scenarios.families.junction_convoy import connection_path
 from tsbench.scenarios.families.registry import placement_of
 from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.variants import Variant
@@ -95,14 +95,14 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     lane = network.lane(a.start.lane)
     front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
     assert front == pytest.approx(recipe.number("ego_before_line_m"))
-    assert target.params["approach"] == lane.edge
-    assert convoy.edges[0] in target.params["main_in"].split()
+    assert target.params.approach == lane.edge
+    assert convoy.edges[0] in target.params.main_in
     ego, foe = paths(network, a)
     assert (ego.state in "ms", foe.state) == (True, "M")
     assert set(foe.via) & ego.yields_to
     assert not set(ego.via) & foe.yields_to
-    (line, _), (foe_line, foe_width) = connection_path(network, ego), connection_path(network, foe)
-    zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+    own, other = junction_path(network, ego), junction_path(network, foe)
+    zone = conflict_zone(own.onto_exit(15.0), EGO_WIDTH_M, other.onto_exit(15.0), other.width)
     assert zone is not None
     assert convoy.ego_zone_m == pytest.approx(zone.a_in)
     foe_lane = network.lane(convoy.lane)
@@ -122,8 +122,8 @@ def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, Road
     """All pairs of paths, not only the convoy's: where they conflict, those of `main_in` never wait for the ego's."""
     network = networks[key]
     params = arrange(networks, key, 0).signs[0].params
-    egos = [c for i in network.edges[params["approach"]].lanes for c in network.outgoing[i]]
-    foes = [c for e in params["main_in"].split() for i in network.edges[e].lanes for c in network.outgoing[i]]
+    egos = [c for i in network.edges[params.approach].lanes for c in network.outgoing[i]]
+    foes = [c for e in params.main_in for i in network.edges[e].lanes for c in network.outgoing[i]]
     assert any(set(f.via) & c.yields_to for c in egos for f in foes)
     assert not any(set(c.via) & f.yields_to for c in egos for f in foes)
 
@@ -182,7 +182,7 @@ def test_plates_of_a_secondary_road_face_the_main_arms(networks: dict[Key, RoadN
         assert a.convoy is not None
         assert a.signs[0].edge == a.convoy.edges[0]
         assert [s.role for s in a.signs] == ["target", "context"]
-        assert a.signs[1].params == {}
+        assert a.signs[1].params is None
         heading = {"w_in": 0.0, "e_in": math.pi}[a.signs[0].edge]
         assert math.cos(a.signs[0].heading - heading) == pytest.approx(1.0)
 
@@ -194,7 +194,7 @@ def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], typ
         a = arrange(networks, (type_id, shape), 0)
         end = networks[type_id, shape].lane(a.start.lane).line.length
         sign = a.signs[0]
-        assert (sign.code, sign.edge) == (code, sign.params["approach"])
+        assert (sign.code, sign.edge) == (code, sign.params.approach)
         assert sign.position_m == pytest.approx(end - recipe.number("plate_before_line_m"))
 
 
@@ -204,10 +204,11 @@ def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
     a = arrange(networks, ("main_road", "X"), 0)
     target, *others = a.signs
     told = {s.edge: s.code for s in others}
-    assert told.pop(target.params["main_in"]) == "2.1"
+    [main_in] = target.params.main_in
+    assert told.pop(main_in) == "2.1"
     assert set(told.values()) == {"2.4"}
     assert len(told) == 2
-    assert all(not s.params and s.role == "context" for s in others)
+    assert all(s.params is None and s.role == "context" for s in others)
 
 
 def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNetwork]) -> None:
@@ -217,7 +218,7 @@ def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNet
     assert len(waiting) / len(scenes) == pytest.approx(share, abs=0.12)
     for _, vehicle in waiting:
         edge = str(vehicle[0].get("edges")).split()[0]
-        assert edge not in (scenes[0].signs[0].edge, scenes[0].signs[0].params["main_in"])
+        assert edge not in (scenes[0].signs[0].edge, *scenes[0].signs[0].params.main_in)
     assert not any(arrange(networks, ("yield", "X"), 0, seed).extra for seed in range(20))
 
 
@@ -231,7 +232,7 @@ def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNet
     for type_id in TYPES:
         network, a = networks[type_id, "X"], arrange(networks, (type_id, "X"), layout)
         ego, _ = paths(network, a)
-        first = {*a.signs[0].params["main_in"].split(), a.start.lane[:-2]}
+        first = {*a.signs[0].params.main_in, a.start.lane[:-2]}
         minor = {e for e in ("w_in", "e_in", "s_in", "n_in") if e not in first}
         before = {
             (e, network.lanes[c.to_lane].edge)
@@ -244,7 +245,7 @@ def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNet
             # The plates give none of them priority: what SUMO sees otherwise, nobody does.
             assert before <= a.avoid_turns
         else:
-            assert a.quiet_edges - set(a.signs[0].params["main_in"].split()) == {e for e, _ in before}
+            assert a.quiet_edges - set(a.signs[0].params.main_in) == {e for e, _ in before}
 
 
 def test_all_minor_arms_stop_at_a_stop(networks: dict[Key, RoadNetwork]) -> None:

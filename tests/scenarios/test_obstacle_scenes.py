@@ -82,7 +82,7 @@ def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> 
     ahead = s - thing.length / 2 - a.start.s - EGO_LENGTH_M / 2
     assert ahead == pytest.approx(recipe.number("ego_before_obstacle_m"), abs=0.01)
     sign = a.signs[0]
-    assert (sign.code, sign.lane, sign.params["obstacle"]) == (recipe.type.codes[0], order, thing.id)
+    assert (sign.code, sign.lane, sign.params.obstacle) == (recipe.type.codes[0], order, thing.id)
     assert sign.position_m == pytest.approx(s - thing.length / 2)
     assert a.destination.s > s + thing.length / 2 + 20.0
     # No car stands between the ego and the obstacle, in it, or with its tail in it.

@@ -77,12 +77,12 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
     a = arrange(networks, type_id, seed, seed=seed)
     (sign,) = a.signs
     lane = network.lane(a.start.lane)
-    assert lane.edge == "road.0" == sign.params["approach"]
+    assert lane.edge == "road.0" == sign.params.approach
     assert lane.order == (0 if type_id in SAME else len(network.edges["road.0"].lanes) - 1)
     before = lane.line.length - a.start.s - EGO_LENGTH_M / 2
     assert recipe.number("run_up_least_m") <= before <= recipe.number("run_up_most_m")
-    assert (sign.edge, sign.position_m, sign.params["zone_edges"]) == ("road.1", 0.0, "road.1")
-    reserved = network.lane(sign.params["lanes"])
+    assert (sign.edge, sign.position_m, sign.params.zone_edges) == ("road.1", 0.0, ("road.1",))
+    reserved = network.lane(*sign.params.lanes)
     assert recipe.number("zone_least_m") - 5.0 <= reserved.line.length <= recipe.number("zone_most_m")
     # The net says the same as the plate: its users may, cars may not; the lanes beside are for cars.
     assert reserved.permits(users_of(type_id))
@@ -101,7 +101,7 @@ def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetw
     assert a.route_hint == graph.route(start.edge, a.destination.edge)
     path = graph.path(a.route_hint, start.index, a.start.s, a.destination)
     assert path is not None
-    reserved = network.lane(a.signs[0].params["lanes"])
+    reserved = network.lane(*a.signs[0].params.lanes)
     assert reserved.index in {p.lane for p in path.pieces}
     # It keeps to one line: never as much as a metre to either side.
     offsets = [start.line.project(*p)[1] for p in path.line.points.tolist()]
@@ -115,7 +115,7 @@ def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetw
 def test_behind_the_zone_the_lane_is_everybodys(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, a = networks[type_id], arrange(networks, type_id)
     reserved = network.lane("road.1_0")
-    assert a.signs[0].params["lanes"] == reserved.id
+    assert a.signs[0].params.lanes == (reserved.id,)
     assert network.lane("road.2_0").permits("passenger")
     assert [network.lanes[c.to_lane].id for c in network.outgoing[reserved.index]] == ["road.2_0"]
     assert a.destination.edge == "road.2"
@@ -171,7 +171,7 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     c = a.convoy
     assert c is not None
     lane, user = network.lane(c.lane), c.drivers[0]
-    assert (c.lane, c.vclass) == (a.signs[0].params["lanes"], users_of(type_id))
+    assert ((c.lane,), c.vclass) == (a.signs[0].params.lanes, users_of(type_id))
     assert user.speed == recipe.number("user_speed_mps")
     assert (user.length, user.width) == (recipe.number("user_length_m"), recipe.number("user_width_m"))
     counts = recipe.choices["users"]

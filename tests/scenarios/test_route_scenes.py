@@ -21,6 +21,7 @@ from tsbench.scenarios.recipe import Recipe, load_recipe
 from tsbench.scenarios.traffic import Router, TrafficRequest, standing_cars
 from tsbench.scenarios.variants import Variant
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -113,7 +114,7 @@ def test_navigation_leads_into_what_the_plate_prohibits(
 def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], type_id: str) -> None:
     sign = arrange(networks, type_id).signs[0]
     line = networks[type_id].edge_lanes("ab")[0].line
-    assert (sign.edge, sign.params) == ("ab", {"junction": "b", "approach": "ab"})
+    assert (sign.edge, sign.params) == ("ab", JunctionParams("ab", "b"))
     assert sign.position_m == pytest.approx(line.length - recipe_of(type_id).number("plate_before_line_m"))
     assert (sign.code,) == load_catalog().type(type_id).codes
 

@@ -66,7 +66,7 @@ def test_a_zone_spans_edges_up_to_its_end_plate(networks: dict[str, RoadNetwork]
     plate, end = a.signs
     kind = load_catalog().type(type_id)
     assert (plate.code, end.code, end.ends) == (kind.codes[0], kind.end_codes[0], plate.id)
-    assert plate.params["zone_edges"] == "road.1 road.2 road.3"
+    assert plate.params.zone_edges == ("road.1", "road.2", "road.3")
     assert (plate.edge, plate.position_m, end.edge, end.position_m) == ("road.1", 0.0, "road.3", 0.0)
     assert a.route_hint == ("road.0", "road.1", "road.2", "road.3")
     zone = sum(network.edges[e].length for e in ("road.1", "road.2"))
@@ -109,7 +109,7 @@ def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) 
     assert 12.0 - 1e-6 <= minimum - a.start.speed * 3.6 <= 18.0 + 1e-6
     front = a.start.s + EGO_LENGTH_M / 2
     assert plate.position_m - front == pytest.approx(30.0)
-    assert plate.params["zone_edges"] == plate.edge == a.destination.edge == "road"
+    assert (*plate.params.zone_edges, plate.edge, a.destination.edge) == ("road",) * 3
     # Where the rule binds there is room for a slow driver to show.
     settle = load_catalog().sign("4.6").rule.thresholds["settle_distance_m"]
     assert a.destination.s - plate.position_m >= recipe.number("zone_m") - 1e-6

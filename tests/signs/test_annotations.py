@@ -2,6 +2,7 @@
 
 import math
 import string
+from dataclasses import fields
 
 import pytest
 from hypothesis import given
@@ -17,27 +18,40 @@ from tsbench.signs.annotations import (
     signs_from_additional,
     sumo_angle,
 )
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams, ZoneParams
+from tsbench.signs.rule_kinds import RULE_KINDS
 
-RESERVED = {"code", "value", "edge", "lane", "position_m", "heading", "role", "ends"}
 NAMES = st.text(string.ascii_letters + string.digits + "_-.#:", min_size=1, max_size=12)
-# What XML 1.0 can carry: no surrogates, no control characters but tab and newlines.
-TEXTS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs", "Cn")), max_size=12)
 FLOATS = st.floats(-1e7, 1e7)
-SIGNS = st.builds(
-    SignInstance,
-    id=NAMES,
-    code=NAMES,
-    value=st.none() | FLOATS,
-    edge=NAMES,
-    lane=st.integers(ALL_LANES, 9),
-    position_m=st.floats(0, 1e5),
-    x=FLOATS,
-    y=FLOATS,
-    heading=st.floats(-10, 10),
-    role=st.sampled_from(ROLES),
-    ends=st.none(),
-    params=st.dictionaries(NAMES.filter(lambda key: key not in RESERVED), TEXTS, max_size=3),
-)
+FIELDS = {
+    "id": NAMES,
+    "value": st.none() | FLOATS,
+    "edge": NAMES,
+    "lane": st.integers(ALL_LANES, 9),
+    "position_m": st.floats(0, 1e5),
+    "x": FLOATS,
+    "y": FLOATS,
+    "heading": st.floats(-10, 10),
+    "ends": st.none(),
+}
+
+
+def _params(code: str) -> st.SearchStrategy[object]:
+    kind = RULE_KINDS[load_catalog().sign(code).rule.name].params
+    several = st.lists(NAMES, min_size=1, max_size=3).map(tuple)
+    types = {} if kind is None else {f.name: NAMES if f.type == "str" else several for f in fields(kind)}
+    return st.none() if kind is None else st.builds(kind, **types)
+
+
+@st.composite
+def _signs(draw: st.DrawFn) -> SignInstance:
+    code, role = draw(st.sampled_from(list(load_catalog().signs))), draw(st.sampled_from(ROLES))
+    params = draw(_params(code)) if role == "target" or draw(st.booleans()) else None
+    return SignInstance(code=code, role=role, params=params, **{k: draw(s) for k, s in FIELDS.items()})
+
+
+SIGNS = _signs()
 
 
 def plate(**changes: object) -> SignInstance:
@@ -52,6 +66,7 @@ def plate(**changes: object) -> SignInstance:
         "y": -4.0,
         "heading": 0.0,
         "role": "target",
+        "params": ZoneParams(("-12#3", "13")),
     }
     return SignInstance(**{**fields, **changes})  # type: ignore[arg-type]
 
@@ -69,7 +84,7 @@ def test_round_trip_through_text_is_exact(signs: list[SignInstance]) -> None:
 
 
 def test_an_end_plate_names_the_plate_it_ends() -> None:
-    end = plate(id="end", code="3.25", role="end", ends="target")
+    end = plate(id="end", code="3.25", role="end", ends="target", params=None)
     assert signs_from_additional(additional(plate(), end))[1].ends == "target"
 
 
@@ -102,7 +117,6 @@ def test_sumo_angle_stays_in_its_range(heading: float) -> None:
         ({"position_m": -0.1}, "position_m"),
         ({"role": "main"}, "role"),
         ({"id": ""}, "id"),
-        ({"params": {"edge": "other"}}, "params"),
     ],
 )
 def test_an_impossible_plate_is_refused(change: dict[str, object], said: str) -> None:
@@ -160,3 +174,40 @@ def test_a_param_given_twice_or_without_key_is_refused() -> None:
 def test_an_end_plate_of_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="not in the scene"):
         signs_from_additional(additional(plate(role="end", ends="gone")))
+
+
+@pytest.mark.parametrize(
+    ("params", "said"),
+    [
+        ({}, "param 'zone_edges' is missing (rule speed)"),
+        ({"zone_edges": " "}, "param 'zone_edges' is missing (rule speed)"),
+        ({"zone_edges": "a", "approach": "b"}, "param 'approach' is none of zone_edges (rule speed)"),
+    ],
+)
+def test_params_that_a_rule_cannot_use_are_named(params: dict[str, str], said: str) -> None:
+    root = additional(plate(params=None))
+    for key, value in params.items():
+        etree.SubElement(root[0], "param", {"key": key, "value": value})
+    with pytest.raises(InputError) as refusal:
+        signs_from_additional(root, "scene.add.xml")
+    assert str(refusal.value) == f"scene.add.xml: sign 'target': {said}"
+
+
+def test_one_name_is_not_several_and_no_entry_knows_no_params() -> None:
+    root = additional(plate(code="2.4", value=None, params=GiveWayParams("a b", "c", ("d",))))
+    with pytest.raises(InputError, match="param 'approach' must be one name, not 'a b'"):
+        signs_from_additional(root)
+    with pytest.raises(InputError, match="param 'zone_edges': rule no_entry knows none"):
+        signs_from_additional(additional(plate(code="3.1", value=None)))
+
+
+def test_a_code_that_the_catalogue_has_not_is_named() -> None:
+    with pytest.raises(InputError, match=r"^scene: sign 'target': .*no sign '9\.9'"):
+        signs_from_additional(additional(plate(code="9.9")), "scene")
+
+
+def test_a_context_plate_without_params_binds_nobody() -> None:
+    [sign] = signs_from_additional(additional(plate(role="context", params=None)))
+    assert sign.params is None
+    with pytest.raises(InputError, match=r"sign 'target' \(3\.24\): carries no ZoneParams: None"):
+        sign.params_as(ZoneParams)

@@ -34,7 +34,7 @@ from tsbench.scenarios.elements import (
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.scenarios.traffic import Car
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle
 from tsbench.sim.scene_file import SceneLayout, layout_elements
@@ -107,13 +107,24 @@ def ego_at(
 
 
 def plate(
-    network: RoadNetwork, edge_id: str, s: float, code: str = "2.4", value: float | None = None, **params: str
+    network: RoadNetwork, edge_id: str, s: float, code: str = "3.1", value: float | None = None, **params: str
 ) -> SignInstance:
     """A plate 1.2 m right of an edge; its rule's params as keywords."""
     lane = network.edge_lanes(edge_id)[0]
     x, y = lane.line.point_at(s, -(lane.width / 2 + 1.2))
     return SignInstance(
-        "sign_0", code, value, edge_id, -1, s, x, y, lane.line.heading_at(s), "target", None, params
+        "sign_0",
+        code,
+        value,
+        edge_id,
+        -1,
+        s,
+        x,
+        y,
+        lane.line.heading_at(s),
+        "target",
+        None,
+        plate_params(code, params) if params else None,
     )
 
 

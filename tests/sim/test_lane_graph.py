@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import RoadNetwork
-from tsbench.sim.lanegraph import LaneGraph, RoutePath, manoeuvre
+from tsbench.sim.lanegraph import LaneGraph, RoutePath
 from tsbench.sim.scene import Destination
 
 END = Destination("bu", 100.0)
@@ -33,15 +33,6 @@ def check_smooth(line: Polyline) -> None:
     turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
     assert np.abs(turns).max(initial=0.0) < math.radians(35)
     assert np.hypot(*steps.T).max() < 145.0
-
-
-@pytest.mark.parametrize(
-    ("degrees", "name"),
-    [(0, "straight"), (34.9, "straight"), (-34.9, "straight"), (36, "left"), (-36, "right"), (144, "left"),
-     (-144, "right"), (145, "u_turn"), (-150, "u_turn"), (180, "u_turn"), (350, "straight"), (270, "right")],
-)  # fmt: skip
-def test_manoeuvre_classes(degrees: float, name: str) -> None:
-    assert manoeuvre(math.radians(degrees)) == name
 
 
 def test_routes_are_shortest_and_avoid_what_they_are_told(graph: LaneGraph) -> None:

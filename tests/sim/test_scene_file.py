@@ -24,7 +24,7 @@ NUMBER = st.floats(0.001, 1e4, allow_nan=False)
 
 def layout(block: RoadNetwork) -> SceneLayout:
     return SceneLayout(
-        signs=(plate(block, "ta", 100.1, junction="a", approach="ta"),), target="sign_0",
+        signs=(plate(block, "ta", 100.1, "3.18.1", junction="a", approach="ta"),), target="sign_0",
         obstacles=(obstacle(block, "ta_1", 70.3),), start=EgoStart("ta_0", 20.5, 7.75),
         destination=Destination("bu", 33.3), convoy=ConvoyPlan(("convoy_0", "convoy_1"), "ta_0", 4.2, 3.3, 13.9, 5.1),
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),

@@ -34,6 +34,8 @@ from tsbench.planners.plant2.signs import STOPPED_MPS
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.planners.profile import PathSamples
 from tsbench.signs.model import RuleSpec
+from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams
+from tsbench.signs.rule_kinds import for_every_kind
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
@@ -60,20 +62,23 @@ class Lesson:
     least: bool = False
 
 
-LESSONS: Mapping[str, Lesson] = {
-    "give_way": Lesson("right of way", 35.0, 12.0),
-    "stop": Lesson("right of way", 35.0, 12.0),
-    "roundabout": Lesson("right of way", 35.0, 25.0),
-    "crosswalk": Lesson("right of way", 35.0, 8.0),
-    "speed": Lesson("speed", 60.0, 15.0, least=True),
-    "min_speed": Lesson("speed", 30.0, 80.0),
-    "detour": Lesson("obstacle", 55.0, 6.0),
-    "closed_road": Lesson("obstacle", 45.0, 5.0),
-    "reserved_lane": Lesson("lane", 70.0, 5.0),
-    "manoeuvre": Lesson("manoeuvre", 30.0, 20.0, least=True),
-    "one_way_exit": Lesson("travel direction", 30.0, 20.0, least=True),
-    "no_entry": Lesson("travel direction", 30.0, 20.0, least=True),
-}
+LESSONS: Mapping[str, Lesson] = for_every_kind(
+    "lesson",
+    {
+        "give_way": Lesson("right of way", 35.0, 12.0),
+        "stop": Lesson("right of way", 35.0, 12.0),
+        "roundabout": Lesson("right of way", 35.0, 25.0),
+        "crosswalk": Lesson("right of way", 35.0, 8.0),
+        "speed": Lesson("speed", 60.0, 15.0, least=True),
+        "min_speed": Lesson("speed", 30.0, 80.0),
+        "detour": Lesson("obstacle", 55.0, 6.0),
+        "closed_road": Lesson("obstacle", 45.0, 5.0),
+        "reserved_lane": Lesson("lane", 70.0, 5.0),
+        "manoeuvre": Lesson("manoeuvre", 30.0, 20.0, least=True),
+        "one_way_exit": Lesson("travel direction", 30.0, 20.0, least=True),
+        "no_entry": Lesson("travel direction", 30.0, 20.0, least=True),
+    },
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,9 +187,10 @@ def _least(speed: Array, ticks: int) -> Array:
 def decision_place(scene: Scene) -> tuple[float, float]:
     """Where the target sign's rule decides: its obstacle, the end of its approach, or the plate's line."""
     sign, network = scene.target_sign, scene.network
-    for obstacle in scene.obstacles:
-        if obstacle.id == sign.params.get("obstacle"):
-            return obstacle.x, obstacle.y
-    approach = sign.params.get("approach")
-    lane = network.edge_lanes(approach or sign.edge)[0].line
-    return lane.point_at(lane.length if approach else sign.position_m)
+    params = sign.params
+    if isinstance(params, ObstacleParams):
+        return next((o.x, o.y) for o in scene.obstacles if o.id == params.obstacle)
+    if isinstance(params, ApproachParams | ReservedLaneParams):
+        line = network.edge_lanes(params.approach)[0].line
+        return line.point_at(line.length)
+    return network.edge_lanes(sign.edge)[0].line.point_at(sign.position_m)

@@ -17,6 +17,7 @@ from tsbench.planners.idm import Idm
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import RuleSpec
+from tsbench.signs.plate_params import ObstacleParams
 
 # "Pass on the right", "pass on the left".
 _RIGHT, _LEFT = "4.2.1", "4.2.2"
@@ -63,8 +64,8 @@ def _one_side(o: Observation, network: RoadNetwork) -> Privilege:
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
     right = network.lane(nearest.lane).right
     code = _RIGHT if right >= 0 and network.lanes[right].permits("passenger") else _LEFT
-    known = {"obstacle": nearest.id}
     plate = SignInstance(
-        "side", code, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target", params=known
-    )
+        "side", code, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target",
+        params=ObstacleParams(nearest.id),
+    )  # fmt: skip
     return Privilege(plate, _rule(code))

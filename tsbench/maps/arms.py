@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
-from tsbench.maps.lines import STRAIGHT_DEG, heading_away, wrap
+from tsbench.geometry.angles import STRAIGHT_DEG, wrap_deg
+from tsbench.maps.lines import heading_away
 from tsbench.maps.source import SourceNetwork
 
 ARM_HEADING_SPAN_M = 25.0
@@ -54,13 +55,13 @@ def _arm(source: SourceNetwork, in_row: int | None, out_row: int | None) -> Arm:
 
 def least_separation(arms: list[Arm]) -> float:
     """The smallest angle between two arms, degrees."""
-    return min(abs(wrap(a.heading_deg - b.heading_deg)) for a, b in combinations(arms, 2))
+    return min(abs(wrap_deg(a.heading_deg - b.heading_deg)) for a, b in combinations(arms, 2))
 
 
 def through_pairs(arms: list[Arm]) -> list[tuple[int, int]]:
     """Pairs of arms that go straight on (within 35 degrees), each arm in its best pair only."""
     bends = sorted(
-        (180.0 - abs(wrap(arms[i].heading_deg - arms[j].heading_deg)), i, j)
+        (180.0 - abs(wrap_deg(arms[i].heading_deg - arms[j].heading_deg)), i, j)
         for i, j in combinations(range(len(arms)), 2)
     )
     pairs: list[tuple[int, int]] = []

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tsbench.geometry.angles import wrap_deg
 from tsbench.maps.utm import Floats
 
-STRAIGHT_DEG = 35.0
-U_TURN_DEG = 145.0
 HEADING_SPAN_M = 15.0
 
 
@@ -49,21 +48,7 @@ def heading_away(line: Floats, span: float = HEADING_SPAN_M) -> float:
 
 def heading_towards(line: Floats, span: float = HEADING_SPAN_M) -> float:
     """Direction in which a line arrives at its last point, over its last `span` metres."""
-    return wrap(heading_away(line[::-1], span) + 180.0)
-
-
-def wrap(angle: float) -> float:
-    """An angle in (-180, 180]."""
-    return 180.0 - (180.0 - angle) % 360.0
-
-
-def turn_class(change: float) -> str:
-    """`s` within 35 degrees, `u` from 145 on, else `l` (positive) or `r`."""
-    if abs(change) <= STRAIGHT_DEG:
-        return "s"
-    if abs(change) >= U_TURN_DEG:
-        return "u"
-    return "l" if change > 0 else "r"
+    return wrap_deg(heading_away(line[::-1], span) + 180.0)
 
 
 def chord_over_arc(line: Floats) -> float:

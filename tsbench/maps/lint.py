@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from tsbench.errors import InputError
+from tsbench.geometry.angles import SUMO_TURNS
 from tsbench.maps.build import build_net
 from tsbench.maps.families.expectations import Expectations
 from tsbench.maps.netconvert import sumo_binary, sumo_environment
@@ -26,7 +27,6 @@ WIDTHS_M = (2.5, 4.6)
 # Lanes are drawn 0.25 m narrower on each side, so that neighbours that touch do not count.
 SHRINK_M = 0.25
 MAX_OVERLAP_M2 = 1.0
-TURN_LETTERS = {"s": "s", "l": "l", "L": "l", "r": "r", "R": "r"}
 LOAD_TIMEOUT_S = 120.0
 
 
@@ -112,7 +112,7 @@ def _judge(
             )
     if any(link not in turns for link in wanted.links):
         return "an arm or way cannot be reached"
-    if any(TURN_LETTERS.get(turns[link]) != turn for link, turn in wanted.turns.items()):
+    if any(SUMO_TURNS.get(turns[link], "")[:1] != turn for link, turn in wanted.turns.items()):
         return "SUMO's direction differs from the heading change"
     return ""
 

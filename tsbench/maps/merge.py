@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from tsbench.maps.lines import cut, densified, heading_away, heading_towards, length, wrap
+from tsbench.geometry.angles import wrap_deg
+from tsbench.maps.lines import cut, densified, heading_away, heading_towards, length
 from tsbench.maps.plain import PlainEdge, PlainNet
 from tsbench.maps.utm import Floats
 
@@ -123,7 +124,7 @@ def _shifted(line: Floats, right: Floats) -> Floats:
 
 def _bridged(before: Floats, after: Floats, half: float) -> Floats:
     """Two lines as one; where the joint bends, its corner on the inner side is cut off."""
-    bend = np.radians(abs(wrap(heading_away(after, STEP_M) - heading_towards(before, STEP_M))))
+    bend = np.radians(abs(wrap_deg(heading_away(after, STEP_M) - heading_towards(before, STEP_M))))
     corner = half * float(np.tan(min(bend, np.pi / 2) / 2)) + STEP_M / 4
     one, other = length(before), length(after)
     first = cut(before, 0.0, one - min(corner, _MOST_SHARE * one))

@@ -7,7 +7,7 @@ for its own, and its command is capped by what the guard leaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -31,23 +31,27 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import LaneChanges
 from tsbench.planners.steering import follow
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.signs.rule_kinds import for_every_kind
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
 
-GUARDS: dict[str, Callable[[PlannerContext, Privilege], Guard]] = {
-    "give_way": GiveWayGuard,
-    "stop": StopGuard,
-    "roundabout": RoundaboutGuard,
-    "crosswalk": CrosswalkGuard,
-    "speed": SpeedGuard,
-    "min_speed": MinSpeedGuard,
-    "detour": DetourGuard,
-    "closed_road": ClosedRoadGuard,
-    "manoeuvre": ManoeuvreGuard,
-    "one_way_exit": ManoeuvreGuard,
-    "no_entry": NoEntryGuard,
-    "reserved_lane": ReservedLaneGuard,
-}
+GUARDS: Mapping[str, Callable[[PlannerContext, Privilege], Guard]] = for_every_kind(
+    "expert's constraint",
+    {
+        "give_way": GiveWayGuard,
+        "stop": StopGuard,
+        "roundabout": RoundaboutGuard,
+        "crosswalk": CrosswalkGuard,
+        "speed": SpeedGuard,
+        "min_speed": MinSpeedGuard,
+        "detour": DetourGuard,
+        "closed_road": ClosedRoadGuard,
+        "manoeuvre": ManoeuvreGuard,
+        "one_way_exit": ManoeuvreGuard,
+        "no_entry": NoEntryGuard,
+        "reserved_lane": ReservedLaneGuard,
+    },
+)
 
 _BRAKE_MPS2 = 2.0
 
@@ -71,19 +75,10 @@ class Expert:
             raise InputError(
                 "an expert needs PlannerContext.privilege: run it as a planner with privileged = True"
             )
-        name = privilege.rule.name
-        if name not in GUARDS:
-            raise InputError(
-                f"no expert for rule {name!r} (sign {privilege.sign.code}): it has {', '.join(GUARDS)}"
-            )
-        self._guard = GUARDS[name](context, privilege)
+        self._guard = GUARDS[privilege.rule.name](context, privilege)
         self._lanes = LaneChanges(context)
         # A guard that looks after a junction itself says from which approach, and where right of way is not enough.
-        self._courtesy = Courtesy(
-            context,
-            but=getattr(self._guard, "approach", ""),
-            wary=getattr(self._guard, "wary", frozenset()),
-        )
+        self._courtesy = Courtesy(context, but=self._guard.approach, wary=self._guard.wary)
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:

@@ -1,6 +1,6 @@
 """The ground that a scene's rule is about, for pictures: read from the target plate's own parameters.
 
-Source of the parameters: docs/rules.md, "Plate params" of each rule. Which area stands for a rule: a stretch of road
+Which area stands for a rule: a stretch of road
 (`zone_edges`; of reserved lanes only these, perhaps those of the opposite direction), the ring of a roundabout, the
 zebra, the junction, the ground around the obstacle, or else the road behind the plate's line. Units: m.
 """
@@ -13,6 +13,15 @@ from tsbench.geometry.footprint import corners
 from tsbench.geometry.overlap import strip
 from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import (
+    ApproachParams,
+    CrosswalkParams,
+    JunctionParams,
+    ObstacleParams,
+    ReservedLaneParams,
+    RoundaboutParams,
+    ZoneParams,
+)
 from tsbench.sim.scene import Scene
 
 _AROUND_OBSTACLE_M = 2.0
@@ -21,31 +30,34 @@ _AROUND_OBSTACLE_M = 2.0
 def rule_zone(scene: Scene) -> shapely.Geometry | None:
     """The zone of the target's rule, None where it has no extent."""
     sign, network = scene.target_sign, scene.network
-    named = {key: text.split() for key, text in sign.params.items()}
-    if "zone_edges" in named:
-        edges, only = named["zone_edges"], frozenset(named.get("lanes", ()))
-        against = [network.lane(name) for name in sorted(only) if network.lane(name).edge not in edges]
-        return _against(network, sign, edges, against) if against else _stretch(scene, sign, edges, only)
-    if "ring" in named:
-        ring = named["ring"]
-        lanes = [lane for edge in ring for lane in network.edge_lanes(edge)]
-        lanes += [lane for a in ring for b in ring for lane in _between(network, a, b, frozenset())]
-        return _union([strip(lane.line, lane.width) for lane in lanes])
-    if "crossing" in named:
-        found = [network.crossings[name] for name in named["crossing"] if name in network.crossings]
-        return _union([strip(c.line, c.width) for c in found])
-    if "obstacle" in named:
-        near = [o for o in scene.obstacles if o.id in named["obstacle"]]
-        boxes = [shapely.Polygon(corners(o.x, o.y, o.heading, o.length, o.width)) for o in near]
-        return _union([box.buffer(_AROUND_OBSTACLE_M) for box in boxes])
-    if "junction" in named:
-        areas = [network.junctions[name].polygon for name in named["junction"] if name in network.junctions]
-        return _union([shapely.Polygon(area).buffer(0) for area in areas if len(area) >= 3])
-    return _stretch(scene, sign, [sign.edge], frozenset())
+    match sign.params:
+        case ReservedLaneParams(zone_edges=edges, lanes=names):
+            only = frozenset(names)
+            against = [network.lane(name) for name in sorted(only) if network.lane(name).edge not in edges]
+            return _against(network, sign, edges, against) if against else _stretch(scene, sign, edges, only)
+        case ZoneParams(zone_edges=edges):
+            return _stretch(scene, sign, edges, frozenset())
+        case RoundaboutParams(ring=ring):
+            lanes = [lane for edge in ring for lane in network.edge_lanes(edge)]
+            lanes += [lane for a in ring for b in ring for lane in _between(network, a, b, frozenset())]
+            return _union([strip(lane.line, lane.width) for lane in lanes])
+        case CrosswalkParams(crossing=name):
+            crossing = network.crossings[name]
+            return strip(crossing.line, crossing.width)
+        case ObstacleParams(obstacle=name):
+            o = next(o for o in scene.obstacles if o.id == name)
+            return shapely.Polygon(corners(o.x, o.y, o.heading, o.length, o.width)).buffer(_AROUND_OBSTACLE_M)
+        case JunctionParams(junction=name):
+            area = network.junctions[name].polygon
+            return shapely.Polygon(area).buffer(0) if len(area) >= 3 else None
+        case ApproachParams() | None:
+            return _stretch(scene, sign, (sign.edge,), frozenset())
+        case params:
+            raise TypeError(f"no drawing of the zone of {type(params).__name__}")
 
 
 def _stretch(
-    scene: Scene, sign: SignInstance, edges: list[str], only: frozenset[str]
+    scene: Scene, sign: SignInstance, edges: tuple[str, ...], only: frozenset[str]
 ) -> shapely.Geometry | None:
     """The lanes of edges from the plate's line to its end plate's, and what joins them."""
     network = scene.network
@@ -68,7 +80,7 @@ def _stretch(
 
 
 def _against(
-    network: RoadNetwork, sign: SignInstance, edges: list[str], lanes: list[Lane]
+    network: RoadNetwork, sign: SignInstance, edges: tuple[str, ...], lanes: list[Lane]
 ) -> shapely.Geometry | None:
     """Lanes of the opposite direction, as far as they run beside the edges behind the plate's line."""
     first, last = network.edge_lanes(edges[0])[-1].line, network.edge_lanes(edges[-1])[-1].line

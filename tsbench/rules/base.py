@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
-from tsbench.errors import InputError
+from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -60,10 +59,8 @@ class Monitor(ABC):
     """Watches one sign during one episode: one `update` a tick, in order, from step 0; then `finish` once.
 
     The same code scores online and from a stored trace. An exception inside is an episode error, never
-    "compliant". `needs`: the plate's params without which the rule cannot be judged.
+    "compliant".
     """
-
-    needs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         self.sign = sign
@@ -83,30 +80,20 @@ class Monitor(ABC):
     def finish(self) -> Verdict:
         """Close open excursions and give the verdict."""
 
+    def road(self, edges: tuple[str, ...], order: int = 0) -> Road:
+        """A stretch of road along which the ego is followed, as wide as the rule has it."""
+        return Road(
+            self.scene.network, edges, order, beside_widths=self.rule.thresholds["beside_road_widths"]
+        )
+
+    def line_of(self, approach: str) -> ApproachLine:
+        """The line at the end of an approach, likewise."""
+        return ApproachLine(self.scene.network, approach, self.rule.thresholds["beside_road_widths"])
+
     @property
     def completed(self) -> bool:
         """Has the ego done what this rule takes for reaching the destination? Most rules take nothing for it."""
         return False
-
-    def param(self, key: str) -> str:
-        """A parameter of the plate; InputError where the scene's builder left it out."""
-        value = self.sign.params.get(key, "")
-        if not value:
-            raise InputError(
-                f"{self.scene.additional}: sign {self.sign.id!r}: param {key!r} is missing, "
-                f"rule {self.rule.name} needs it"
-            )
-        return value
-
-    def edges(self, key: str) -> tuple[str, ...]:
-        """The edges that a parameter lists; InputError where the network has no such edge."""
-        edges = tuple(self.param(key).split())
-        for edge in edges:
-            if edge not in self.scene.network.edges:
-                raise InputError(
-                    f"{self.scene.additional}: sign {self.sign.id!r}: param {key!r}: no edge {edge!r}"
-                )
-        return edges
 
 
 def require_finite(snapshot: WorldSnapshot) -> None:

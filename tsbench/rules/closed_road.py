@@ -1,17 +1,12 @@
-"""A closed road: stop before its plate. Source: docs/spec/rules.md, "Closed road". Units: m, m/s, s.
-
-Plate params: `approach`, the edge on which navigation comes to the junction before the plate.
-"""
+"""A closed road: stop before its plate. Source: docs/spec/rules.md, "Closed road". Units: m, m/s, s."""
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
@@ -21,13 +16,11 @@ _TICK_SHARE_S = 1e-6
 class ClosedRoad(Monitor):
     """Watches the ego's front against the plate's line, and whether it holds still before it."""
 
-    needs: ClassVar[tuple[str, ...]] = ("approach",)
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
-        approach = self.edges("approach")[0]
-        self._road = Road(scene.network, (approach, sign.edge))
+        approach = sign.params_as(ApproachParams).approach
+        self._road = self.road((approach, sign.edge))
         self._line = self._road.starts[sign.edge] + sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._engage = rule.thresholds["engage_distance_m"]

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.overlap import ConflictZone
+from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.priority import PriorityVehicle, PriorityVehicles
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.foes import Foe, FoeFinder
-from tsbench.rules.paths import JunctionPath
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
 
@@ -20,7 +20,7 @@ _WINDOW_M = 6.0
 Zones = tuple[ConflictZone | None, ...]
 
 
-def arrival_s(foe: Foe, zone: ConflictZone, least_speed: float) -> float | None:
+def arrival_s(foe: PriorityVehicle, zone: ConflictZone, least_speed: float) -> float | None:
     """Seconds until a vehicle reaches its zone, 0 while it is in it; None when it has cleared it."""
     if foe.s - foe.length > zone.b_out:
         return None
@@ -35,7 +35,7 @@ class Crossing:
         path: JunctionPath,
         zones: Zones,
         foe_paths: tuple[JunctionPath, ...],
-        foes: FoeFinder,
+        foes: PriorityVehicles,
         rule: RuleSpec,
         log: EventLog,
     ) -> None:
@@ -82,7 +82,7 @@ class Crossing:
         for excursion in self._touch.values():
             excursion.close()
 
-    def _judge_entry(self, snapshot: WorldSnapshot, foes: list[Foe]) -> None:
+    def _judge_entry(self, snapshot: WorldSnapshot, foes: list[PriorityVehicle]) -> None:
         """Clause entered_while_blocked: the vehicle that would be there first stands for all that block."""
         arrivals = []
         for foe in foes:
@@ -96,7 +96,7 @@ class Crossing:
             self._log.event("entered_while_blocked", snapshot, snapshot.time, arrival, self._gap, other)
             self._log.mark(snapshot.step)
 
-    def _judge_meeting(self, snapshot: WorldSnapshot, foe: Foe) -> None:
+    def _judge_meeting(self, snapshot: WorldSnapshot, foe: PriorityVehicle) -> None:
         """Clause encroached, judged once per vehicle, at the tick when its front reaches the zone."""
         zone = self._zones[foe.path]
         if zone is None or foe.row in self._met:
@@ -116,7 +116,7 @@ class Crossing:
             self._log.event("encroached", snapshot, snapshot.time, after, self._post_clear, other)
             self._log.mark(step)
 
-    def _judge_contact(self, snapshot: WorldSnapshot, foe: Foe) -> None:
+    def _judge_contact(self, snapshot: WorldSnapshot, foe: PriorityVehicle) -> None:
         """Clause contact: neither has left the junction."""
         actors, ego = snapshot.actors, snapshot.ego
         x, y, heading = actors.pose[foe.at].tolist()

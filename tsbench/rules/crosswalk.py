@@ -1,30 +1,19 @@
-"""Let pedestrians cross first. Source: docs/spec/rules.md, "Crosswalk". Units: m, s, m/s, rad.
-
-Plate params: `crossing`, its id in the network; `exit`, the edge behind it on the ego's way.
-"""
+"""Let pedestrians cross first. Source: docs/spec/rules.md, "Crosswalk". Units: m, s, m/s, rad."""
 
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
-from tsbench.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.maps.network import Crossing
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
-
-# A heading within 60 degrees of the crossing's line says which way somebody walks; others keep what was known.
-_ALONG = 0.5
-# An ego that is turned almost along the crossing sweeps no strip across it: its own place counts then.
-_ACROSS = 0.3
 
 
 class Crosswalk(Monitor):
@@ -33,38 +22,33 @@ class Crosswalk(Monitor):
     u runs along the crossing's middle line from one kerb (0) to the other, w across it.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("crossing", "exit")
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
-        crossing = self._find(scene)
+        params, t = sign.params_as(CrosswalkParams), rule.thresholds
+        crossing = scene.network.crossings[params.crossing]
         (self._x, self._y), (x, y) = crossing.line.points[0].tolist(), crossing.line.points[-1].tolist()
         self._length, self._width = math.hypot(x - self._x, y - self._y), crossing.width
         self._heading = math.atan2(y - self._y, x - self._x)
         self._c, self._s = math.cos(self._heading), math.sin(self._heading)
         self._middle = (x + self._x) / 2, (y + self._y) / 2
-        self._road = Road(scene.network, (sign.edge, *self.edges("exit")))
+        self._road = self.road((sign.edge, params.exit))
         self._begin = self._road.line.project(*self._middle)[0] - crossing.width / 2
-        t = rule.thresholds
         self._engage, self._kerb, self._clear = (
             t["engage_distance_m"],
             t["kerb_distance_m"],
             t["clearance_m"],
         )
-        self._moving = t["moving_mps"]
+        self._moving, self._along, self._across = (
+            t["moving_mps"],
+            t["walks_along_cos"],
+            t["sweeps_across_sin"],
+        )
         self._near2 = (self._engage + self._length / 2 + self._width + EGO_LENGTH_M) ** 2
         self._engaged = self._armed = False
         self._drove_on = Excursion(self._log, "did_not_yield", smaller_is_worse=True)
         self._touch: dict[int, Excursion] = {}
         self._direction: dict[int, float] = {}
-
-    def _find(self, scene: Scene) -> Crossing:
-        crossing = scene.network.crossings.get(self.param("crossing"))
-        if crossing is None:
-            wanted = self.param("crossing")
-            raise InputError(f"{scene.additional}: sign {self.sign.id!r}: no crossing {wanted!r}")
-        return crossing
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
@@ -101,7 +85,7 @@ class Crosswalk(Monitor):
         dx, dy = x - self._x, y - self._y
         u, w = dx * self._c + dy * self._s, dy * self._c - dx * self._s
         row, along = int(actors.index[at]), math.cos(heading - self._heading)
-        if abs(along) >= _ALONG:
+        if abs(along) >= self._along:
             self._direction[row] = math.copysign(1.0, along)
         return u, w, self._direction.setdefault(row, 1.0 if 2.0 * u < self._length else -1.0)
 
@@ -117,7 +101,7 @@ class Crosswalk(Monitor):
         if outside > self._kerb or abs(w) > self._width / 2 + self._kerb:
             return False
         towards = math.cos(float(actors.pose[at, 2]) - self._heading) * (1.0 if u < 0.0 else -1.0)
-        return outside > 0.0 and towards >= _ALONG and float(actors.speed[at]) > self._moving
+        return outside > 0.0 and towards >= self._along and float(actors.speed[at]) > self._moving
 
     def _past(
         self, ego: EgoState, actors: Actors, place: tuple[int, float, float, float]
@@ -129,10 +113,10 @@ class Crosswalk(Monitor):
         ego_u, ego_w = dx * self._c + dy * self._s, dy * self._c - dx * self._s
         turn = ego.heading - self._heading
         along, across = math.cos(turn), math.sin(turn)
-        if abs(across) >= _ACROSS:
+        if abs(across) >= self._across:
             # Where the ego's middle line passes this pedestrian's track.
             ego_u += (w - ego_w) * along / across
-        half = EGO_WIDTH_M / 2 / max(abs(across), _ACROSS)
+        half = EGO_WIDTH_M / 2 / max(abs(across), self._across)
         return direction * (u - ego_u) - half - float(actors.table.length[row]) / 2, row
 
     def _judge_contact(self, snapshot: WorldSnapshot, people: list[int]) -> None:

@@ -1,21 +1,19 @@
 """Pass an obstacle on a side that the sign allows. Source: docs/spec/rules.md, "Detour". Units: m, rad.
 
-Plate params: `obstacle`, the id of the obstacle in the scene. Sides are those of the obstacle's lane.
+Sides are those of the obstacle's lane.
 """
 
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
-from tsbench.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.scene import Obstacle, Scene
+from tsbench.signs.plate_params import ObstacleParams
+from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot
 
 
@@ -25,14 +23,13 @@ class Detour(Monitor):
     A centre within the obstacle's own width is on no side: such an ego touches it.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("obstacle",)
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
-        o = self._obstacle = self._find(scene)
+        wanted = sign.params_as(ObstacleParams).obstacle
+        o = self._obstacle = next(o for o in scene.obstacles if o.id == wanted)
         lane = scene.network.lane(o.lane)
-        self._road = Road(scene.network, (lane.edge,), lane.order)
+        self._road = self.road((lane.edge,), lane.order)
         self._lanes = [x for x in scene.network.edge_lanes(lane.edge) if x.permits("passenger")]
         at, _ = lane.line.project(o.x, o.y)
         heading = lane.line.heading_at(at)
@@ -49,14 +46,6 @@ class Detour(Monitor):
         self._wrong = Excursion(self._log, "wrong_side")
         self._contact = Excursion(self._log, "contact")
         self._off = Excursion(self._log, "off_carriageway")
-
-    def _find(self, scene: Scene) -> Obstacle:
-        wanted = self.param("obstacle")
-        found = [o for o in scene.obstacles if o.id == wanted]
-        if not found or found[0].lane not in scene.network.lane_index:
-            problem = f"no obstacle {wanted!r}" if not found else f"no lane {found[0].lane!r}"
-            raise InputError(f"{scene.additional}: sign {self.sign.id!r}: {problem}")
-        return found[0]
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""

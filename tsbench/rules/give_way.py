@@ -1,21 +1,16 @@
-"""Give way to the vehicles on arms with priority. Source: docs/spec/rules.md, "Give way". Units: m, s.
-
-Plate params: `junction`; `approach`, the ego's edge into it; `main_in`, the edges into it that have priority.
-"""
+"""Give way to the vehicles on arms with priority. Source: docs/spec/rules.md, "Give way". Units: m, s."""
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.errors import InputError
+from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
+from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.crossing import Crossing
 from tsbench.rules.events import EventLog
-from tsbench.rules.foes import FoeFinder
-from tsbench.rules.lines import ApproachLine
-from tsbench.rules.paths import JunctionPath, junction_paths, zones
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EgoState, WorldSnapshot
 
@@ -27,23 +22,22 @@ class GiveWay(Monitor):
     judged in order, as if it had been known from the start.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("junction", "approach", "main_in")
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self.log = EventLog(sign, rule)
         self._network = scene.network
-        approach = self.edges("approach")[0]
-        self._check_junction(approach)
-        self.line = ApproachLine(scene.network, approach)
-        self._paths = junction_paths(scene.network, approach)
+        params = sign.params_as(GiveWayParams)
+        self.line = self.line_of(params.approach)
+        self._paths = junction_paths(scene.network, (params.approach,))
         if not self._paths:
-            raise InputError(f"{scene.net}: edge {approach!r} leads nowhere (sign {sign.id!r})")
-        self._foe_paths: tuple[JunctionPath, ...] = tuple(
-            p for e in self.edges("main_in") for p in junction_paths(scene.network, e)
+            raise InputError(f"{scene.net}: edge {params.approach!r} leads nowhere (sign {sign.id!r})")
+        self._foe_paths = junction_paths(scene.network, params.main_in)
+        self._zones = path_zones(
+            self._paths, self._foe_paths, least_overlap=rule.thresholds["least_overlap_m"]
         )
-        self._zones = zones(self._paths, self._foe_paths)
-        self._foes = FoeFinder(scene.network, self._foe_paths)
+        self._foes = PriorityVehicles(
+            scene.network, self._foe_paths, RULE_FOLLOWING, self.lanes_with_priority()
+        )
         self._engage = rule.thresholds["engage_distance_m"]
         self._reach = rule.thresholds["priority_distance_m"]
         self.engaged = False
@@ -51,15 +45,6 @@ class GiveWay(Monitor):
         self._bound = [False] * len(self._paths)
         self._ticks: list[WorldSnapshot] = []
         self._crossing: Crossing | None = None
-
-    def _check_junction(self, approach: str) -> None:
-        junction = self.param("junction")
-        for edge in (approach, *self.edges("main_in")):
-            if self._network.edges[edge].target != junction:
-                raise InputError(
-                    f"{self.scene.additional}: sign {self.sign.id!r}: edge {edge!r} does not lead to "
-                    f"junction {junction!r}"
-                )
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick: on the approach, in the junction, or behind it."""
@@ -92,6 +77,10 @@ class GiveWay(Monitor):
             if not all(self._bound):
                 self._note_foes(snapshot)
 
+    def lanes_with_priority(self) -> frozenset[int] | None:
+        """Lanes on which vehicles have priority; None: on all that lead to their paths."""
+        return None
+
     def near_line(self, snapshot: WorldSnapshot, to_go: float) -> None:
         """A tick with the front within the decision window; for rules that ask for more than giving way."""
 
@@ -123,7 +112,7 @@ class GiveWay(Monitor):
 
     def _resolve(self, exit_edge: str) -> None:
         """Judge the ticks on the best fitting path to `exit_edge`; of all paths if none leads there."""
-        fits = [k for k, p in enumerate(self._paths) if p.target == exit_edge] or list(
+        fits = [k for k, p in enumerate(self._paths) if p.target.edge == exit_edge] or list(
             range(len(self._paths))
         )
         egos = [t.ego for t in self._ticks]

@@ -12,8 +12,6 @@ from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 _HALF_M = EGO_LENGTH_M / 2
-# Off every lane strip, an ego within this many carriageway widths still drives along the road.
-_BESIDE = 2.0
 
 
 def reverse_edges(network: RoadNetwork, edge_id: str) -> tuple[str, ...]:
@@ -41,14 +39,17 @@ class Station:
 class Road:
     """A stretch of road over edges in order: 0 where the first one starts, `length` where the last one ends.
 
-    An ego that drives along it on the wrong side counts as on it; one that drives against it does not.
+    An ego that drives along it on the wrong side counts as on it; one that drives against it does not. beside_widths:
+    off every lane strip, an ego within this many carriageway widths still drives along the road.
     """
 
-    def __init__(self, network: RoadNetwork, edges: tuple[str, ...], order: int = 0) -> None:
+    def __init__(
+        self, network: RoadNetwork, edges: tuple[str, ...], order: int = 0, *, beside_widths: float
+    ) -> None:
         self._network = network
         self._stations: dict[int, Station] = {}
         self.starts: dict[str, float] = {}
-        self._beside = _BESIDE * max(sum(lane.width for lane in network.edge_lanes(e)) for e in edges)
+        self._beside = beside_widths * max(sum(lane.width for lane in network.edge_lanes(e)) for e in edges)
         chunks: list[Polyline] = []
         end, before = 0.0, ""
         for edge in edges:
@@ -124,14 +125,14 @@ class Road:
 
 
 class ApproachLine:
-    """The end of an approach at its junction, each lane with its own end."""
+    """The end of an approach at its junction, each lane with its own end. beside_widths: as for `Road`."""
 
-    def __init__(self, network: RoadNetwork, edge: str) -> None:
+    def __init__(self, network: RoadNetwork, edge: str, beside_widths: float) -> None:
         self.lanes = frozenset(network.edges[edge].lanes)
         other = [i for e in reverse_edges(network, edge) for i in network.edges[e].lanes]
         self.opposite = frozenset(other)
         self._line = {i: network.lanes[i].line for i in (*self.lanes, *other)}
-        self._beside = _BESIDE * sum(lane.width for lane in network.edge_lanes(edge))
+        self._beside = beside_widths * sum(lane.width for lane in network.edge_lanes(edge))
         self._reference = network.edge_lanes(edge)[0].line
 
     def to_go(self, ego: EgoState) -> float | None:

@@ -1,22 +1,17 @@
-"""Turns that a sign allows at a junction. Source: docs/spec/rules.md, "Turns and directions". Degrees in evidence.
-
-Plate params: `junction`; `approach`, the signed edge into it.
-"""
+"""Turns that a sign allows at a junction. Source: docs/spec/rules.md, "Turns and directions". Degrees in evidence."""
 
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
-from tsbench.errors import InputError
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.angles import U_TURN, turn_class, wrap
 from tsbench.maps.network import RoadNetwork
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog
-from tsbench.rules.lines import ApproachLine
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.lanegraph import heading_change, manoeuvre
+from tsbench.signs.plate_params import JunctionParams
+from tsbench.sim.lanegraph import heading_change
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 
@@ -24,21 +19,14 @@ from tsbench.sim.world import EgoState, WorldSnapshot
 class Manoeuvre(Monitor):
     """Armed on the approach, resolved on the first ordinary edge after the junction, at each pass."""
 
-    needs: ClassVar[tuple[str, ...]] = ("junction", "approach")
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self.log = EventLog(sign, rule)
         self._network = scene.network
-        approach, junction = self.edges("approach")[0], self.param("junction")
-        if scene.network.edges[approach].target != junction:
-            raise InputError(
-                f"{scene.additional}: sign {sign.id!r}: edge {approach!r} does not lead to junction "
-                f"{junction!r}"
-            )
-        self._line = ApproachLine(scene.network, approach)
+        params = sign.params_as(JunctionParams)
+        self._line = self.line_of(params.approach)
         # Heading change by edge entered, and +1 where it is driven in its own direction, -1 against it.
-        self._exits = _exits(scene.network, approach, junction)
+        self._exits = _exits(scene.network, params.approach, params.junction)
         self._straight = rule.thresholds["straight_deg"]
         self._u_turn = rule.thresholds["u_turn_deg"]
         self._allowed = rule.options["allowed"]
@@ -76,12 +64,12 @@ class Manoeuvre(Monitor):
             self._judge(snapshot, math.degrees(found[0]), ego)
 
     def _judge(self, snapshot: WorldSnapshot, change: float, ego: EgoState) -> None:
-        kind = manoeuvre(math.radians(change), math.radians(self._straight), math.radians(self._u_turn))
+        kind = turn_class(change, self._straight, self._u_turn)
         self.resolved(snapshot, ego)
         if kind in self._allowed:
             return
         # The bound of the class that the change lies beyond.
-        bound = self._u_turn if kind == "u_turn" else self._straight
+        bound = self._u_turn if kind == U_TURN else self._straight
         threshold = -bound if change < 0.0 else bound
         self.log.event("prohibited_manoeuvre", snapshot, snapshot.time, change, threshold)
         self.log.mark(snapshot.step)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
 from tsbench.rules.speed import KMH_PER_MPS
-from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -20,13 +18,11 @@ class MinSpeed(Monitor):
     The excursion begins with the first slow tick; it becomes an event once it has lasted.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         self._zone = Zone(self)
-        self._minimum = posted_kmh(self)
+        self._minimum = sign.posted
         self._under = Excursion(self._log, "under_minimum", smaller_is_worse=True)
         self._next: dict[int, dict[int, float]] = {}
         self._slow: list[WorldSnapshot] = []

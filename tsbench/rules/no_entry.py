@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -18,13 +17,13 @@ class NoEntry(Monitor):
         super().__init__(sign, rule, scene)
         self.log = EventLog(sign, rule)
         network = scene.network
-        self._road = Road(network, (sign.edge,))
+        self._road = self.road((sign.edge,))
         leads = {
             network.lanes[c.from_lane].edge
             for c in network.connections
             if network.lanes[c.to_lane].edge == sign.edge
         }
-        self._lines = [ApproachLine(network, e) for e in network.edges if e in leads]
+        self._lines = [self.line_of(e) for e in network.edges if e in leads]
         self._plate = sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._window = rule.thresholds["engage_distance_m"]

@@ -1,6 +1,6 @@
 """Exit onto a one-way road (5.7.x): allowed turns, and never the wrong carriageway. Source: docs/spec/rules.md.
 
-Plate params: `junction`; `approach`, the signed edge into it. Degrees in evidence.
+Degrees in evidence.
 """
 
 from __future__ import annotations

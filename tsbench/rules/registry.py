@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
-from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
 from tsbench.rules.closed_road import ClosedRoad
 from tsbench.rules.crosswalk import Crosswalk
@@ -21,9 +19,11 @@ from tsbench.rules.speed import Speed
 from tsbench.rules.stop import Stop
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
+from tsbench.signs.rule_kinds import for_every_kind
 from tsbench.sim.scene import Scene
 
-MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
+MONITORS: Mapping[str, type[Monitor]] = for_every_kind(
+    "monitor",
     {
         "give_way": GiveWay,
         "stop": Stop,
@@ -37,36 +37,25 @@ MONITORS: Mapping[str, type[Monitor]] = MappingProxyType(
         "one_way_exit": OneWayExit,
         "no_entry": NoEntry,
         "reserved_lane": ReservedLane,
-    }
+    },
 )
 
 
 def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
-    """The monitor of one plate; InputError for a rule that nobody judges or a plate that lacks a param."""
+    """The monitor of one plate."""
     rule = catalog.sign(sign.code).rule
-    monitor = MONITORS.get(rule.name)
-    if monitor is None:
-        known = ", ".join(sorted(MONITORS))
-        raise InputError(
-            f"{scene.additional}: sign {sign.id!r}: no monitor for rule {rule.name!r}, only for {known}"
-        )
-    return monitor(sign, rule, scene)
+    return MONITORS[rule.name](sign, rule, scene)
 
 
 def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monitor, ...]]:
     """The target's monitor, and those of the context plates that bind the ego.
 
-    A context plate with none of its rule's params speaks to other traffic and is scenery; so is one that no
-    monitor judges. End plates belong to the plate that they end.
+    A context plate without params speaks to other traffic and is scenery. End plates belong to the plate that they
+    end.
     """
     others = tuple(
         make_monitor(sign, catalog, scene)
         for sign in scene.signs
-        if sign.role == "context" and sign.id != scene.target and _binds_ego(sign, catalog)
+        if sign.role == "context" and sign.id != scene.target and sign.params is not None
     )
     return make_monitor(scene.target_sign, catalog, scene), others
-
-
-def _binds_ego(sign: SignInstance, catalog: Catalog) -> bool:
-    monitor = MONITORS.get(catalog.sign(sign.code).rule.name)
-    return monitor is not None and any(key in sign.params for key in monitor.needs)

@@ -1,23 +1,17 @@
-"""Keep out of a lane that is reserved for buses or cyclists. Source: docs/spec/rules.md, "Reserved lane".
-
-Units: m, s, rad. Plate params: `approach`, the edge before the plate; `zone_edges`, the edges of the marked zone, the
-plate's own first; `lanes`, ids of the reserved lanes, of the zone's edges or of those in the opposite direction.
-"""
+"""Keep out of a lane reserved for buses or cyclists. Source: docs/spec/rules.md, "Reserved lane". Units: m, s, rad."""
 
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
-from tsbench.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
 
@@ -28,34 +22,19 @@ _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
 class ReservedLane(Monitor):
     """The ego's centre is in a reserved lane of the zone for longer than the tolerance, or it touches a user."""
 
-    needs: ClassVar[tuple[str, ...]] = ("approach", "zone_edges", "lanes")
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
-        self._lanes = self._reserved(scene)
+        params = sign.params_as(ReservedLaneParams)
+        self._lanes = frozenset(scene.network.lane_index[lane] for lane in params.lanes)
         self._edges = frozenset(scene.network.lanes[i].edge for i in self._lanes)
-        zone = self.edges("zone_edges")
-        if sign.edge != zone[0]:
-            where = f"{scene.additional}: sign {sign.id!r}"
-            raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {zone[0]!r}")
-        self._road = Road(scene.network, (*self.edges("approach"), *zone))
+        self._road = self.road((params.approach, *params.zone_edges))
         self._plate = self._road.starts[sign.edge] + sign.position_m
         self._kind = int(_KINDS[rule.option("users")])
         self._inside = Excursion(self._log, "in_reserved_lane")
         self._contact = Excursion(self._log, "contact")
         self._run: list[WorldSnapshot] = []
         self._engaged = False
-
-    def _reserved(self, scene: Scene) -> frozenset[int]:
-        index = scene.network.lane_index
-        ids = self.param("lanes").split()
-        for lane in ids:
-            if lane not in index:
-                raise InputError(
-                    f"{scene.additional}: sign {self.sign.id!r}: param 'lanes': no lane {lane!r}"
-                )
-        return frozenset(index[lane] for lane in ids)
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""

@@ -1,13 +1,12 @@
-"""Give way to who is on the ring, and drive round it the right way. Source: docs/spec/rules.md, "Give way". Units: m.
+"""Give way to who is on the ring, and drive round it the right way. Units: m.
 
-Plate params: as in give_way, with the ring's edge to the entry as `main_in`; `ring`, all its edges in driving order.
+Source: docs/spec/rules.md, "Give way".
 """
 
 from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,11 +14,10 @@ from tsbench.geometry.polyline import Polyline, join
 from tsbench.maps.network import Connection, RoadNetwork
 from tsbench.rules.base import Verdict
 from tsbench.rules.events import Excursion
-from tsbench.rules.foes import FoeFinder, Place
 from tsbench.rules.give_way import GiveWay
-from tsbench.rules.paths import JunctionPath
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
@@ -27,17 +25,22 @@ from tsbench.sim.world import WorldSnapshot
 class Roundabout(GiveWay):
     """Who still stands at another arm's line has no priority yet: it is not on the ring."""
 
-    needs: ClassVar[tuple[str, ...]] = (*GiveWay.needs, "ring")
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
+        self._ring_edges = sign.params_as(RoundaboutParams).ring
         super().__init__(sign, rule, scene)
-        edges = self.edges("ring")
-        self._foes = RingFoes(scene.network, self._foe_paths, edges)
-        self._ring = Circulation(scene.network, edges)
+        self._ring = Circulation(scene.network, self._ring_edges)
         self._most = rule.thresholds["wrong_way_m"]
         self._against = 0.0
         self._last: tuple[float, float] | None = None
         self._wrong = Excursion(self.log, "wrong_direction")
+
+    def lanes_with_priority(self) -> frozenset[int]:
+        """Those of the ring and its junctions, entries' ways in among them, and of where the paths lead."""
+        network, ring = self._network, self._ring_edges
+        ordinary = {*ring, *(p.target.edge for p in self._foe_paths)}
+        found = {i for edge in ordinary for i in network.edges[edge].lanes}
+        found |= {v for c in network.connections if network.lanes[c.to_lane].edge in ring for v in c.via}
+        return frozenset(found | {v for p in self._foe_paths for v in p.connection.via})
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick: right of way at the entry, direction wherever the centre is on the ring."""
@@ -58,22 +61,6 @@ class Roundabout(GiveWay):
         """As give_way's, with the open excursion closed."""
         self._wrong.close()
         return super().finish()
-
-
-class RingFoes(FoeFinder):
-    """Vehicles on the ring and in its junctions; before their own line they only come to it."""
-
-    def __init__(self, network: RoadNetwork, paths: tuple[JunctionPath, ...], ring: tuple[str, ...]) -> None:
-        super().__init__(network, paths)
-        lanes = network.lanes
-        ordinary = {*ring, *(p.target for p in paths)}
-        self._on_ring = {i for edge in ordinary for i in network.edges[edge].lanes}
-        self._on_ring |= {v for c in network.connections if lanes[c.to_lane].edge in ring for v in c.via}
-        self._on_ring |= {v for p in paths for v in p.connection.via}
-
-    def _through(self, ways: list[int], upstream: tuple[str, ...]) -> dict[int, Place]:
-        plan = super()._through(ways, upstream)
-        return {lane: place for lane, place in plan.items() if lane in self._on_ring}
 
 
 class Circulation:

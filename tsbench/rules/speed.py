@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.zone import Zone, posted_kmh
+from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -18,13 +16,11 @@ KMH_PER_MPS = 3.6
 class Speed(Monitor):
     """Not faster than posted, plus the tolerance, while the ego's front is in the zone."""
 
-    needs: ClassVar[tuple[str, ...]] = ("zone_edges",)
-
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         self._zone = Zone(self)
-        self._threshold = posted_kmh(self) + rule.thresholds["tolerance_kmh"]
+        self._threshold = sign.posted + rule.thresholds["tolerance_kmh"]
         self._over = Excursion(self._log, "over_limit")
         self._engaged = False
 

@@ -1,4 +1,4 @@
-"""Stop, then give way. Source: docs/spec/rules.md, "Stop". Units: m, m/s. Plate params: as in give_way."""
+"""Stop, then give way. Source: docs/spec/rules.md, "Stop". Units: m, m/s."""
 
 from __future__ import annotations
 

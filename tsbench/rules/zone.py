@@ -1,15 +1,14 @@
 """The zone of a plate along the road: from its own line to its end plate's or the end of the last edge.
 
-Plate params: `zone_edges`, the edges in order, the plate's own first; where the sign ends at the next
-junction the scene's builder lists no edge behind it. Positions are metres from the start of an edge's lanes.
+Positions are metres from the start of an edge's lanes.
 """
 
 from __future__ import annotations
 
 from tsbench.errors import InputError
 from tsbench.rules.base import Monitor
-from tsbench.rules.lines import Road
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EgoState
 
 
@@ -18,11 +17,9 @@ class Zone:
 
     def __init__(self, monitor: Monitor) -> None:
         sign, scene = monitor.sign, monitor.scene
-        edges = monitor.edges("zone_edges")
+        edges = sign.params_as(ZoneParams).zone_edges
         where = f"{scene.additional}: sign {sign.id!r}"
-        if sign.edge != edges[0]:
-            raise InputError(f"{where}: stands on edge {sign.edge!r}, but its zone starts with {edges[0]!r}")
-        self.road = Road(scene.network, edges, sign.lane)
+        self.road = monitor.road(edges, sign.lane)
         self.start = sign.position_m
         self.end = self.road.length
         plate = _end_plate(sign, scene.signs)
@@ -42,10 +39,3 @@ class Zone:
 def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
     """The plate that ends this one."""
     return next((s for s in signs if s.ends == sign.id), None)
-
-
-def posted_kmh(monitor: Monitor) -> float:
-    """The number on the plate; InputError where a speed sign carries none."""
-    if monitor.sign.value is None:
-        raise InputError(f"{monitor.scene.additional}: sign {monitor.sign.id!r}: value is missing")
-    return monitor.sign.value

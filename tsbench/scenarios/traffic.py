@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsbench.geometry.angles import STRAIGHT
 from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.scenarios.drivers import Driver
 from tsbench.sim.lanegraph import LaneGraph, Turn
@@ -80,7 +81,7 @@ class Router:
             if not options:
                 break
             weight = np.array(
-                [_STRAIGHT_ON if self.graph.turn(route[-1], e) == "straight" else 1.0 for e in options]
+                [_STRAIGHT_ON if self.graph.turn(route[-1], e) == STRAIGHT else 1.0 for e in options]
             )
             route.append(options[int(rng.choice(len(options), p=weight / weight.sum()))])
         return tuple(route)

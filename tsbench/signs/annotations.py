@@ -7,11 +7,14 @@ so a plate that is written and read again is equal to the one before.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from lxml import etree
 
 from tsbench.errors import InputError
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import Params, PlateParams, read_params
+from tsbench.signs.rule_kinds import RULE_KINDS
 
 ALL_LANES = -1
 ROLES = ("target", "end", "context")
@@ -38,7 +41,8 @@ class SignInstance:
         heading: direction of travel of the traffic that the plate faces, rad, counter-clockwise from +x.
         role: "target" (the scene's watched sign), "end" (closes the target's zone) or "context".
         ends: id of the plate in the same scene that this one ends, else None.
-        params: further parameters of the point of interest; keys other than the ones above.
+        params: what its kind of rule needs to know beside; None on a plate that binds nobody who is watched, and
+            where the rule needs nothing.
     """
 
     id: str
@@ -52,12 +56,25 @@ class SignInstance:
     heading: float
     role: str
     ends: str | None = None
-    params: Mapping[str, str] = field(default_factory=dict)
+    params: PlateParams | None = None
 
     def __post_init__(self) -> None:
         problem = _problem(self)
         if problem is not None:
             raise ValueError(f"sign {self.id!r}: {problem}")
+
+    @property
+    def posted(self) -> float:
+        """The number that the sign sets. Raises InputError where it has none."""
+        if self.value is None:
+            raise InputError(f"sign {self.id!r} ({self.code}): value is missing")
+        return self.value
+
+    def params_as(self, kind: type[Params]) -> Params:
+        """The params, of the kind that a rule reads. Raises InputError where the plate carries none, or others."""
+        if not isinstance(self.params, kind):
+            raise InputError(f"sign {self.id!r} ({self.code}): carries no {kind.__name__}: {self.params}")
+        return self.params
 
 
 def _problem(sign: SignInstance) -> str | None:
@@ -75,10 +92,7 @@ def _problem(sign: SignInstance) -> str | None:
         return f"lane: {sign.lane} is below {ALL_LANES}"
     if sign.position_m < 0:
         return f"position_m: {sign.position_m} is negative"
-    if sign.role not in ROLES:
-        return f"role: {sign.role!r} is none of {', '.join(ROLES)}"
-    taken = sorted(_RESERVED & set(sign.params))
-    return f"params: {taken[0]!r} is a field of its own" if taken else None
+    return None if sign.role in ROLES else f"role: {sign.role!r} is none of {', '.join(ROLES)}"
 
 
 def sumo_angle(heading: float) -> float:
@@ -110,7 +124,8 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
         "role": sign.role,
         "ends": sign.ends,
     }
-    for key, text in (*params.items(), *sorted(sign.params.items())):
+    ruled = {} if sign.params is None else sign.params.texts()
+    for key, text in (*params.items(), *sorted(ruled.items())):
         if text is not None:
             etree.SubElement(poi, "param", {"key": key, "value": text})
     return poi
@@ -163,11 +178,13 @@ def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
             heading=float(given["heading"]),
             role=given["role"],
             ends=given.get("ends"),
-            params=extra,
+            params=plate_params(given["code"], extra, given["role"]),
         )
         angle = float(poi.attrib["angle"])
     except KeyError as error:
         raise InputError(f"{where}: {error.args[0]} is missing") from error
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
     except ValueError as error:
         raise InputError(
             f"{source}: {error}" if str(error).startswith("sign ") else f"{where}: {error}"
@@ -176,3 +193,20 @@ def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
     if not abs(turned) <= _ANGLE_TOLERANCE_DEG:
         raise InputError(f"{where}: angle {angle} contradicts its heading of {sign.heading} rad")
     return sign
+
+
+def plate_params(code: str, given: Mapping[str, str], role: str = "target") -> PlateParams | None:
+    """The params of a plate from their texts; only a target must have any.
+
+    Raises ValueError for a missing or strange one, InputError for a code that the catalogue has not.
+    """
+    rule = load_catalog().sign(code).rule.name
+    kind = RULE_KINDS[rule].params
+    if not given and (kind is None or role != "target"):
+        return None
+    if kind is None:
+        raise ValueError(f"param {min(given)!r}: rule {rule} knows none")
+    try:
+        return read_params(kind, given)
+    except ValueError as error:
+        raise ValueError(f"{error} (rule {rule})") from None

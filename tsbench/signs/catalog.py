@@ -15,6 +15,7 @@ from tsbench.paths import data_file
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
+from tsbench.signs.rule_kinds import RULE_KINDS
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
@@ -103,6 +104,8 @@ def _load(root: Path) -> Catalog:
     raw = [parse_rule(path) for path in _files(root / "rules")]
     rules = {rule.name: rule for rule in raw}
     rules = {name: _inherit(rules, rule, root) for name, rule in rules.items()}
+    for rule in rules.values():
+        _check_kind(root / "rules" / f"{rule.name}.yaml", rule)
     signs = [parse_sign(path, rules) for path in _files(root / "signs")]
     by_code = {sign.code: sign for sign in sorted(signs, key=lambda sign: code_key(sign.code))}
     for sign in by_code.values():
@@ -138,6 +141,20 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleS
         vocabulary={**base.vocabulary, **rule.vocabulary},
         clauses=(*rule.clauses, *(clause for clause in base.clauses if clause.id not in own)),
     )
+
+
+def _check_kind(path: Path, rule: RuleSpec) -> None:
+    """A rule's file must hold what its kind is declared with: its code reads no more, and no less."""
+    kind = RULE_KINDS.get(rule.name)
+    if kind is None:
+        raise InputError(f"{path}: rule: {rule.name!r} is not declared in tsbench/signs/rule_kinds.py")
+    for part, wanted, given in (
+        ("thresholds", kind.thresholds.split(), list(rule.thresholds)),
+        ("clauses", kind.clauses.split(), [clause.id for clause in rule.clauses]),
+    ):
+        for key in sorted({*wanted} ^ {*given}):
+            problem = "is missing" if key in wanted else f"no part of the rule {rule.name} reads it"
+            raise InputError(f"{path}: {part}: {key}: {problem}")
 
 
 def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:

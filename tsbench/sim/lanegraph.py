@@ -9,29 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import Connection, RoadNetwork
 from tsbench.sim.reserved import open_lanes, turned_lanes
 from tsbench.sim.scene import Destination
 
 Turn = tuple[str, str]
-STRAIGHT_RAD = math.radians(35.0)
-U_TURN_RAD = math.radians(145.0)
 _BLEND_STEP_M = 2.0
-
-
-def manoeuvre(change: float, straight: float = STRAIGHT_RAD, u_turn: float = U_TURN_RAD) -> str:
-    """Class of a heading change (rad): straight within 35 degrees, u_turn beyond 145, else left or right.
-
-    Source: docs/spec/rules.md, "Turns and directions"; a monitor hands in the two bounds (rad) of the catalogue.
-    """
-    change = wrap(change)
-    if abs(change) <= straight:
-        return "straight"
-    if abs(change) >= u_turn:
-        return "u_turn"
-    return "left" if change > 0 else "right"
 
 
 def heading_change(network: RoadNetwork, source: str, target: str) -> float:
@@ -123,7 +108,7 @@ class LaneGraph:
 
     def turn(self, source: str, target: str) -> str:
         """Manoeuvre class from one edge to the next, by their headings at the junction."""
-        return manoeuvre(heading_change(self.network, source, target))
+        return turn_class(math.degrees(heading_change(self.network, source, target)))
 
     def crossing_length(self, source: str, target: str) -> float:
         """Shortest way through the junction between two edges."""

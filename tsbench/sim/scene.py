@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Container
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
+from tsbench.errors import InputError
 from tsbench.maps.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, ZoneParams
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,7 @@ class Scene:
 
     route_hint: edges of the way that navigation gives at the start; compliant_hint: of an obedient way, where it
     is another one. Both are for lint and pictures; no planner sees them.
+    Raises InputError where a plate's params name what is not there, or what does not fit its place.
     """
 
     net: SceneFile
@@ -107,6 +111,35 @@ class Scene:
     route_hint: tuple[str, ...] = ()
     compliant_hint: tuple[str, ...] = ()
     walkers: WalkersPlan | None = None
+
+    def __post_init__(self) -> None:
+        for sign in self.signs:
+            problem = self._problem(sign)
+            if problem is not None:
+                raise InputError(f"{self.additional}: sign {sign.id!r}: {problem}")
+
+    def _problem(self, sign: SignInstance) -> str | None:
+        """What makes a plate's params impossible on this map, in words."""
+        params, network = sign.params, self.network
+        if params is None:
+            return None
+        known: dict[str, Container[str]] = {
+            "edge": network.edges, "lane": network.lane_index, "junction": network.junctions,
+            "crossing": network.crossings, "obstacle": {o.id for o in self.obstacles},
+        }  # fmt: skip
+        for param in fields(params):
+            what = param.metadata[NAMES]
+            for name in params.named()[param.name]:
+                if name not in known[what]:
+                    return f"param {param.name!r}: no {what} {name!r}"
+        if isinstance(params, JunctionParams):
+            into = (params.approach, *(params.main_in if isinstance(params, GiveWayParams) else ()))
+            for edge in into:
+                if network.edges[edge].target != params.junction:
+                    return f"edge {edge!r} does not lead to junction {params.junction!r}"
+        if isinstance(params, ZoneParams) and params.zone_edges[0] != sign.edge:
+            return f"stands on edge {sign.edge!r}, but its zone starts with {params.zone_edges[0]!r}"
+        return None
 
     @property
     def target_sign(self) -> SignInstance:

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tsbench.geometry.angles import wrap_deg
 from tsbench.maps.cut import Piece
 from tsbench.maps.families.common import make_row
-from tsbench.maps.lines import chord_over_arc, cut, length, wrap
+from tsbench.maps.lines import chord_over_arc, cut, length
 from tsbench.maps.pool import PoolRow
 from tsbench.maps.source import SourceNetwork
 from tsbench.maps.utm import Floats
@@ -88,7 +89,7 @@ def _best_span(line: Floats) -> tuple[float, float] | None:
 def _kink(line: Floats) -> float:
     """The sharpest bend at a vertex, degrees."""
     headings = np.degrees(np.arctan2(*np.diff(line, axis=0).T[::-1]))
-    return max((abs(wrap(float(turn))) for turn in np.diff(headings)), default=0.0)
+    return max((abs(wrap_deg(float(turn))) for turn in np.diff(headings)), default=0.0)
 
 
 def _row(source: SourceNetwork, row: int, span: tuple[float, float]) -> PoolRow:

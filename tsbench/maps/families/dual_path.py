@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from tsbench.geometry.angles import U_TURN, turn_class
 from tsbench.maps.arms import arms_of
 from tsbench.maps.cut import Piece
 from tsbench.maps.families.common import make_row
 from tsbench.maps.families.junction import junction_shape
-from tsbench.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length, turn_class, wrap
+from tsbench.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length
 from tsbench.maps.pool import SLOTS, PoolRow
 from tsbench.maps.source import SourceNetwork
 
@@ -35,11 +36,10 @@ class _Reach:
 
 
 def manoeuvre(source: SourceNetwork, approach: int, leave: int) -> str:
-    """Turn class from one edge to the next by heading change; back along the same road is a U-turn."""
+    """First letter of the turn from one edge to the next by heading change; back along the same road is a U-turn."""
     if source.opposite[approach] == leave:
-        return "u"
-    change = wrap(heading_away(source.line(leave)) - heading_towards(source.line(approach)))
-    return turn_class(change)
+        return U_TURN[0]
+    return turn_class(heading_away(source.line(leave)) - heading_towards(source.line(approach)))[0]
 
 
 class _Turns:
@@ -54,7 +54,7 @@ class _Turns:
         if row not in self._next:
             leaving = self.source.out_edges[int(self.source.head[row])]
             classed = [(leave, manoeuvre(self.source, row, leave)) for leave in leaving if leave != row]
-            self._next[row] = [(leave, turn) for leave, turn in classed if turn != "u"]
+            self._next[row] = [(leave, turn) for leave, turn in classed if turn != U_TURN[0]]
         return self._next[row]
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsbench.geometry.angles import wrap_deg
 from tsbench.maps.cut import Piece
 from tsbench.maps.extracts import extract_info
 from tsbench.maps.families.common import make_row
 from tsbench.maps.families.legs import Leg, find_legs, leg_pieces, same_arm
-from tsbench.maps.lines import wrap
 from tsbench.maps.pool import PoolRow
 from tsbench.maps.source import SourceNetwork
 from tsbench.maps.utm import Floats
@@ -147,7 +147,7 @@ def shape_fault(outline: Floats, *, coarse: bool) -> str:
     if area <= 0:
         return "driven clockwise"
     headings = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
-    corner = max(abs(wrap(float(turn))) for turn in np.diff(headings, append=headings[0]))
+    corner = max(abs(wrap_deg(float(turn))) for turn in np.diff(headings, append=headings[0]))
     roundness = 4 * np.pi * area / around**2
     blunt = (
         coarse

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Set as AbstractSet
 
 from tsbench.planners.base import Observation
 from tsbench.sim.navigation import RouteView
@@ -16,14 +16,24 @@ _AT_POINT_M = 0.05
 _FAR = 0.1
 
 
-class Guard(Protocol):
-    """Watches over one rule for one episode; asked once a tick, `guide` first."""
+class Guard:
+    """Watches over one rule for one episode; asked once a tick, `guide` first.
+
+    Made of a `PlannerContext` and a `Privilege`. approach: the edge from which it looks after a junction itself, "" for
+    none. wary: edges at whose end the network's right of way is not enough.
+    """
+
+    approach: str = ""
+    wary: AbstractSet[str] = frozenset()
 
     def guide(self, observation: Observation) -> RouteView:
         """The route for the base planner; the navigation's own where the rule wants no other."""
+        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """Least and greatest acceleration that the rule leaves at this tick; -inf, inf where it does not bind."""
+        """Least and greatest acceleration that the rule leaves at this tick."""
+        del observation, route
+        return FREE
 
 
 def slow_to(v: float, target: float, distance: float, comfortable: float) -> float:

@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
-from tsbench.planners.guards.junction import Foe, Way
+from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.priority import PriorityVehicle
 
 _BRAKE_MPS2 = 3.5
 _STEP_M = 2.0
@@ -28,13 +29,13 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A vehicle as the ego sees it: where it is, its way and zone, its own acceleration lately, standing for how long.
+    """A vehicle as the ego sees it: where it is, its path and zone, its own acceleration lately, standing for how long.
 
     `standing` counts from when the ego could be seen at the line.
     """
 
-    foe: Foe
-    way: Way
+    foe: PriorityVehicle
+    path: JunctionPath
     zone: ConflictZone
     accel: float
     standing: float
@@ -120,14 +121,14 @@ class Demand:
 
     @staticmethod
     def _limit(seen: Seen) -> float:
-        return max(seen.foe.speed, seen.way.source.speed)
+        return max(seen.foe.speed, seen.path.source.speed)
 
     def _soonest(self, seen: Seen) -> float:
         """Least seconds until it reaches its zone: it gathers speed, but slows down for its turn."""
         foe, limit, accel = seen.foe, self._limit(seen), self._gathers(seen)
         # Who gives way to others, and brakes, comes to its own line at a walk.
-        waits = seen.way.connection.state in "ms" and (seen.accel < _BRAKES_MPS2 or foe.speed < self.slow)
-        turn = _WALK_MPS if waits else seen.way.inner[0].speed
+        waits = seen.path.connection.state in "ms" and (seen.accel < _BRAKES_MPS2 or foe.speed < self.slow)
+        turn = _WALK_MPS if waits else seen.path.inner[0].speed
         way, gone, time, v = seen.to_zone, 0.0, 0.0, foe.speed
         while gone < way:
             cap = math.sqrt(turn * turn + 2.0 * _BRAKE_MPS2 * max(-foe.s - gone, 0.0))

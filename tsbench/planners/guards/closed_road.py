@@ -6,7 +6,7 @@ import math
 
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 
@@ -15,7 +15,7 @@ _STOP_BEFORE_M = 2.0
 _BRAKE_MPS2 = 2.0
 
 
-class ClosedRoadGuard:
+class ClosedRoadGuard(Guard):
     """Follows navigation as far as the plate's line allows."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
@@ -24,10 +24,6 @@ class ClosedRoadGuard:
         self._point = context.network.edge_lanes(sign.edge)[0].line.point_at(sign.position_m)
         self._path: RoutePath | None = None
         self._line_s = math.inf
-
-    def guide(self, observation: Observation) -> RouteView:
-        """Navigation's own route: where it leads is not forbidden, only how far."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What stops before the plate, while the route leads past it."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.guards.base import FREE
-from tsbench.planners.guards.junction import ways_through
+from tsbench.planners.guards.junction import paths_through
 from tsbench.planners.guards.yielding import COURTESY, Yielding
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
@@ -51,7 +51,7 @@ class Courtesy:
                 del self._junctions[0]
         while self._junctions and self._junctions[0].line_s - route.s <= _LOOK_M:
             approach = self._junctions.pop(0).approach
-            others = ways_through(self._network, approach)
+            others = paths_through(self._network, approach)
             self._near.append(Yielding(self._network, approach, (), COURTESY, others))
         if not self._near:
             return FREE

@@ -12,8 +12,9 @@ import numpy as np
 
 from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
 from tsbench.planners.profile import PathSamples
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Actors
@@ -45,12 +46,12 @@ class _Passage:
     u: float
 
 
-class CrosswalkGuard:
+class CrosswalkGuard(Guard):
     """Follows navigation; asks at each tick before the crossing whether it may go on."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._crossing = context.network.crossings[privilege.sign.params["crossing"]]
-        self._exit = privilege.sign.params["exit"]
+        params = privilege.sign.params_as(CrosswalkParams)
+        self._crossing, self._exit = context.network.crossings[params.crossing], params.exit
         self._clear = privilege.rule.thresholds["clearance_m"] + _SPARE_M
         (self._x, self._y), (x, y) = self._crossing.line.points[[0, -1]].tolist()
         self._length = math.hypot(x - self._x, y - self._y)
@@ -60,10 +61,6 @@ class CrosswalkGuard:
         self._samples: PathSamples
         self._waits_since = math.inf
         self._patient = True
-
-    def guide(self, observation: Observation) -> RouteView:
-        """Navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What stops before the crossing while somebody is on it or comes; what leaves it briskly."""

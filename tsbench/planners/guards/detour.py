@@ -15,7 +15,8 @@ from tsbench.maps.network import Lane
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.gaps import gap_free
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
+from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
@@ -40,12 +41,12 @@ class _Task:
     sides: tuple[tuple[Lane, float], ...]
 
 
-class DetourGuard:
+class DetourGuard(Guard):
     """On the navigation's route until there is a gap, then on its own path, until the two agree again."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._context = context
-        self._name = privilege.sign.params["obstacle"]
+        self._name = privilege.sign.params_as(ObstacleParams).obstacle
         self._allowed = privilege.rule.options["allowed_sides"]
         self._path: RoutePath | None = None
         self._task: _Task | None = None

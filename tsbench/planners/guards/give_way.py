@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.guards.base import Guard
 from tsbench.planners.guards.blocking import Demand
-from tsbench.planners.guards.junction import ways_from, ways_through
+from tsbench.planners.guards.junction import paths_through
 from tsbench.planners.guards.yielding import Yielding
+from tsbench.roads.junction_paths import junction_paths
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.navigation import RouteView
 
 
-class GiveWayGuard:
+class GiveWayGuard(Guard):
     """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds.
 
     Whoever else has right of way over the ego in this junction (it turns left in front of the arm opposite) is let
@@ -17,20 +20,15 @@ class GiveWayGuard:
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        params, thresholds = privilege.sign.params, privilege.rule.thresholds
-        network, first = context.network, tuple(params["main_in"].split())
-        self.approach = params["approach"]
+        params, thresholds = privilege.sign.params_as(GiveWayParams), privilege.rule.thresholds
+        network, self.approach = context.network, params.approach
         self.yielding = Yielding(
             network,
             self.approach,
-            ways_from(network, first),
+            junction_paths(network, params.main_in),
             Demand(thresholds["gap_s"], thresholds["min_foe_speed_mps"], thresholds["post_clear_s"]),
-            ways_through(network, self.approach, first),
+            paths_through(network, self.approach, params.main_in),
         )
-
-    def guide(self, observation: Observation) -> RouteView:
-        """The navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What the junction asks for."""

@@ -6,13 +6,15 @@ import math
 from collections.abc import Set as AbstractSet
 
 from tsbench.errors import InputError
+from tsbench.geometry.angles import U_TURN, turn_class
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE
-from tsbench.sim.lanegraph import LaneGraph, Turn, heading_change, manoeuvre
+from tsbench.planners.guards.base import Guard
+from tsbench.signs.plate_params import JunctionParams
+from tsbench.sim.lanegraph import LaneGraph, Turn, heading_change
 from tsbench.sim.navigation import Navigator, RouteView
 
 
-class ManoeuvreGuard:
+class ManoeuvreGuard(Guard):
     """Leads the base planner by a navigator of its own, to the end: so it is never led back into the turn."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
@@ -29,11 +31,6 @@ class ManoeuvreGuard:
         if self._navigator is None:
             return self._begin(observation)
         return self._navigator.update(observation.ego)
-
-    def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """The way is all that the rule asks for."""
-        del observation, route
-        return FREE
 
     def _begin(self, observation: Observation) -> RouteView:
         graph, destination = self._context.graph, self._context.destination
@@ -69,17 +66,18 @@ class Without(LaneGraph):
 
 def banned_turns(graph: LaneGraph, privilege: Privilege) -> frozenset[Turn]:
     """The turns out of the signed approach that the rule does not allow."""
-    rule, approach = privilege.rule, privilege.sign.params.get("approach", privilege.sign.edge)
-    straight, u_turn = (math.radians(rule.thresholds[k]) for k in ("straight_deg", "u_turn_deg"))
+    rule, approach = privilege.rule, privilege.sign.params_as(JunctionParams).approach
+    straight, u_turn = rule.thresholds["straight_deg"], rule.thresholds["u_turn_deg"]
     allowed = rule.options["allowed"]
     return frozenset(
         (approach, target)
         for target in graph.successors(approach)
-        if manoeuvre(heading_change(graph.network, approach, target), straight, u_turn) not in allowed
+        if turn_class(math.degrees(heading_change(graph.network, approach, target)), straight, u_turn)
+        not in allowed
     )
 
 
 def u_turns(graph: LaneGraph) -> frozenset[Turn]:
     """All turns of the network that lead back."""
     edges = (e.id for e in graph.network.edges.values() if not e.internal)
-    return frozenset((a, b) for a in edges for b in graph.successors(a) if graph.turn(a, b) == "u_turn")
+    return frozenset((a, b) for a in edges for b in graph.successors(a) if graph.turn(a, b) == U_TURN)

@@ -9,7 +9,8 @@ from tsbench.maps.network import Lane
 from tsbench.planners.ahead import HALF_LENGTH_M
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.gaps import gap_free
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.lanegraph import LaneGraph, RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
@@ -20,13 +21,15 @@ _WINDOW_M = 15.0
 _SAME_M = 0.4
 
 
-class ReservedLaneGuard:
+class ReservedLaneGuard(Guard):
     """On the navigation's route until there is a gap, then on its own, until navigation keeps out of the lane too."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         network = context.network
         self._network, self._destination = network, context.destination
-        self._reserved = frozenset(network.lane_index[i] for i in privilege.sign.params["lanes"].split())
+        self._reserved = frozenset(
+            network.lane_index[i] for i in privilege.sign.params_as(ReservedLaneParams).lanes
+        )
         self._graph = LaneGraph(network, context.graph.vclass, self._reserved)
         self._to_left = privilege.rule.option("lane") == "rightmost"
         self._path: RoutePath | None = None

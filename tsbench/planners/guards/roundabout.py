@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.guards.give_way import GiveWayGuard
+from tsbench.signs.plate_params import RoundaboutParams
 
 
 class RoundaboutGuard(GiveWayGuard):
@@ -15,4 +16,4 @@ class RoundaboutGuard(GiveWayGuard):
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         super().__init__(context, privilege)
-        self.wary = frozenset(privilege.sign.params["ring"].split())
+        self.wary = frozenset(privilege.sign.params_as(RoundaboutParams).ring)

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import math
 
-from tsbench.errors import InputError
 from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.guards.base import FREE, slow_to
+from tsbench.planners.guards.base import FREE, Guard, slow_to
 from tsbench.planners.profile import PathSamples
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
@@ -33,20 +32,16 @@ _ROOM_M = 4.0
 _ROOM_S = 1.2
 
 
-class SpeedGuard:
+class SpeedGuard(Guard):
     """Brakes before the zone, holds the limit inside it."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._context, self._sign = context, privilege.sign
-        self._limit = (_posted(privilege) - _MARGIN_KMH) * _KMH
+        self._limit = (privilege.sign.posted - _MARGIN_KMH) * _KMH
         self._ended_by = privilege.rule.ended_by
         self._path: RoutePath | None = None
         self._line_s = math.inf
         self._inside = self._over = False
-
-    def guide(self, observation: Observation) -> RouteView:
-        """The navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """Before the zone what it takes to be slow in time, inside it the limit, behind it nothing."""
@@ -69,21 +64,17 @@ class SpeedGuard:
         return any(place + _EARLY_M < front for place in places)
 
 
-class MinSpeedGuard:
+class MinSpeedGuard(Guard):
     """Speeds up in time for where the minimum binds and holds it, unless somebody slower is ahead."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._context, self._sign = context, privilege.sign
         self._thresholds = privilege.rule.thresholds
-        self._minimum = _posted(privilege) * _KMH
+        self._minimum = privilege.sign.posted * _KMH
         self._target = self._minimum + _ABOVE_KMH * _KMH
         self._path: RoutePath | None = None
         self._samples: PathSamples
         self._binds_s = math.inf
-
-    def guide(self, observation: Observation) -> RouteView:
-        """The navigation's own route."""
-        return observation.route
 
     def bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """At least what reaches the minimum where it binds, and what holds it from there on."""
@@ -119,13 +110,6 @@ class MinSpeedGuard:
         if gap < _ROOM_M + _ROOM_S * v:
             return -math.inf
         return min(_KEEP_PER_S * (speed - v) + _KEEP_PER_S2 * (gap - _KEEP_SHARE * reach), _BRISK_MPS2)
-
-
-def _posted(privilege: Privilege) -> float:
-    """The number on the plate, km/h; InputError where a speed sign carries none."""
-    if privilege.sign.value is None:
-        raise InputError(f"sign {privilege.sign.id!r}: a speed sign without a value")
-    return privilege.sign.value
 
 
 def _place(context: PlannerContext, path: RoutePath, edge: str, position: float) -> float:

@@ -14,9 +14,11 @@ from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, touch
 from tsbench.planners.base import Observation
 from tsbench.planners.guards.base import FREE, slow_to
 from tsbench.planners.guards.blocking import Demand, Plan, Seen
-from tsbench.planners.guards.junction import Foe, FoeFinder, Passage, Way, passage
+from tsbench.planners.guards.junction import Passage, passage
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.planners.profile import PathSamples, speed_at, speed_profile
+from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.priority import EXPERT_FOLLOWING, PriorityVehicle, PriorityVehicles
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import DT_S
@@ -70,7 +72,7 @@ _HARDEST_MPS2 = 5.0
 class Yielding:
     """One junction, from one approach: stops before its line while somebody is in the way.
 
-    ways: those that have priority by a rule, which asks `demand` of the ego. others: further ways through the
+    paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
     junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
     pass (COURTESY).
     """
@@ -79,14 +81,14 @@ class Yielding:
         self,
         network: RoadNetwork,
         approach: str,
-        ways: tuple[Way, ...],
+        paths: tuple[JunctionPath, ...],
         demand: Demand,
-        others: tuple[Way, ...] = (),
+        others: tuple[JunctionPath, ...] = (),
     ) -> None:
         self._network, self._approach = network, approach
-        self._ways, self._ruled = (*ways, *others), len(ways)
+        self._paths, self._ruled = (*paths, *others), len(paths)
         self._demand = demand
-        self._finder = FoeFinder(network, self._ways)
+        self._finder = PriorityVehicles(network, self._paths, EXPERT_FOLLOWING)
         self._path: RoutePath | None = None
         self._passage: Passage | None = None
         self._samples: PathSamples
@@ -128,7 +130,7 @@ class Yielding:
         most, v = math.inf, observation.ego.speed
         front = route.s + HALF_LENGTH_M - here.line_s
         for foe in self._finder.find(observation.actors):
-            zone = here.zones[foe.way]
+            zone = here.zones[foe.path]
             if zone is None or foe.s <= 0.0 or foe.s - foe.length > zone.b_out:
                 continue
             if observation.time - self._standing.get(foe.row, observation.time) > COURTESY.patience_s:
@@ -154,7 +156,7 @@ class Yielding:
 
     def _prepare(self, path: RoutePath) -> None:
         self._path = path
-        self._passage = passage(self._network, path, self._approach, self._ways, self._ruled)
+        self._passage = passage(self._network, path, self._approach, self._paths, self._ruled)
         self._samples = PathSamples(path)
         self._speeds = speed_profile(
             path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf
@@ -177,9 +179,9 @@ class Yielding:
         coming = [
             (f, z)
             for f in foes
-            if (z := here.zones[f.way]) is not None
+            if (z := here.zones[f.path]) is not None
             and f.s - f.length <= z.b_out
-            and (f.way in here.first or f.s > 0.0)
+            and (f.path in here.first or f.s > 0.0)
         ]
         if not coming:
             return self._room_behind(observation, here)
@@ -191,8 +193,8 @@ class Yielding:
             first, last = self._ends(here, zone)
             plan = Plan(times[line], times[first], times[last])
             standing = observation.time - self._standing.get(foe.row, observation.time)
-            seen = Seen(foe, self._ways[foe.way], zone, self._trend[foe.row][1], standing)
-            demand = self._demand if foe.way < self._ruled else COURTESY
+            seen = Seen(foe, self._paths[foe.path], zone, self._trend[foe.row][1], standing)
+            demand = self._demand if foe.path < self._ruled else COURTESY
             if demand.blocks(seen, plan):
                 return False
         return self._room_behind(observation, here)
@@ -201,7 +203,7 @@ class Yielding:
         """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
         return here.line_s + zone.a_in - HALF_LENGTH_M, here.line_s + zone.a_out + HALF_LENGTH_M
 
-    def _note_trend(self, foes: list[Foe]) -> None:
+    def _note_trend(self, foes: list[PriorityVehicle]) -> None:
         """Smoothed acceleration of each vehicle with priority, from tick to tick."""
         for foe in foes:
             speed, accel = self._trend.get(foe.row, (foe.speed, 0.0))

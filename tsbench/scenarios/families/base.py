@@ -16,7 +16,8 @@ from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.drivers import Driver
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.variants import Variant
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.plate_params import PlateParams
 from tsbench.sim.lanegraph import LaneGraph, Turn
 from tsbench.sim.scene import Destination, EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
@@ -107,11 +108,24 @@ class Placement(Protocol):
         """One variant's scene. Raises UnfitMapError."""
 
 
-def beside_road(network: RoadNetwork, edge: str, s: float) -> tuple[float, float, float]:
-    """A plate's post right of an edge's rightmost lane: x, y, heading of the traffic that it faces."""
-    lane = network.edge_lanes(edge)[0]
-    x, y = lane.line.point_at(s, -(lane.width / 2 + PLATE_BESIDE_M))
-    return x, y, lane.line.heading_at(s)
+def plate_beside(
+    network: RoadNetwork,
+    code: str,
+    edge: str,
+    s: float,
+    params: PlateParams | None = None,
+    *,
+    number: int = 0,
+    role: str = "target",
+    value: float | None = None,
+    lane: int = ALL_LANES,
+    ends: str | None = None,
+) -> SignInstance:
+    """The scene's plate of that number, with its post right of the rightmost lane at `s` m along an edge."""
+    right = network.edge_lanes(edge)[0]
+    x, y = right.line.point_at(s, -(right.width / 2 + PLATE_BESIDE_M))
+    heading = right.line.heading_at(s)
+    return SignInstance(f"sign_{number}", code, value, edge, lane, s, x, y, heading, role, ends, params)
 
 
 def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:

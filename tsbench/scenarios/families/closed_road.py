@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tsbench.geometry.angles import U_TURN
 from tsbench.maps.network import Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
@@ -15,13 +16,13 @@ from tsbench.scenarios.families.base import (
     SceneTask,
     UnfitMapError,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     way_ahead,
 )
 from tsbench.scenarios.families.junction_arms import through_arms, with_priorities
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Destination, EgoStart, Obstacle
 
@@ -61,11 +62,7 @@ class ClosedRoadPlacement:
         plate_s = recipe.number("plate_after_junction_m")
         near = plate_s + recipe.number("barrier_behind_plate_m")
         depth = recipe.number("barrier_depth_m")
-        x, y, heading = beside_road(network, way.exit, plate_s)
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=way.exit, lane=-1, position_m=plate_s, x=x, y=y,
-            heading=heading, role="target", params={"approach": lane.edge},
-        )  # fmt: skip
+        sign = plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge))
         barriers = tuple(
             _barrier(k, closed, near + depth / 2, depth, recipe.number("barrier_gap_m"))
             for k, closed in enumerate(passenger_lanes(network, way.exit))
@@ -91,7 +88,7 @@ def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) 
         if approach not in network.edges or network.edges[approach].length < approach_m + 5.0:
             continue
         for target in graph.successors(approach):
-            if graph.turn(approach, target) == "u_turn" or network.edges[target].length < least:
+            if graph.turn(approach, target) == U_TURN or network.edges[target].length < least:
                 continue
             if graph.route(approach, target) != (approach, target) or target not in back:
                 continue

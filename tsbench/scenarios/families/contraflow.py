@@ -11,13 +11,13 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.maps.network import DEFAULT_LANE_WIDTH_M
 from tsbench.maps.plain import PlainEdge, PlainNet, Point
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.families.base import Arrangement, SceneTask, beside_road, require
+from tsbench.scenarios.families.base import Arrangement, SceneTask, plate_beside, require
 from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.families.lane_users import lane_users
 from tsbench.scenarios.families.reserved_lane import run_up_room, start_before_plate
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Destination
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -50,11 +50,7 @@ class ContraflowPlacement:
         first, zone = f"{edge}.0", f"{edge}.1"
         lane, reserved = network.edge_lanes(first)[-1], network.edge_lanes(contra_id(edge))[0]
         start = start_before_plate(task, lane.id, lane.line.length)
-        x, y, heading = beside_road(network, zone, 0.0)
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=zone, lane=-1, position_m=0.0, x=x, y=y, heading=heading,
-            role="target", params={"approach": first, "zone_edges": zone, "lanes": reserved.id},
-        )  # fmt: skip
+        sign = plate_beside(network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)))
         room = network.edge_lanes(zone)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(variant.route_length, room)
         return Arrangement(

@@ -18,7 +18,7 @@ from tsbench.scenarios.elements import walker_elements
 from tsbench.scenarios.families.base import (
     Arrangement,
     SceneTask,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
@@ -32,7 +32,7 @@ from tsbench.scenarios.families.crosswalk_net import (
     with_crossing,
 )
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import Destination, EgoStart, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -76,12 +76,8 @@ class CrosswalkPlacement:
         start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
         start = EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed))
-        x, y, heading = beside_road(network, first, network.edge_lanes(first)[0].line.length)
-        right = network.edge_lanes(first)[0]
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=first, lane=-1, position_m=right.line.length, x=x, y=y,
-            heading=heading, role="target", params={"crossing": crossing.id, "exit": last},
-        )  # fmt: skip
+        end = network.edge_lanes(first)[0].line.length
+        sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]

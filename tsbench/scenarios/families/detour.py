@@ -13,6 +13,7 @@ from tsbench.scenarios.families.base import Arrangement, SceneTask, passenger_la
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.scene import Destination, EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -57,7 +58,7 @@ class DetourPlacement:
         px, py = lane.line.point_at(near)
         sign = SignInstance(
             id="sign_0", code=self.code, value=None, edge=edge, lane=lane.order, position_m=near, x=px, y=py,
-            heading=lane.line.heading_at(near), role="target", params={"obstacle": obstacle.id},
+            heading=lane.line.heading_at(near), role="target", params=ObstacleParams(obstacle.id),
         )  # fmt: skip
         end_s = min(middle + variant.route_length, length_m - recipe.number("end_before_edge_m"))
         beyond = near + length + _LONGEST_CAR_M + 1.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from tsbench.maps.network import RoadNetwork
+from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import (
@@ -14,7 +15,7 @@ from tsbench.scenarios.families.base import (
     SceneTask,
     UnfitMapError,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
@@ -30,12 +31,10 @@ from tsbench.scenarios.families.obedient_way import (
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.lanegraph import LaneGraph, Turn
 from tsbench.sim.scene import Destination, EgoStart
 
-_SLOT_WORDS = {"s": "straight", "l": "left", "r": "right"}
-# SUMO's own word for a turn, as a manoeuvre class.
-_SUMO_WORDS = {"s": "straight", "l": "left", "L": "left", "r": "right", "R": "right", "t": "u_turn"}
 
 
 class ManoeuvrePlacement:
@@ -104,9 +103,9 @@ class ManoeuvrePlacement:
     def plate(self, task: SceneTask, short: Sequence[str]) -> SignInstance:
         """The target's plate: on the approach, for all its lanes."""
         lane = task.network.edge_lanes(short[0])[0]
-        params = {"junction": task.row.fields["junction"], "approach": short[0]}
+        params = JunctionParams(short[0], task.row.fields["junction"])
         at = lane.line.length - task.recipe.number("plate_before_line_m")
-        return _plate(task.network, self.code, short[0], at, params)
+        return plate_beside(task.network, self.code, short[0], at, params)
 
 
 class OneWayPlacement(ManoeuvrePlacement):
@@ -118,7 +117,7 @@ class OneWayPlacement(ManoeuvrePlacement):
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe)
-        self.way = "r" if "right" in self.allowed else "l"
+        self.way = RIGHT if RIGHT in self.allowed else LEFT
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The crop without the lanes that come from where the one-way road leads to."""
@@ -167,7 +166,7 @@ class NoEntryPlacement(ManoeuvrePlacement):
         at = task.recipe.number("plate_after_start_m")
         length = task.network.edge_lanes(short[1])[0].line.length
         require(length >= 2.0 * at, f"the closed edge is {length:.0f} m long")
-        return _plate(task.network, self.code, short[1], at, {})
+        return plate_beside(task.network, self.code, short[1], at)
 
 
 def _avoided(
@@ -189,23 +188,15 @@ def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant
     """The ways go as the slot says, and SUMO calls every exit what the rule calls it."""
     for route, letter in ((short, row.slot[0]), (compliant, row.slot[2])):
         turn = graph.turn(route[0], route[1])
-        if turn != _SLOT_WORDS[letter]:
+        if turn[0] != letter:
             raise UnfitMapError(f"slot {row.slot}, but the way over {route[1]} goes {turn}")
     for exit_ in graph.successors(short[0]):
         turn = graph.turn(short[0], exit_)
         for c in graph.connections(short[0], exit_):
-            if _SUMO_WORDS.get(c.direction) != turn:
+            if SUMO_TURNS.get(c.direction) != turn:
                 raise UnfitMapError(
                     f"SUMO calls the turn into {exit_} {c.direction!r}, by its angle it is {turn}"
                 )
-
-
-def _plate(network: RoadNetwork, code: str, edge: str, at: float, params: dict[str, str]) -> SignInstance:
-    x, y, heading = beside_road(network, edge, at)
-    return SignInstance(
-        id="sign_0", code=code, value=None, edge=edge, lane=-1, position_m=at, x=x, y=y, heading=heading,
-        role="target", params=params,
-    )  # fmt: skip
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:

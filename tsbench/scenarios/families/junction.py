@@ -20,7 +20,7 @@ from tsbench.scenarios.families.base import (
     Arrangement,
     SceneTask,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
@@ -30,6 +30,7 @@ from tsbench.scenarios.families.junction_convoy import Conflict, conflicts, conv
 from tsbench.scenarios.recipe import Recipe
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.lanegraph import Turn
 from tsbench.sim.scene import Destination, EgoStart
 
@@ -92,28 +93,14 @@ class GiveWayPlacement:
             wanted = [(arms.ego_in, self._code)]
             for edges, key in ((arms.prior_in, "main_plates"), (arms.minor_in, "minor_plates")):
                 wanted += [(e, str(code)) for e in edges for code in recipe.choices.get(key, ())]
-        binding = {
-            "junction": task.row.fields["node"],
-            "approach": arms.ego_in,
-            "main_in": " ".join(arms.prior_in),
-        }
-        before = recipe.number("plate_before_line_m")
-        return tuple(
-            _plate(network, k, edge, code, before, {} if k else binding)
-            for k, (edge, code) in enumerate(wanted)
-        )
-
-
-def _plate(
-    network: RoadNetwork, number: int, edge: str, code: str, before: float, params: dict[str, str]
-) -> SignInstance:
-    """A plate beside an edge, `before` m before its end; without params it binds nobody whom we watch."""
-    s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
-    x, y, heading = beside_road(network, edge, s)
-    return SignInstance(
-        id=f"sign_{number}", code=code, value=None, edge=edge, lane=-1, position_m=s, x=x, y=y, heading=heading,
-        role="context" if number else "target", params=params,
-    )  # fmt: skip
+        binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
+        before, plates = recipe.number("plate_before_line_m"), []
+        for k, (edge, code) in enumerate(wanted):
+            s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
+            # Without params a plate binds nobody whom we watch.
+            params, role = (None, "context") if k else (binding, "target")
+            plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
+        return tuple(plates)
 
 
 def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) -> str:

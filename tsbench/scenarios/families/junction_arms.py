@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tsbench.geometry.angles import STRAIGHT_DEG
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.families.base import require
@@ -15,8 +16,6 @@ from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.seeds import seed_of
 
 _CLASSES = ("primary", "secondary", "tertiary", "unclassified", "residential", "living_street", "service")
-# Arms farther apart than this go straight on: a main road over them does not bend.
-_STRAIGHT_FROM_DEG = 145.0
 
 Arm = dict[str, Any]
 
@@ -71,7 +70,8 @@ def bending_arms(row: PoolRow, approach_m: float) -> Arms:
         # Arms come counter-clockwise: who drives in on one has the next one to its right.
         turn, right = min((_turn(ego, a), k) for k, a in enumerate(arms) if a is not ego)
         long_enough = ego["in_edge"] and float(ego["length_m"]) >= approach_m
-        if long_enough and arms[right]["in_edge"] and turn < _STRAIGHT_FROM_DEG:
+        # Arms farther apart go straight on: a main road over them does not bend.
+        if long_enough and arms[right]["in_edge"] and turn < 180.0 - STRAIGHT_DEG:
             pairs.append((ego, arms[right]))
     require(bool(pairs), f"no arm of {approach_m:.0f} m has an arm to its right")
     main = min(pairs, key=lambda p: (sorted(map(_rank, p)), seed_of("bend", row.map_id, p[0]["in_edge"])))

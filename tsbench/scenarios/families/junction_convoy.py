@@ -10,14 +10,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tsbench.geometry.angles import U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
 from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import Connection, RoadNetwork
+from tsbench.roads.junction_paths import junction_path
 from tsbench.scenarios.families.base import ConvoySetup, SceneTask, UnfitMapError, passenger_lanes
 from tsbench.scenarios.families.junction_arms import Arms
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.world import EGO_WIDTH_M
+
+_ONTO_EXIT_M = 15.0
 
 
 @dataclass(frozen=True)
@@ -29,18 +33,20 @@ class Conflict:
     zone: ConflictZone
 
 
-def connection_path(network: RoadNetwork, c: Connection) -> tuple[Polyline, float]:
-    """A connection's line through the junction with the first 15 m of the exit lane, and its width."""
-    exit_lane = network.lanes[c.to_lane]
-    chunks = [network.lanes[v].line.points for v in c.via]
-    chunks.append(exit_lane.line.slice(0.0, min(15.0, exit_lane.line.length)).points)
-    width = min([network.lanes[v].width for v in c.via] or [exit_lane.width])
-    return Polyline(np.vstack(chunks)), width
+def swept_line(network: RoadNetwork, c: Connection) -> Polyline:
+    """A connection's line through the junction with the first 15 m of the exit lane: cars meet there, too."""
+    return junction_path(network, c).onto_exit(_ONTO_EXIT_M)
+
+
+def meeting(network: RoadNetwork, ego: Connection, foe: Connection) -> ConflictZone | None:
+    """Where the ego's body on its path (a) is in the other's lane (b)."""
+    width = junction_path(network, foe).width
+    return conflict_zone(swept_line(network, ego), EGO_WIDTH_M, swept_line(network, foe), width)
 
 
 def turn_speed(network: RoadNetwork, c: Connection) -> float:
     """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
-    line, _ = connection_path(network, c)
+    line = swept_line(network, c)
     if line.length < 4.0:
         return 8.0
     headings = np.unwrap([line.heading_at(s) for s in np.arange(0.0, line.length, 2.0)])
@@ -59,10 +65,8 @@ def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: 
     # One pair per pair of edges: lanes of the same roads are no different scene.
     unique: dict[tuple[str, str, str], Conflict] = {}
     for ego in egos:
-        line, _ = connection_path(network, ego)
         for foe in foes:
-            foe_line, foe_width = connection_path(network, foe)
-            zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+            zone = meeting(network, ego, foe)
             if zone is None:
                 continue
             lanes = network.lanes
@@ -79,7 +83,7 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
         for lane in passenger_lanes(network, edge)
         for c in network.outgoing[lane.index]
         if network.lanes[c.to_lane].permits("passenger")
-        and graph.turn(edge, network.lanes[c.to_lane].edge) != "u_turn"
+        and graph.turn(edge, network.lanes[c.to_lane].edge) != U_TURN
     ]
 
 

@@ -12,10 +12,11 @@ from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.drivers import BODIES, Driver
 from tsbench.scenarios.elements import moving_car
-from tsbench.scenarios.families.base import Arrangement, SceneTask, passenger_lanes, require
-from tsbench.scenarios.families.speed_zone import KMH, obeying_drivers, speed_plate, task_limit
+from tsbench.scenarios.families.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.scenarios.families.speed_zone import KMH, obeying_drivers, task_limit
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.variants import INITIAL_SPEEDS_MPS
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -57,8 +58,9 @@ class MinSpeedPlacement:
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         leader = self._leader(task, lane, front, minimum)
         obeying = obeying_drivers(task)
+        sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
-            signs=(speed_plate(network, self.code, edge, plate_s, minimum, (edge,)),), target="sign_0",
+            signs=(sign,), target=sign.id,
             start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
             extra=leader, drivers=tuple(
                 self._faster(d, minimum, recipe) if k < obeying else d for k, d in enumerate(task.drivers)

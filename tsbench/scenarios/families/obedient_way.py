@@ -11,11 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from tsbench.geometry.overlap import conflict_zones
-from tsbench.geometry.polyline import Polyline, join
-from tsbench.maps.lines import heading_away, heading_towards, turn_class, wrap
+from tsbench.geometry.polyline import Polyline
+from tsbench.geometry.angles import STRAIGHT, turn_class
+from tsbench.maps.lines import heading_away, heading_towards
 from tsbench.maps.network import Connection, RoadNetwork
 from tsbench.maps.plain import PlainEdge, PlainNet
+from tsbench.roads.junction_paths import junction_path, path_zones
 from tsbench.scenarios.families.base import require
 from tsbench.scenarios.recipe import Recipe
 from tsbench.sim.lanegraph import LaneGraph
@@ -40,7 +41,7 @@ def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
     metres = [recipe.number("ego_farthest_m"), *inner, recipe.number("destination_m")]
     pace = recipe.number("traffic_mps")
     time = sum(m / min(e.speed, pace) for m, e in zip(metres, edges, strict=True))
-    return time + recipe.number("turn_s") * sum(turn_between(a, b) != "s" for a, b in pairwise(edges))
+    return time + recipe.number("turn_s") * sum(turn_between(a, b) != STRAIGHT for a, b in pairwise(edges))
 
 
 def sharpest_bend(edge: PlainEdge) -> float:
@@ -51,8 +52,8 @@ def sharpest_bend(edge: PlainEdge) -> float:
 
 
 def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
-    """Class of the turn from one edge to the next, as maps.lines has it: s, l, r, u."""
-    return turn_class(wrap(heading_away(np.array(following.shape)) - heading_towards(np.array(edge.shape))))
+    """Class of the turn from one edge to the next."""
+    return turn_class(heading_away(np.array(following.shape)) - heading_towards(np.array(edge.shape)))
 
 
 def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
@@ -103,10 +104,8 @@ def _unseen_conflicts(network: RoadNetwork, own: Sequence[Connection]) -> Iterat
         and lanes[c.from_lane].edge not in edges[0]
         and lanes[c.to_lane].edge not in edges[1]
     ]
-    zones = conflict_zones(
-        [(join([lanes[v].line for v in c.via]), _SWEPT_M) for c in own],
-        [(join([lanes[v].line for v in c.via]), _SWEPT_M) for c in others],
-    )
+    ways, crossing = ([junction_path(network, c) for c in some] for some in (own, others))
+    zones = path_zones(ways, crossing, width=_SWEPT_M)
     for mine, row in zip(own, zones, strict=True):
         for other, zone in zip(others, row, strict=True):
             known = set(mine.via) & other.yields_to or set(other.via) & mine.yields_to

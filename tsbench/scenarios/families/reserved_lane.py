@@ -9,12 +9,12 @@ from dataclasses import replace
 
 from tsbench.maps.plain import PlainLane, PlainNet
 from tsbench.maps.pool import PoolRow
-from tsbench.scenarios.families.base import Arrangement, SceneTask, beside_road, require
+from tsbench.scenarios.families.base import Arrangement, SceneTask, plate_beside, require
 from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.families.lane_users import lane_users
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -50,11 +50,9 @@ class ReservedLanePlacement:
         first, zone, last = (f"{row.fields['edge']}.{k}" for k in range(3))
         lane, reserved = network.edge_lanes(first)[0], network.edge_lanes(zone)[0]
         start = start_before_plate(task, lane.id, lane.line.length)
-        x, y, heading = beside_road(network, zone, 0.0)
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=zone, lane=0, position_m=0.0, x=x, y=y, heading=heading,
-            role="target", params={"approach": first, "zone_edges": zone, "lanes": reserved.id},
-        )  # fmt: skip
+        sign = plate_beside(
+            network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)), lane=0
+        )
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(
             max(variant.route_length - reserved.line.length, recipe.number("least_destination_m")), room

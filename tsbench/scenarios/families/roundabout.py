@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsbench.geometry.overlap import conflict_zone
 from tsbench.maps.network import Connection, Lane, RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
@@ -18,18 +17,18 @@ from tsbench.scenarios.families.base import (
     Arrangement,
     SceneTask,
     before_line,
-    beside_road,
+    plate_beside,
     passenger_lanes,
     require,
     way_ahead,
 )  # fmt: skip
-from tsbench.scenarios.families.junction_convoy import Conflict, connection_path
+from tsbench.scenarios.families.junction_convoy import Conflict, meeting
 from tsbench.scenarios.families.ring_convoy import ring_convoy
 from tsbench.scenarios.recipe import Recipe
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.scene import Destination, EgoStart
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+from tsbench.sim.world import EGO_LENGTH_M
 
 _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
@@ -87,12 +86,8 @@ class RoundaboutPlacement:
         require(bool(met), "no path on the ring meets the ego's and goes first")
         cars = ring_convoy(task, met, start, before)
         plate_s = lane.line.length - recipe.number("plate_before_line_m")
-        x, y, heading = beside_road(network, approach, plate_s)
-        sign = SignInstance(
-            id="sign_0", code=self._code, value=None, edge=approach, lane=-1, position_m=plate_s, x=x, y=y,
-            heading=heading, role="target",
-            params={"junction": node, "approach": approach, "main_in": upstream, "ring": " ".join(ring)},
-        )  # fmt: skip
+        params = RoundaboutParams(approach, node, (upstream,), tuple(ring))
+        sign = plate_beside(network, self._code, approach, plate_s, params)
         others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=destination, route_hint=route,
@@ -145,14 +140,12 @@ def _taken(network: RoadNetwork, path: RoutePath, approach: str) -> Connection:
 def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]:
     """Connections from the ring that stay on it, meet the ego's and have right of way over it in SUMO, too."""
     found = []
-    line, _ = connection_path(network, ego)
     target = network.lanes[ego.to_lane].edge
     for lane in passenger_lanes(network, upstream):
         for foe in network.outgoing[lane.index]:
             if network.lanes[foe.to_lane].edge != target or ego.yields_to.isdisjoint(foe.via):
                 continue
-            foe_line, foe_width = connection_path(network, foe)
-            zone = conflict_zone(line, EGO_WIDTH_M, foe_line, foe_width)
+            zone = meeting(network, ego, foe)
             if zone is not None and (ego.state, foe.state) == ("m", "M"):
                 found.append(Conflict(ego, foe, zone))
     # Those who will share the ego's lane first: what is beside it only brushes its way.

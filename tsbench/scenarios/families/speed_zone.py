@@ -11,11 +11,11 @@ from tsbench.maps.network import RoadNetwork
 from tsbench.maps.plain import PlainNet
 from tsbench.maps.pool import PoolRow
 from tsbench.scenarios.elements import obey_element
-from tsbench.scenarios.families.base import Arrangement, SceneTask, beside_road, passenger_lanes, require
+from tsbench.scenarios.families.base import Arrangement, SceneTask, plate_beside, passenger_lanes, require
 from tsbench.scenarios.families.corridor import split_edge
 from tsbench.scenarios.recipe import Recipe
 from tsbench.scenarios.seeds import seed_of
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Destination, EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -32,21 +32,6 @@ def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margi
 def task_limit(row: PoolRow, recipe: Recipe) -> int:
     """The number on a map's plate, km/h."""
     return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
-
-
-def speed_plate(
-    network: RoadNetwork, code: str, edge: str, s: float, value: float, zone_edges: Sequence[str]
-) -> SignInstance:
-    """The target plate of a speed scene, right of the road at `s` m along an edge; `value` in km/h."""
-    x, y, heading = beside_road(network, edge, s)
-    params = {"zone_edges": " ".join(zone_edges)}
-    return SignInstance("sign_0", code, value, edge, -1, s, x, y, heading, "target", None, params)
-
-
-def end_plate(network: RoadNetwork, code: str, edge: str, value: float) -> SignInstance:
-    """The plate that ends the target's zone, where an edge starts."""
-    x, y, heading = beside_road(network, edge, 0.0)
-    return SignInstance("sign_1", code, value, edge, -1, 0.0, x, y, heading, "end", "sign_0", {})
 
 
 class SpeedZonePlacement:
@@ -91,8 +76,8 @@ class SpeedZonePlacement:
         end_s = recipe.number("end_plate_before_destination_m")
         require(end_s < network.edge_lanes(last)[0].line.length - 3.0, "no room for the destination")
         signs = (
-            speed_plate(network, self.code, zone[0], 0.0, limit, (*zone, last)),
-            end_plate(network, self.end_code, last, limit),
+            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
         )
         obeying = obeying_drivers(task)
         return Arrangement(

@@ -1,0 +1,102 @@
+"""Every declared kind of rule is there as a whole: whatever attaches to kinds attaches to all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tsbench.errors import InputError
+from tsbench.learn.finetune_targets import LESSONS
+from tsbench.planners.expert import GUARDS
+from tsbench.report.zone import rule_zone
+from tsbench.rules.registry import MONITORS
+from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, for_every_kind
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("name", RULE_KINDS)
+def test_every_kind_is_there_as_a_whole(name: str) -> None:
+    assert name in load_catalog().rules
+    assert any(sign.rule.name == name for sign in load_catalog().signs.values())
+    assert name in MONITORS
+    assert name in GUARDS
+    assert name in LESSONS
+    assert list((ROOT / "tests" / "cases" / name).glob("*.yaml"))
+    headings = [
+        line for line in (ROOT / "docs" / "rules.md").read_text().splitlines() if line.startswith("## ")
+    ]
+    assert sum(line.split()[1] == name for line in headings) == 1
+
+
+def test_every_kind_has_a_zone_to_draw() -> None:
+    loader, drawn = SceneLoader(), set()
+    for row in read_table(table_path("test")):
+        name = load_catalog().sign(row.sign_code).rule.name
+        if name not in drawn:
+            scene, _ = loader.load(row)
+            kind = RULE_KINDS[name].params
+            assert (
+                scene.target_sign.params is None if kind is None else type(scene.target_sign.params) is kind
+            )
+            zone = rule_zone(scene)
+            assert zone is not None
+            assert zone.area > 0.0
+            drawn.add(name)
+    assert drawn == set(RULE_KINDS)
+
+
+def test_what_attaches_to_some_kinds_only_is_refused() -> None:
+    table = dict.fromkeys(RULE_KINDS, 1)
+    assert dict(for_every_kind("thing", table)) == table
+    with pytest.raises(
+        ValueError, match=r"^a thing for rule 'fly', which is not declared in signs/rule_kinds\.py$"
+    ):
+        for_every_kind("thing", {**table, "fly": 1})
+    del table["stop"]
+    with pytest.raises(
+        ValueError, match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but has no thing$"
+    ):
+        for_every_kind("thing", table)
+
+
+def test_a_threshold_says_its_unit() -> None:
+    with pytest.raises(ValueError, match="rule fly: threshold 'height' ends with none of s, m,"):
+        RuleKind("fly", None, "gap_s height", "")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("stop.yaml", "stop_speed_mps: 0.2", "stop_speed_mps: 0.2\n  patience_s: 3",
+         "thresholds: patience_s: no part of the rule stop reads it"),
+        ("stop.yaml", "  stop_speed_mps: 0.2\n", "", "thresholds: stop_speed_mps: is missing"),
+        ("give_way.yaml", "  encroached:", "  encroach:", "clauses: encroach: no part of the rule give_way reads it"),
+        ("speed.yaml", "  over_limit:", "  too_fast:", "clauses: over_limit: is missing"),
+    ],
+)  # fmt: skip
+def test_a_file_that_does_not_fit_its_kind_is_refused(
+    catalog_copy: Path, file: str, old: str, new: str, said: str
+) -> None:
+    path = catalog_copy / "rules" / file
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        load_catalog(catalog_copy)
+    assert str(refusal.value) == f"{path}: {said}"
+
+
+def test_a_rule_that_nobody_declared_is_refused(catalog_copy: Path) -> None:
+    text = (catalog_copy / "rules" / "speed.yaml").read_text(encoding="utf-8")
+    (catalog_copy / "rules" / "fly.yaml").write_text(
+        text.replace("rule: speed", "rule: fly"), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError, match=r"fly\.yaml: rule: 'fly' is not declared in tsbench/signs/rule_kinds\.py"
+    ):
+        load_catalog(catalog_copy)
