@@ -1,7 +1,7 @@
-"""A process of the suite stays small, so that several fit on a machine with others. A plugin of `tests/conftest.py`.
+"""The suite's workers stay small, so that several fit on a machine with others. A plugin of `tests/conftest.py`.
 
-What tests have freed is given back to the system, and the test in which a process grows beyond `MOST_MB` fails by
-name. Linux with glibc; elsewhere nothing is measured.
+What tests have freed is given back to the system, and the test in which a worker (`pytest -n`) grows beyond `MOST_MB`
+fails by name. One process may run all tests, and is then larger. Linux with glibc; elsewhere nothing is measured.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _STATUS = Path("/proc/self/status")
 
 
 class TooLarge(Exception):
-    """The process has held more than a test may leave it with."""
+    """The worker has held more than a test may leave it with."""
 
 
 def peak_mb() -> float:
@@ -49,7 +49,8 @@ class MemoryGuard:
     """Watches the process that it runs in."""
 
     def __init__(self) -> None:
-        self._told = False
+        # Once is enough; who is no worker is not told at all.
+        self._told = "PYTEST_XDIST_WORKER" not in os.environ
         self._was = 0.0
 
     def look(self, where: str) -> None:
@@ -57,7 +58,7 @@ class MemoryGuard:
         if not self._told and peak_mb() > MOST_MB:
             self._told = True
             raise TooLarge(
-                f"{where}: this process of the suite has held {peak_mb():.0f} MB, more than {MOST_MB:.0f}. "
+                f"{where}: this worker of the suite has held {peak_mb():.0f} MB, more than {MOST_MB:.0f}. "
                 "Keep less from test to test, or mark what is large with own_process (tests/own_process.py)"
             )
 
