@@ -82,7 +82,7 @@ class EpisodeRunner:
         try:
             self._beat(Phase.LOADING)
             scene, roads = self._loader.load(spec)
-            self._catalog.check_plates(spec.sign_code, scene.signs, spec.scenario_id)
+            self._catalog.check_plates(spec.sign_code, {s.id: s.code for s in scene.signs}, spec.scenario_id)
             episode = Episode(self.simulation, scene, roads, self._catalog, self._mask, self._beat)
             planner = self._make_planner(spec, scene, roads)
             episode.start_s = time.perf_counter() - began

@@ -32,7 +32,7 @@ def verify_rows(
         else:
             try:
                 scene, roads = loader.load(spec)
-                catalog.check_plates(spec.sign_code, scene.signs, "scene")
+                catalog.check_plates(spec.sign_code, {s.id: s.code for s in scene.signs}, "scene")
                 problems += [(spec.scenario_id, p) for p in lint_scene(scene, roads.graph)]
             except InputError as error:
                 problems.append((spec.scenario_id, str(error)))

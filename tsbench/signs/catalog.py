@@ -12,7 +12,6 @@ from typing import Any
 
 from tsbench.errors import InputError
 from tsbench.paths import data_file
-from tsbench.signs.annotations import SignInstance
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import RULE_KINDS
@@ -65,13 +64,16 @@ class Catalog:
         ends = (word for word in sign.rule.ended_by if word not in END_PLACES)
         return tuple(dict.fromkeys((code, *ends, *sign.context)))
 
-    def check_plates(self, code: str, plates: Iterable[SignInstance], where: str) -> None:
-        """InputError where a scene of a sign has a plate of another code than the catalogue says (`company`)."""
+    def check_plates(self, code: str, plates: Mapping[str, str], where: str) -> None:
+        """InputError where a scene of a sign has a plate of another code than the catalogue says (`company`).
+
+        plates: code by id of the plate.
+        """
         known = self.company(code)
-        for plate in plates:
-            if plate.code not in known:
+        for plate, found in plates.items():
+            if found not in known:
                 raise InputError(
-                    f"{where}: plate {plate.id!r} is {plate.code}, in a scene of {code} may stand "
+                    f"{where}: plate {plate!r} is {found}, in a scene of {code} may stand "
                     f"{', '.join(known)} (context: in {self.root / 'signs' / code}.yaml)"
                 )
 
