@@ -19,10 +19,12 @@ from tsbench.metrics.outcome import EpisodeFacts, Outcome
 from tsbench.report import render as module
 from tsbench.report.bev import BirdsEye, PageSize
 from tsbench.report.camera import camera_at, camera_over
+from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.scene import start_shapes
 from tsbench.report.films import film
 from tsbench.report.lettering import label, shorten, text_width, wrap
 from tsbench.report.render import render, render_png, render_scene_png, scene_picture
-from tsbench.report.staging import draw_start, staged_cars
+from tsbench.report.staging import staged_bodies
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.signs.countries import load_country
@@ -206,13 +208,13 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_who_waits_at_the_start_is_drawn(scene: Scene) -> None:
-    (car,) = staged_cars(scene)
+    (car,) = staged_bodies(scene)
     lane = scene.network.lane("east_1")
-    assert (car.length, car.width, car.held) == (6.0, 2.0, False)
+    assert (car.kind, car.length, car.width) == ("car", 6.0, 2.0)
     assert (car.x, car.y) == pytest.approx(lane.line.point_at(50.0 * lane.line.length / lane.length))
     camera = camera_at(car.x, car.y, 10.0, 200, 200)
     page = np.zeros((200, 200, 3), dtype=np.uint8)
-    draw_start(page, camera, scene)
+    paint(page, camera, start_shapes(scene))
     assert tuple(page[100, 85]) == STYLE.car
 
 
