@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from lxml import etree
+
 from tsbench.report.drawing.shapes import Body
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
@@ -24,13 +26,13 @@ def staged_bodies(scene: Scene) -> list[Body]:
 
     Not the ego, the background's cars, nor what stands for an obstacle. Kind `convoy`: held until the ego comes.
     """
-    return [*_cars(scene), *_walkers(scene)]
+    root = read_additional(scene.additional_path)
+    return [*_cars(scene, root), *_walkers(scene, root)]
 
 
-def _cars(scene: Scene) -> Iterator[Body]:
+def _cars(scene: Scene, root: etree._Element) -> Iterator[Body]:
     held = scene.convoy.vehicles if scene.convoy is not None else ()
     others = {EGO_ID, *(o.id for o in scene.obstacles)}
-    root = read_additional(scene.additional_path)
     types = {t.get("id"): t for t in root.iterfind("vType")}
     for vehicle in root.iterfind("vehicle"):
         name, route = str(vehicle.get("id")), vehicle.find("route")
@@ -49,10 +51,10 @@ def _cars(scene: Scene) -> Iterator[Body]:
         yield Body("convoy" if name in held else "car", name, x, y, lane.line.heading_at(s), length, width)
 
 
-def _walkers(scene: Scene) -> Iterator[Body]:
+def _walkers(scene: Scene, root: etree._Element) -> Iterator[Body]:
     if scene.walkers is None:
         return
-    for person in read_additional(scene.additional_path).iterfind("person"):
+    for person in root.iterfind("person"):
         name, walk = str(person.get("id")), person.find("walk")
         if name in scene.walkers.persons and walk is not None:
             lane = scene.network.edge_lanes(str(walk.get("edges", "")).split()[0])[0]
