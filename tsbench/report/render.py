@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PIL import Image as PilImage
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
@@ -18,10 +17,10 @@ from tsbench.report.description import scene_facts
 from tsbench.report.drawing.paint import paint
 from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_shapes
 from tsbench.report.drawing.shapes import Body, Line
+from tsbench.report.drawing.sheet import save_png
 from tsbench.report.films import render_gif, render_mp4
 from tsbench.report.hud import draw_attribution, draw_scale_bar, header
 from tsbench.report.lettering import write
-from tsbench.report.outfile import whole_file
 from tsbench.report.roads import road_shapes
 from tsbench.report.selection import Chosen, Selection, select_traces
 from tsbench.report.style import STYLE
@@ -129,7 +128,7 @@ def render_png(
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
     picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
-    _save(path, PilImage.fromarray(picture))
+    save_png(path, picture)
 
 
 def _tick(trace: Trace, time: float | None) -> int:
@@ -148,7 +147,7 @@ def render_scene_png(scene: Scene, path: Path, title: str, country: Country | No
 
     Blue: the way that navigation gives; green: the obedient way, where it is another one.
     """
-    _save(path, PilImage.fromarray(scene_picture(scene, title, country=country)))
+    save_png(path, scene_picture(scene, title, country=country))
 
 
 def scene_picture(
@@ -186,8 +185,3 @@ def _legend(footer: Image, shown: set[str]) -> None:
         if name in shown or name in _ALWAYS:
             footer[24:36, x : x + 12] = getattr(STYLE, name)
             x = write(footer, x + 18, 21, text, 13, STYLE.ink) + 22
-
-
-def _save(path: Path, picture: PilImage.Image) -> None:
-    with whole_file(path) as part:
-        picture.save(part, format="PNG", compress_level=4)
