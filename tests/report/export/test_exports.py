@@ -10,7 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import shapely
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -19,6 +21,7 @@ from tsbench.errors import InputError
 from tsbench.report.export.episodes import WRITERS, export_episode
 from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
+from tsbench.report.roads import road_shapes
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.scenarios.certificates import certificates_path, read_certificates
@@ -147,11 +150,15 @@ def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> 
         turn = 2 * math.atan2(frame.rotation.z, frame.rotation.w)
         assert math.remainder(turn - snapshot.ego.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
 
-        still = {e.id for e in messages["/scene"][0][2].entities}
-        assert {s.id for s in scene.signs} | {o.id for o in scene.obstacles} | {
-            "road",
-            "destination",
-        } <= still
+        still = {e.id: e for e in messages["/scene"][0][2].entities}
+        assert {s.id for s in scene.signs} | {o.id for o in scene.obstacles} <= set(still)
+        assert {"road", "marking", "destination", "route", "plate_line"} <= set(still)
+        (asphalt,) = (s.polygon for s in road_shapes(scene.network) if s.colour == "asphalt")
+        triangles = [(p.x, p.y) for list_ in still["road"].triangles for p in list_.points]
+        corners = np.array(triangles).reshape(-1, 3, 2)
+        assert shapely.polygons(corners).size > 10
+        assert shapely.area(shapely.polygons(corners)).sum() == pytest.approx(asphalt.area, rel=0.01)
+        assert shapely.union_all(shapely.polygons(corners)).area == pytest.approx(asphalt.area, rel=0.01)
         sentences = [content.message for _, _, content in messages.get("/violations", [])]
         assert sentences == [v.sentence for v in sorted(trace.target.violations, key=lambda v: v.start_s)]
     assert any(trace.target.violations for trace, _ in traces)

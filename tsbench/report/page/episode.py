@@ -18,6 +18,7 @@ from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
 from tsbench.report.drawing.scene import body_kind, scene_shapes
+from tsbench.report.export.tracks import actor_tracks, ego_rows
 from tsbench.report.page.drawing import drawing, plate_key
 from tsbench.report.page.packing import deltas, pack
 from tsbench.report.roads import road_shapes
@@ -57,7 +58,7 @@ class EpisodePacker:
         if (trace.planner, trace.spec.scenario_id) != key:
             raise InputError(f"{path}: is the trace of {trace.planner} {trace.spec.scenario_id}")
         scene, roads = self._loader.load(trace.spec)
-        track = np.array([(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in trace.snapshots])
+        track = ego_rows(trace)
         if not np.isfinite(track).all():
             raise InputError(f"{path}: the ego's state is not finite: nothing to draw")
         points = np.array([*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role != "context")])
@@ -104,16 +105,10 @@ def _about(trace: Trace) -> dict[str, Any]:
 
 def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.int16]]]:
     """Ego and road users. Pieces: [actor, first tick, ticks] without a gap, in the order of the arrays."""
-    snapshots = trace.snapshots
-    tick = np.repeat(np.arange(len(snapshots)), [len(s.actors) for s in snapshots])
-    actor = np.concatenate([s.actors.index for s in snapshots]).astype(np.int64)
-    pose = np.concatenate([s.actors.pose for s in snapshots])
-    order = np.lexsort((tick, actor))
-    tick, actor, pose = tick[order], actor[order], pose[order]
-    fresh = np.ones(len(tick), dtype=bool)
-    fresh[1:] = (np.diff(actor) != 0) | (np.diff(tick) != 1)
-    starts = np.flatnonzero(fresh)
-    lengths = np.diff(np.append(starts, len(tick)))
+    snapshots, tracks = trace.snapshots, actor_tracks(trace)
+    pose = np.concatenate([np.zeros((0, 4)), *(t.rows for t in tracks)])
+    lengths = [len(t.rows) for t in tracks]
+    starts = np.cumsum([0, *lengths])[:-1]
     middle = (track[:, :2].min(axis=0) + track[:, :2].max(axis=0)) / 2
     reach = max(float(np.abs(p - middle).max()) for p in (track[:, :2], pose[:, :2]) if len(p))
     unit = max(_UNIT_M, reach / _LARGEST)
@@ -129,7 +124,7 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
         [name, body_kind(table, row), *size]
         for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
     ]
-    pieces = np.column_stack((actor[starts], tick[starts], lengths)).tolist()
+    pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
     parts = {
         "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
         "actors": actors, "pieces": pieces, "middle": middle.tolist(),
