@@ -16,14 +16,14 @@ from PIL import Image as PilImage
 from tsbench.cli.render import render as command
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import EpisodeFacts, Outcome
-from tsbench.report import render as module
+from tsbench.report import episode_files as module
 from tsbench.report.bev import BirdsEye, PageSize
 from tsbench.report.camera import camera_at, camera_over
 from tsbench.report.drawing.paint import paint
 from tsbench.report.drawing.scene import start_shapes
 from tsbench.report.films import film
 from tsbench.report.lettering import label, shorten, text_width, wrap
-from tsbench.report.render import render, render_png, render_scene_png, scene_picture
+from tsbench.report.render import picture_kind, render_png, render_scene_png, scene_picture
 from tsbench.report.staging import staged_bodies
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
@@ -141,7 +141,7 @@ def test_png_of_the_violation_and_of_a_moment(trace: Trace, scene: Scene, tmp_pa
 
 
 def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) -> None:
-    render(trace, scene, "mp4", tmp_path / "a.mp4")
+    picture_kind("mp4", None).write(trace, scene, tmp_path / "a.mp4")
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     frames = []
     while True:
@@ -158,7 +158,7 @@ def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) ->
 
 
 def test_gif_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) -> None:
-    render(trace, scene, "gif", tmp_path / "a.gif")
+    picture_kind("gif", None).write(trace, scene, tmp_path / "a.gif")
     picture = PilImage.open(tmp_path / "a.gif")
     assert picture.n_frames == 31
     picture.seek(30)
@@ -166,7 +166,7 @@ def test_gif_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) ->
     dark = np.array([round(VIOLATION_SHADE * c) for c in STYLE.violation])
     assert np.abs(last[-10, 5] - dark).max() < 12
     with pytest.raises(InputError, match="moment of a PNG"):
-        render(trace, scene, "gif", tmp_path / "b.gif", time=1.0)
+        picture_kind("gif", None, time=1.0)
 
 
 def test_a_long_way_is_followed(scene: Scene, tmp_path: Path) -> None:

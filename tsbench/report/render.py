@@ -11,21 +11,19 @@ import numpy as np
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.report.bev import BirdsEye, PageSize
-from tsbench.report.bulk import Job, Progress, Tally, make_files
 from tsbench.report.camera import Image, camera_over
 from tsbench.report.description import scene_facts
 from tsbench.report.drawing.paint import paint
 from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_shapes
 from tsbench.report.drawing.shapes import Body, Line
 from tsbench.report.drawing.sheet import save_png
+from tsbench.report.episode_files import FileKind
 from tsbench.report.films import render_gif, render_mp4
 from tsbench.report.hud import draw_attribution, draw_scale_bar, header
 from tsbench.report.lettering import write
 from tsbench.report.roads import road_shapes
-from tsbench.report.selection import Chosen, Selection, select_traces
 from tsbench.report.style import STYLE
-from tsbench.run.trace import Trace, find_trace, read_trace
-from tsbench.scenarios.load import load_scene
+from tsbench.run.trace import Trace
 from tsbench.signs.countries import Country
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
@@ -47,74 +45,25 @@ _LEGEND = {
 _ALWAYS = ("destination", "plate_line")
 
 
-def render_episode(
-    run: Path,
-    episode: str,
-    kind: str | None,
-    out: Path | None,
-    time: float | None,
-    country: Country | None = None,
-) -> Path:
-    """Draw an episode of a run folder; returns the file.
+def picture_kind(
+    name: str | None, out: Path | None, time: float | None = None, country: Country | None = None
+) -> FileKind:
+    """Pictures or films of episodes.
 
-    kind: one of FORMATS, by default what the suffix of `out` says, else png; country: whose code the caption
-    gives the sign. Raises InputError.
+    name: one of FORMATS, by default what the suffix of `out` says, else png; time (s): the moment of a PNG; country:
+    whose code the caption gives the sign. Raises InputError.
     """
-    if kind is None:
-        kind = out.suffix[1:].lower() if out is not None else FORMATS[0]
-        if kind not in FORMATS:
+    if name is None:
+        name = out.suffix[1:].lower() if out is not None else FORMATS[0]
+        if name not in FORMATS:
             raise InputError(f"{out}: which format? Give --format {'|'.join(FORMATS)}, or such a suffix")
-    source = find_trace(run, episode)
-    trace = read_trace(source)
-    path = _picture_path(run / "pictures", source, kind, country) if out is None else out
-    render(trace, load_scene(trace.spec), kind, path, time, country)
-    return path
-
-
-def render_selection(
-    run: Path,
-    selection: Selection,
-    kind: str,
-    out: Path | None,
-    workers: int,
-    progress: Progress,
-    country: Country | None = None,
-) -> tuple[Tally, Chosen]:
-    """Draw all selected episodes of a run below the folder `out` (default: RUN/pictures) that are not drawn yet."""
-    chosen = select_traces(run, selection)
-    folder = run / "pictures" if out is None else out
-    jobs = [Job(trace, _picture_path(folder, trace, kind, country)) for trace in chosen.traces]
-    return make_files(jobs, partial(_draw, kind=kind, country=country), workers, progress), chosen
-
-
-def _draw(trace: Trace, path: Path, kind: str, country: Country | None) -> None:
-    render(trace, load_scene(trace.spec), kind, path, country=country)
-
-
-def _picture_path(folder: Path, trace: Path, kind: str, country: Country | None) -> Path:
-    """PLANNER/SCENARIO[.COUNTRY].KIND: captions differ between countries, and so do the files."""
-    code = "" if country is None else f".{country.code}"
-    return folder / trace.parent.name / f"{trace.stem}{code}.{kind}"
-
-
-def render(
-    trace: Trace,
-    scene: Scene,
-    kind: str,
-    path: Path,
-    time: float | None = None,
-    country: Country | None = None,
-) -> None:
-    """Draw an episode. kind: png | gif | mp4; time (s): the moment of a PNG."""
-    if kind == "png":
-        render_png(trace, scene, path, time, country)
-        return
+    # Captions differ between countries, and so do the files.
+    suffix = f".{name}" if country is None else f".{country.code}.{name}"
+    if name == "png":
+        return FileKind("pictures", suffix, partial(render_png, time=time, country=country))
     if time is not None:
         raise InputError("--time chooses the moment of a PNG; films show the whole episode")
-    if kind == "gif":
-        render_gif(trace, scene, path, country=country)
-    else:
-        render_mp4(trace, scene, path, country)
+    return FileKind("pictures", suffix, partial(render_gif if name == "gif" else render_mp4, country=country))
 
 
 def render_png(
