@@ -200,6 +200,10 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
         STYLE.route,
         STYLE.cone,
     } <= seen
+    # The legend holds colours too, so what stands there is looked for above it.
+    view = picture[STYLE.header_px : -STYLE.footer_px]
+    for colour in (STYLE.ego, STYLE.car, STYLE.cone, STYLE.destination):
+        assert (view == colour).all(axis=2).any(), colour
     render_scene_png(scene, tmp_path / "new" / "scene.png", "title")
     assert PilImage.open(tmp_path / "new" / "scene.png").size == (1400, 1050)
     (tmp_path / "file").write_text("")
