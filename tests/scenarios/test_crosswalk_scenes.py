@@ -20,8 +20,8 @@ from tsbench.maps.build import build_net
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
-from tsbench.report.staging import staged_bodies
 from tsbench.report.render import scene_picture
+from tsbench.report.staging import staged_bodies
 from tsbench.report.style import STYLE
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.result import EpisodeResult
