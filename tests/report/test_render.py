@@ -16,13 +16,15 @@ from PIL import Image as PilImage
 from tsbench.cli.render import render as command
 from tsbench.errors import InputError
 from tsbench.metrics.outcome import EpisodeFacts, Outcome
-from tsbench.report import render as module
+from tsbench.report import episode_files as module
 from tsbench.report.bev import BirdsEye, PageSize
 from tsbench.report.camera import camera_at, camera_over
+from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.scene import start_shapes
 from tsbench.report.films import film
 from tsbench.report.lettering import label, shorten, text_width, wrap
-from tsbench.report.render import render, render_png, render_scene_png, scene_picture
-from tsbench.report.staging import draw_start, staged_cars
+from tsbench.report.render import picture_kind, render_png, render_scene_png, scene_picture
+from tsbench.report.staging import staged_bodies
 from tsbench.report.style import STYLE, VIOLATION_SHADE
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.signs.countries import load_country
@@ -137,7 +139,7 @@ def test_png_of_the_violation_and_of_a_moment(trace: Trace, scene: Scene, tmp_pa
 
 
 def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) -> None:
-    render(trace, scene, "mp4", tmp_path / "a.mp4")
+    picture_kind("mp4", None).write(trace, scene, tmp_path / "a.mp4")
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))
     frames = []
     while True:
@@ -154,7 +156,7 @@ def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) ->
 
 
 def test_gif_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) -> None:
-    render(trace, scene, "gif", tmp_path / "a.gif")
+    picture_kind("gif", None).write(trace, scene, tmp_path / "a.gif")
     picture = PilImage.open(tmp_path / "a.gif")
     assert picture.n_frames == 31
     picture.seek(30)
@@ -162,7 +164,7 @@ def test_gif_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) ->
     dark = np.array([round(VIOLATION_SHADE * c) for c in STYLE.violation])
     assert np.abs(last[-10, 5] - dark).max() < 12
     with pytest.raises(InputError, match="moment of a PNG"):
-        render(trace, scene, "gif", tmp_path / "b.gif", time=1.0)
+        picture_kind("gif", None, time=1.0)
 
 
 def test_a_long_way_is_followed(scene: Scene, tmp_path: Path) -> None:
@@ -196,6 +198,10 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
         STYLE.route,
         STYLE.cone,
     } <= seen
+    # The legend holds colours too, so what stands there is looked for above it.
+    view = picture[STYLE.header_px : -STYLE.footer_px]
+    for colour in (STYLE.ego, STYLE.car, STYLE.cone, STYLE.destination):
+        assert (view == colour).all(axis=2).any(), colour
     render_scene_png(scene, tmp_path / "new" / "scene.png", "title")
     assert PilImage.open(tmp_path / "new" / "scene.png").size == (1400, 1050)
     (tmp_path / "file").write_text("")
@@ -204,13 +210,13 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_who_waits_at_the_start_is_drawn(scene: Scene) -> None:
-    (car,) = staged_cars(scene)
+    (car,) = staged_bodies(scene)
     lane = scene.network.lane("east_1")
-    assert (car.length, car.width, car.held) == (6.0, 2.0, False)
+    assert (car.kind, car.length, car.width) == ("car", 6.0, 2.0)
     assert (car.x, car.y) == pytest.approx(lane.line.point_at(50.0 * lane.line.length / lane.length))
     camera = camera_at(car.x, car.y, 10.0, 200, 200)
     page = np.zeros((200, 200, 3), dtype=np.uint8)
-    draw_start(page, camera, scene)
+    paint(page, camera, start_shapes(scene))
     assert tuple(page[100, 85]) == STYLE.car
 
 

@@ -8,7 +8,9 @@ from madetables import random_rows, records, row
 from rich.console import Console
 
 from tsbench.metrics.aggregate import Summary, summarise
-from tsbench.report.table import print_table, to_markdown
+from tsbench.report.analyses import markdown
+from tsbench.report.analyses.run_tables import run_tables
+from tsbench.report.analyses.shown import print_analysis
 
 HOSTILE = "[red]<b>my.py:Planner|x[/red]"
 
@@ -21,8 +23,13 @@ def made(planners: tuple[str, ...] = ("idm",), errors: float = 0.0, extra: int =
 
 def printed(summary: Summary, width: int = 100) -> str:
     file = io.StringIO()
-    print_table(summary, Console(file=file, width=width, color_system=None))
+    for table in run_tables(summary):
+        print_analysis(table, Console(file=file, width=width, color_system=None))
     return file.getvalue()
+
+
+def to_markdown(summary: Summary) -> str:
+    return "\n".join(markdown.to_markdown(table) for table in run_tables(summary))
 
 
 def test_it_fits_and_says_what_it_rests_on() -> None:
@@ -30,8 +37,7 @@ def test_it_fits_and_says_what_it_rests_on() -> None:
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
     assert "6 of 29 types" in text
     assert "contract " + "4f" * 32 in text
-    assert "±" in text
-    assert "/ 144" in text
+    assert " 144 " in text
     assert "type05" in text
     assert "PARTIAL" not in text
 
@@ -40,19 +46,18 @@ def test_figures_are_those_of_the_summary() -> None:
     summary = made()
     overall = summary.planners[0].overall.strict
     assert overall is not None
-    assert overall.reach is not None
     text = printed(summary)
     assert f"{overall.value:.1f}" in text
-    assert f"±{overall.reach:.1f}" in text
+    assert f"{overall.low:.1f}–{overall.high:.1f}" in text
     kind = summary.planners[0].types["type03"].strict
     assert kind is not None
-    assert f"{kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f})" in text
+    assert f"| {kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f}) | {kind.n} | 8 |" in to_markdown(summary)
 
 
 def test_errors_add_the_completed_figure() -> None:
-    assert "  completed" not in printed(made())
+    assert "  completed " not in printed(made())
     text = printed(made(errors=0.1))
-    assert "  completed" in text
+    assert "  completed " in text
     assert "sim_error" in text
     assert "errors/" in text
 
@@ -60,25 +65,26 @@ def test_errors_add_the_completed_figure() -> None:
 def test_no_figure_stands_without_what_it_rests_on() -> None:
     summary = made(errors=0.1)
     p = summary.planners[0]
-    text, markdown = printed(summary), to_markdown(summary)
-    for figure in p.types.values():
-        if figure.completed.n < 24:
-            assert f"{figure.completed.value:.1f} of {figure.completed.n}" in text
-    assert any(figure.completed.n < 24 for figure in p.types.values())
+    lines = to_markdown(summary).splitlines()
     completed = p.overall.completed
-    line = f"| idm, completed | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
-    assert line in markdown
-    kind = next(kind for kind, figure in p.types.items() if figure.completed.n < 24)
-    completed = p.types[kind].completed
-    (line,) = (line for line in markdown.splitlines() if f"`{kind}`" in line)
-    assert line.endswith(f"; completed {completed.value:.1f} of {completed.n} | 8 | 24 |")
-    assert "completed |" not in to_markdown(made())
+    row = f"| idm | completed | {completed.n} | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
+    assert any(line.startswith(row) for line in lines)
+    fewer = {kind: figure.completed for kind, figure in p.types.items() if figure.completed.n < 24}
+    assert fewer
+    for kind, completed in fewer.items():
+        strict, below = (line for line in lines if f"| {kind} |" in line)
+        assert strict.endswith("| 24 | 8 |")
+        assert f"| completed | {completed.value:.1f} " in below
+        assert below.endswith(f"| {completed.n} | {completed.clusters} |")
+    assert "| completed |" not in to_markdown(made())
 
 
 def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
     rows = [row(map_id=f"m{k}") for k in range(8)] + [row("idm-e", map_id=f"m{k}") for k in range(6)]
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 8, "idm-e": 8}, allow_partial=True)
-    assert "| 6–8 | 6–8 |" in to_markdown(summary)
+    (line,) = (line for line in to_markdown(summary).splitlines() if "| yield |" in line)
+    cells = [cell.strip() for cell in line.split("|")]
+    assert (cells[5], cells[7], cells[8]) == ("8", "6", "6–8")
 
 
 def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
@@ -102,7 +108,7 @@ def test_few_maps_say_why_there_is_no_interval() -> None:
 def test_many_planners_still_fit() -> None:
     text = printed(made(tuple(f"planner-{k:02d}" for k in range(16))))
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
-    assert text.count("planner-15") == 2
+    assert text.count("planner-15") == 3  # in both parts of the main table, and over its column by type
 
 
 def test_hostile_names_are_text() -> None:
@@ -120,5 +126,6 @@ def test_markdown_is_a_table() -> None:
     assert (heads[0], len(heads)) == (1, 2)  # the main table, and the one by type
     for part in (table[: heads[1] - 1], table[heads[1] - 1 :]):
         assert len({line.count("|") for line in part}) == 1
-    assert len(table[: heads[1] - 1]) == 4
-    assert any(line.endswith("`.") for line in lines)
+    # Head, rule, and for each planner its own figures and the published ones.
+    assert len(table[: heads[1] - 1]) == 6
+    assert any(line.startswith("Contract `") for line in lines)

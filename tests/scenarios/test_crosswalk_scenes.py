@@ -21,8 +21,8 @@ from tsbench.maps.build import build_net
 from tsbench.maps.network import RoadNetwork, read_network
 from tsbench.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.maps.pool import PoolRow
-from tsbench.report.staging import walker_places
 from tsbench.report.render import scene_picture
+from tsbench.report.staging import staged_bodies
 from tsbench.report.style import STYLE
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.result import EpisodeResult
@@ -251,15 +251,15 @@ def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pyt
     row = build("two_way", tmp_path, monkeypatch, (0,)).rows[0]
     scene, _ = SceneLoader(SceneFolder(tmp_path)).load(row)
     assert scene.walkers is not None
-    places = walker_places(scene)
-    assert len(places) == len(scene.walkers.persons)
+    walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
+    assert set(walkers) == set(scene.walkers.persons)
     # Where the first tick of an episode sees them.
     runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
     facts = runner.run(row).facts
     assert facts is not None
     first = facts.snapshots[0].actors
     seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
-    for name, place in zip(scene.walkers.persons, places, strict=True):
+    for name, place in walkers.items():
         assert math.dist(seen[name][:2], place) < 0.3
     page = scene_picture(scene, "title").reshape(-1, 3)
     assert (page == STYLE.pedestrian).all(axis=1).any()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from tsbench.cli.selecting import check_choice, make_and_tell, selection_options
-from tsbench.report.export.episodes import FORMATS, export_episode, export_selection
+from tsbench.cli.selecting import make_and_tell, selection_options
+from tsbench.report.export.formats import FORMATS, export_kind
 from tsbench.report.selection import Selection
 
 
@@ -27,11 +27,4 @@ def export(
 
     A selection is written in parallel; what is already there is kept.
     """
-    check_choice(run, episode, selection)
-    if episode is not None:
-        click.echo(str(export_episode(run, episode, kind, out)))
-        return
-    make_and_tell(
-        lambda progress: export_selection(run, selection, kind, out, workers, progress), f"{kind} files"
-    )
-    click.echo(f"below {run / 'exports' if out is None else out}")
+    make_and_tell(run, episode, selection, export_kind(kind), out, workers)

@@ -105,7 +105,7 @@ def fetch(place: str | None, bbox: str | None, name: str | None, out_dir: Path |
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, png: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
     from tsbench.maps import paths
-    from tsbench.maps.draw import draw_maps
+    from tsbench.report.map_sheet import draw_maps
 
     draw_maps(map_ids, osm_dir or paths.sources_dir(), png)
     click.echo(f"{len(map_ids)} maps: {png}")

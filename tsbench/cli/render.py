@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from tsbench.cli.options import jurisdiction_option
-from tsbench.cli.selecting import check_choice, make_and_tell, selection_options
+from tsbench.cli.selecting import make_and_tell, selection_options
 from tsbench.errors import InputError
-from tsbench.report.render import FORMATS, render_episode, render_selection
+from tsbench.report.render import FORMATS, picture_kind
 from tsbench.report.selection import Selection
 from tsbench.signs.countries import Country
 
@@ -37,15 +37,7 @@ def render(
 
     A selection is drawn in parallel; what is already drawn is kept, so the same command continues after a break.
     """
-    check_choice(run, episode, selection)
-    if episode is not None:
-        click.echo(str(render_episode(run, episode, kind, out, time, country)))
-        return
-    if time is not None:
+    if episode is None and time is not None:
         raise InputError("--time chooses the moment of one EPISODE; a selection is drawn at its violations")
-    chosen_kind = kind or FORMATS[0]
-    make_and_tell(
-        lambda progress: render_selection(run, selection, chosen_kind, out, workers, progress, country),
-        f"{chosen_kind} files",
-    )
-    click.echo(f"below {run / 'pictures' if out is None else out}")
+    pictures = picture_kind(kind, out if episode else None, time, country)
+    make_and_tell(run, episode, selection, pictures, out, workers)

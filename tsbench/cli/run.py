@@ -131,12 +131,16 @@ def _tell(ending: Ending, console: Console) -> None:
     """The table, and where everything is."""
     if ending.summary is not None:
         # They bring statistics, late as the summary itself.
-        from tsbench.report.table import print_table, to_markdown
+        from tsbench.report.analyses.markdown import to_markdown
+        from tsbench.report.analyses.run_tables import run_tables
+        from tsbench.report.analyses.shown import print_analysis
         from tsbench.run.files import told_plainly, write_atomic
         from tsbench.run.folder import TABLES_TEXT
 
-        print_table(ending.summary, console)
-        path, text = ending.folder / TABLES_TEXT, to_markdown(ending.summary)
+        tables = run_tables(ending.summary)
+        for table in tables:
+            print_analysis(table, console)
+        path, text = ending.folder / TABLES_TEXT, "\n".join(to_markdown(table) for table in tables)
         # Looking at a complete run changes nothing in its folder.
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             with told_plainly(path):

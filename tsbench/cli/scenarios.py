@@ -122,6 +122,7 @@ def list_(split: str | None, type_id: str | None) -> None:
 @jurisdiction_option
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
+    from tsbench.report.description import scene_facts
     from tsbench.scenarios.load import load_scene
 
     spec = _find(scenario_id)
@@ -129,11 +130,8 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     table = Table("field", "value", title=scenario_id)
     for key, value in asdict(spec).items():
         table.add_row(key, str(value))
-    table.add_row("plates", ", ".join(f"{s.code} ({s.role}) on {s.edge}" for s in scene.signs))
-    table.add_row("obstacles", ", ".join(f"{o.shape} on {o.lane}" for o in scene.obstacles) or "none")
-    table.add_row("convoy", str(len(scene.convoy.vehicles)) + " vehicles" if scene.convoy else "none")
-    table.add_row("navigation", " > ".join(scene.route_hint))
-    table.add_row("obedient way", " > ".join(scene.compliant_hint) or "the same")
+    for key, value in scene_facts(scene, country).items():
+        table.add_row(key, value)
     Console().print(table)
     if png is not None:
         from tsbench.report.render import render_scene_png

@@ -14,9 +14,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tsbench.cli.options import several, words_of
 from tsbench.errors import InputError
-from tsbench.report.bulk import Progress as OnProgress
-from tsbench.report.bulk import Tally
-from tsbench.report.selection import Chosen, Selection, episode_name
+from tsbench.report.episode_files import FileKind, make_one, make_selected
+from tsbench.report.selection import Selection, episode_name
 from tsbench.run.executor import own_cores
 
 _FAILURES_SHOWN = 20
@@ -47,23 +46,35 @@ def selection_options(command: Callable[..., None]) -> Callable[..., None]:
     return several(*_OPTIONS)(called)
 
 
-def check_choice(run: Path, episode: str | None, selection: Selection) -> None:
-    """Either one episode or a selection. Raises InputError."""
+def make_and_tell(
+    run: Path, episode: str | None, selection: Selection, kind: FileKind, out: Path | None, workers: int
+) -> None:
+    """Make the file of one episode or those of a selection, and print what came of it.
+
+    Shows a bar; exit code 1 where some could not be made. Raises InputError where neither or both are given.
+    """
     if (episode is None) != bool(selection):
         raise InputError(
             f"{run}: name one EPISODE, or select some with --violations, --types, --planner or --outcome"
         )
-
-
-def make_and_tell(make: Callable[[OnProgress], tuple[Tally, Chosen]], what: str) -> None:
-    """Make files with a bar, print what came of it; exit code 1 where some could not be made."""
+    if episode is not None:
+        click.echo(str(make_one(run, episode, kind, out)))
+        return
+    what = f"{kind.suffix.rpartition('.')[2]} files"
     console = Console(stderr=True)
     with Progress(
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
         console=console, disable=not console.is_terminal,
     ) as bar:  # fmt: skip
         task = bar.add_task(what, total=None)
-        tally, chosen = make(lambda done, total: bar.update(task, completed=done, total=total))
+        tally, chosen = make_selected(
+            run,
+            selection,
+            kind,
+            out,
+            workers,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
     if chosen.untraced:
         click.echo(f"{chosen.untraced} selected episodes have no trace (tsbench run --trace all keeps them)")
     for trace, problem in tally.failed[:_FAILURES_SHOWN]:
@@ -75,5 +86,6 @@ def make_and_tell(make: Callable[[OnProgress], tuple[Tally, Chosen]], what: str)
             f" {tally.driven_s / tally.cpu_s:.0f} times faster than real time on a core"
         )
     click.echo(line)
+    click.echo(f"below {run / kind.folder if out is None else out}")
     if tally.failed:
         sys.exit(1)

@@ -17,6 +17,7 @@ from tsbench.learn.finetune_targets import FAMILIES
 from tsbench.learn.frames_store import FrameStore
 from tsbench.planners.plant2 import layout as at
 from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
+from tsbench.report.drawing.sheet import save_png
 from tsbench.scenarios.seeds import rng_of
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import GROUPS
@@ -77,7 +78,7 @@ def report(
         chosen = _of_group(np.concatenate(candidates), group)
         if len(chosen):
             paths.append(out / f"frames-{group}.png")
-            save_chart(lambda chosen=chosen: draw_frames(chosen, load_catalog().types), paths[-1])  # type: ignore[misc]
+            save_png(paths[-1], draw_frames(chosen, load_catalog().types))
     return paths
 
 

@@ -39,13 +39,6 @@ class Estimate:
     method: str
     reason: str
 
-    @property
-    def reach(self) -> float | None:
-        """Distance to the farther end of the interval: what a table prints behind the plus-minus sign."""
-        if self.value is None or self.low is None or self.high is None:
-            return None
-        return max(self.high - self.value, self.value - self.low)
-
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
     """Wilson score interval of a proportion (Wilson 1927), from SciPy."""

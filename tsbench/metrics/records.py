@@ -22,7 +22,8 @@ class MetricColumn:
     """One metric of the records.
 
     column: in the table. failure: what an error outcome counts as in the strict figure; None where it has no
-    such value and only completed episodes count. scale: to the reported unit. binary: values are 0 or 1.
+    such value and only completed episodes count. scale: to the reported unit. binary: values are 0 or 1. head: short
+    name in the main table, "" for what is not in it.
     """
 
     column: str
@@ -30,19 +31,20 @@ class MetricColumn:
     scale: float = 1.0
     failure: float | None = None
     binary: bool = False
+    head: str = ""
 
 
 SCD = MetricColumn("scd", "%", 100.0, 0.0, True)
 METRICS: Mapping[str, MetricColumn] = {
-    "driving_score": MetricColumn("driving_score", "%", failure=0.0),
+    "driving_score": MetricColumn("driving_score", "%", failure=0.0, head="DS"),
     "route_completion": MetricColumn("route_completion", "%", failure=0.0),
-    "destination": MetricColumn("destination", "%", 100.0, 0.0, True),
+    "destination": MetricColumn("destination", "%", 100.0, 0.0, True, head="dest."),
     "sign_compliance": MetricColumn("sign_compliant", "%", 100.0, 0.0, True),
-    "engaged": MetricColumn("sign_engaged", "%", 100.0, binary=True),
-    "efficiency": MetricColumn("efficiency", "%"),
-    "collision": MetricColumn("collision", "%", 100.0, binary=True),
-    "off_road": MetricColumn("off_road", "%", 100.0, binary=True),
-    "comfort": MetricColumn("comfort", "%", 100.0),
+    "engaged": MetricColumn("sign_engaged", "%", 100.0, binary=True, head="engag."),
+    "efficiency": MetricColumn("efficiency", "%", head="effic."),
+    "collision": MetricColumn("collision", "%", 100.0, binary=True, head="coll."),
+    "off_road": MetricColumn("off_road", "%", 100.0, binary=True, head="off road"),
+    "comfort": MetricColumn("comfort", "%", 100.0, head="comf."),
     "mean_speed": MetricColumn("mean_speed", "m/s"),
 }
 _REQUIRED = (SCD.column, "destination", "sign_compliant", "driving_score", "route_completion")

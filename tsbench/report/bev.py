@@ -12,15 +12,17 @@ import cv2
 import numpy as np
 
 from tsbench.geometry.polyline import Array
-from tsbench.report.bodies import draw_actors, draw_ego, draw_ghost
 from tsbench.report.camera import SHIFT, Camera, Fixed, Image, camera_over
-from tsbench.report.furniture import draw_furniture
+from tsbench.report.description import episode_subtitle, episode_title
+from tsbench.report.drawing.paint import paint, paint_outline
+from tsbench.report.drawing.scene import furniture_shapes, tick_shapes
 from tsbench.report.hud import Hud, Moment, draw_attribution, draw_scale_bar
-from tsbench.report.roads import draw_roads
+from tsbench.report.roads import road_shapes
+from tsbench.report.staging import ego_body
 from tsbench.report.style import STYLE
 from tsbench.rules.base import Violation
 from tsbench.run.trace import Trace
-from tsbench.signs.countries import Country, shown_code
+from tsbench.signs.countries import Country
 from tsbench.sim.lanegraph import LaneGraph, RoutePath
 from tsbench.sim.scene import Scene
 
@@ -63,9 +65,8 @@ class BirdsEye:
         self._follow = follow and not _shows(self._still, around)
         self._ground_camera = self._over_track() if self._follow else self._still
         camera = self._ground_camera
-        self.ground: Image = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
-        draw_roads(self.ground, camera, scene.network)
-        draw_furniture(self.ground, camera, scene, plate_px=round(min(max(4.5 * camera.scale, 30), 60)))
+        self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
+        paint(self.ground, camera, (*road_shapes(scene.network), *furniture_shapes(scene)))
         self._windows = self._make_windows()
         self._last = max(trace.snapshots[-1].time, 1e-9)
         self._hud = self._make_hud()
@@ -84,14 +85,12 @@ class BirdsEye:
         return Camera(left, top, scale, width, height)
 
     def _make_hud(self) -> Hud:
-        trace, spec = self.trace, self.trace.spec
-        sign = self.scene.target_sign
-        value = "" if sign.value is None else f" ({sign.value:g})"
-        title = f"{trace.planner}: {spec.scenario_type}"
-        code = shown_code(sign.code, self._country)
-        subtitle = f"{spec.scenario_id} · sign {code}{value} · {spec.group} · {spec.split}"
+        trace = self.trace
         shares = [v.start_s / self._last for v in trace.target.violations]
-        return Hud(self.size.width, title, subtitle, sign, shares)
+        return Hud(
+            self.size.width, episode_title(trace), episode_subtitle(trace, self._country),
+            self.scene.target_sign, shares,
+        )  # fmt: skip
 
     def page(self, tick: int, out: Image | None = None) -> Image:
         """The page of one tick, (height, width, 3) RGB. Ticks must not run backwards: the trail only grows.
@@ -109,13 +108,11 @@ class BirdsEye:
         return page
 
     def _draw_view(self, view: Image, tick: int) -> None:
-        snapshot = self.trace.snapshots[tick]
         left, top = self._windows[tick]
         camera = self._ground_camera.window(left, top, view.shape[1], view.shape[0])
         view[:] = self.ground[top : top + view.shape[0], left : left + view.shape[1]]
         self._draw_route(view, tick, left, top)
-        draw_actors(view, camera, snapshot.actors)
-        draw_ego(view, camera, snapshot.ego.x, snapshot.ego.y, snapshot.ego.heading)
+        paint(view, camera, tick_shapes(self.trace.snapshots[tick]))
         draw_scale_bar(view, camera.scale)
         draw_attribution(view)
 
@@ -170,7 +167,7 @@ class BirdsEye:
 
 def mark_violation(image: Image, camera: Camera, event: Violation) -> None:
     """A ring with a cross where the ego was when it broke the rule, and its outline."""
-    draw_ghost(image, camera, event.x, event.y, event.heading, STYLE.violation)
+    paint_outline(image, camera, ego_body(event.x, event.y, event.heading), STYLE.violation)
     centre = camera.fixed([(event.x, event.y)])[0]
     radius = round(4.0 * camera.scale * (1 << SHIFT))
     cv2.circle(image, centre.tolist(), radius, STYLE.marking, 5, cv2.LINE_AA, SHIFT)

@@ -4,48 +4,65 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from tsbench.metrics.compare import Comparison, Flip, PairedFigure
-from tsbench.metrics.paired import Difference
+from tsbench.metrics.compare import Comparison, Flip
 from tsbench.metrics.records import METRICS
+from tsbench.report.analyses.differences import difference_columns, difference_rows
+from tsbench.report.analyses.model import Analysis, Column, Kind, Table
+from tsbench.report.analyses.shown import print_analysis
 from tsbench.report.compare import Matched
 from tsbench.run.files import told_plainly, write_atomic
 
-_DASH = "–"
 _KEY = (
     "SCD: sign-compliant and arrived, %. B-A with its 95 % interval (paired cluster bootstrap over maps). p: exact "
     "McNemar; of types after Holm over the {m} types compared, of all else as it is; metrics that are not yes/no go by "
     "their interval. *: significant (5 %). MDE: what is not significant would have been found with 80 % power from "
     "this difference on (types: at Holm's strictest step); – there: no difference could have been.",
-    "Strict: an error outcome counts as a failure. A second line (completed): pairs without an error outcome.",
+    "Strict: an error outcome counts as a failure. Completed: pairs without an error outcome.",
 )
 
 
 def print_comparison(matched: Matched, console: Console, most_flips: int) -> None:
     """Print what changed. most_flips: how many of the won and of the lost scenarios are listed."""
-    c = matched.comparison
-    console.print(Text(matched.title, style="bold yellow" if matched.warnings else "bold"))
-    for line in matched.notes:
-        console.print(Text(f"note: {line}", style="yellow"))
-    console.print(_scd_table(c))
-    console.print(_metric_table(c))
-    for line in (_KEY[0].format(m=len(c.types)), _KEY[1], *_no_interval(c)):
-        console.print(Text(line, style="dim"))
+    for analysis in comparison_analyses(matched):
+        print_analysis(analysis, console)
     for won in (False, True):
-        _print_flips([flip for flip in c.flips if flip.won == won], won, console, most_flips)
-    a, b = (f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b))
-    for line in (a,) if a == b else (f"A {a}", f"B {b}"):
-        console.print(Text(line, style="dim"), soft_wrap=True)
+        flips = [flip for flip in matched.comparison.flips if flip.won == won]
+        _print_flips(flips, won, console, most_flips)
     for name, side in (("A", matched.a), ("B", matched.b)):
         console.print(Text(f"{name} {side.run.rescored}", style="dim"), soft_wrap=True)
+
+
+def comparison_analyses(matched: Matched) -> tuple[Analysis, Analysis]:
+    """SCD by type and group, and the metrics."""
+    c, (a, b) = matched.comparison, matched.contracts
+    rows = list(difference_rows(("all", f"mean of {len(c.types)}"), c.overall))
+    for group, figure in c.groups.items():
+        inside = [kind for kind, g in c.type_groups.items() if g == group]
+        rows += difference_rows((group, f"mean of {len(inside)}"), figure, starts=True)
+        for kind in inside:
+            rows += difference_rows((None, kind), c.types[kind])
+    names = Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)
+    scd = Table((*names, *difference_columns("SCD A", "SCD B", "B-A")), tuple(rows), 3)
+    editions = [
+        f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)
+    ]
+    others = f"A {editions[0]}; B {editions[1]}" if a != b else ""
+    notes = (*(f"note: {line}" for line in matched.notes), others)
+    names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
+    rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
+    metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)
+    key = (_KEY[0].format(m=len(c.types)), _KEY[1], *_no_interval(c))
+    return (
+        Analysis("scd", matched.title, a if a == b else "", scd, notes),
+        Analysis("metrics", "Metrics", "", metrics, key),
+    )
 
 
 def flips_csv(comparison: Comparison, path: Path) -> None:
@@ -60,78 +77,6 @@ def flips_csv(comparison: Comparison, path: Path) -> None:
     with told_plainly(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text.getvalue().encode())
-
-
-def _scd_table(c: Comparison) -> Table:
-    table = _table("group", "type")
-    for column in ("SCD A", "SCD B", "B-A", "p", "MDE", "lost", "won", "pairs"):
-        table.add_column(column, justify="right", no_wrap=True)
-
-    def add(group: str, kind: str, figure: PairedFigure) -> None:
-        for style, d in _lines(figure):
-            name = (group, kind) if style is None else ("", "  completed")
-            table.add_row(*name, *_cells(d, lambda v: f"{v:.1f}"), *_counts(d), style=style)
-
-    add("all", f"mean of {len(c.types)}", c.overall)
-    for group, figure in c.groups.items():
-        table.add_section()
-        inside = [kind for kind, g in c.type_groups.items() if g == group]
-        add(group, f"mean of {len(inside)}", figure)
-        for kind in inside:
-            add("", kind, c.types[kind])
-    return table
-
-
-def _metric_table(c: Comparison) -> Table:
-    table = _table("metric", "unit")
-    for column in ("A", "B", "B-A", "p", "MDE", "only A", "only B", "pairs"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for name, figure in c.metrics.items():
-        for style, d in _lines(figure):
-            shown = (name if style is None else "  completed", METRICS[name].unit)
-            table.add_row(*shown, *_cells(d, lambda v: f"{v:.2f}"), *_counts(d), style=style)
-    return table
-
-
-def _table(*heads: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 2, 0, 0))
-    for head in heads:
-        table.add_column(head, no_wrap=True)
-    return table
-
-
-def _lines(figure: PairedFigure) -> Iterator[tuple[str | None, Difference]]:
-    yield None, figure.main
-    if figure.strict is not None and figure.strict.n != figure.completed.n:
-        yield "dim", figure.completed
-
-
-def _cells(d: Difference, number: Callable[[float], str]) -> list[str]:
-    def shown(value: float | None) -> str:
-        return _DASH if value is None else number(value)
-
-    if d.value is None:
-        return [_DASH] * 5
-    ends = "–" if d.low is None or d.high is None else f"{number(d.low)} to {number(d.high)}"
-    star = "*" if d.significant else " "
-    mde = "" if d.significant else shown(d.mde)
-    return [shown(d.a), shown(d.b), f"{_signed(number, d.value)} ({ends}){star}", _probability(d), mde]
-
-
-def _signed(number: Callable[[float], str], value: float) -> str:
-    text = number(value)
-    return text if text.startswith("-") else f"+{text}"
-
-
-def _probability(d: Difference) -> str:
-    p = d.p if d.p_holm is None else d.p_holm
-    if p is None:
-        return ""
-    return "<0.001" if p < 0.001 else f"{p:.3f}"
-
-
-def _counts(d: Difference) -> list[str]:
-    return ["" if k is None else str(k) for k in (d.lost, d.won)] + [str(d.n)]
 
 
 def _no_interval(c: Comparison) -> Iterator[str]:

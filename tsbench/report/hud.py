@@ -39,6 +39,20 @@ class Moment:
     outcome: str
 
 
+def header(width: int, title: str, subtitle: str, sign: SignInstance, spare_px: int = 0) -> Image:
+    """A picture's head: plate, title and what is below it. spare_px: kept free at the right."""
+    height, pad = STYLE.header_px, _PAD_PX
+    image = np.full((height, width, 3), STYLE.panel, dtype=np.uint8)
+    size = height - 12
+    plate = plate_rgba(sign.code, sign.value, size)
+    paste(image, pad, 6, plate[..., :3], plate[..., 3])
+    x = pad + size + pad
+    room = width - x - spare_px - 2 * pad
+    write(image, x, 10, shorten(title, 18, room - pad), 18, STYLE.ink, bold=True)
+    write(image, x, 36, shorten(subtitle, 13, room), 13, STYLE.faint)
+    return image
+
+
 class Hud:
     """Header and footer of pages of one episode; the parts that never change are drawn once."""
 
@@ -48,21 +62,8 @@ class Hud:
         """events: moments of violations as shares (0-1) of the episode."""
         self._width = width
         self._events = events
-        self._header = self._draw_header(title, subtitle, sign)
+        self._header = header(width, title, subtitle, sign, _CLOCK_PX)
         self._footers: dict[tuple[Violation | None, str], Image] = {}
-
-    def _draw_header(self, title: str, subtitle: str, sign: SignInstance) -> Image:
-        height, pad = STYLE.header_px, _PAD_PX
-        image = np.empty((height, self._width, 3), dtype=np.uint8)
-        image[:] = STYLE.panel
-        size = height - 12
-        plate = plate_rgba(sign.code, sign.value, size)
-        paste(image, pad, 6, plate[..., :3], plate[..., 3])
-        x = pad + size + pad
-        room = self._width - x - _CLOCK_PX - 2 * pad
-        write(image, x, 10, shorten(title, 18, room - 12), 18, STYLE.ink, bold=True)
-        write(image, x, 36, shorten(subtitle, 13, room), 13, STYLE.faint)
-        return image
 
     def header(self, page: Image, moment: Moment) -> None:
         """Write the header into the top of a page."""

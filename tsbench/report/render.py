@@ -2,30 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PIL import Image as PilImage
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.report.bev import BirdsEye, PageSize
-from tsbench.report.bulk import Job, Progress, Tally, make_files
 from tsbench.report.camera import Image, camera_over
+from tsbench.report.description import scene_facts
+from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_shapes
+from tsbench.report.drawing.shapes import Body, Line
+from tsbench.report.drawing.sheet import save_png
+from tsbench.report.episode_files import FileKind
 from tsbench.report.films import render_gif, render_mp4
-from tsbench.report.furniture import draw_furniture, draw_way
-from tsbench.report.hud import draw_attribution, draw_scale_bar
-from tsbench.report.lettering import paste, shorten, write
-from tsbench.report.outfile import whole_file
-from tsbench.report.roads import draw_roads
-from tsbench.report.selection import Chosen, Selection, select_traces
-from tsbench.report.staging import draw_start, staged_cars, walker_places
+from tsbench.report.hud import draw_attribution, draw_scale_bar, header
+from tsbench.report.lettering import write
+from tsbench.report.roads import road_shapes
 from tsbench.report.style import STYLE
-from tsbench.run.trace import Trace, find_trace, read_trace
-from tsbench.scenarios.load import load_scene
-from tsbench.signs.countries import Country, shown_code
-from tsbench.signs.plates import plate_rgba
+from tsbench.run.trace import Trace
+from tsbench.signs.countries import Country
 from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -33,76 +32,38 @@ from tsbench.sim.world import DT_S
 FORMATS = ("png", "gif", "mp4")
 PNG_SIZE = PageSize(1400, 1050)
 _PLATE_NEAR_M = 90.0
+_LEGEND = {
+    "ego": "ego at its start",
+    "destination": "destination",
+    "route": "navigation's way",
+    "compliant": "obedient way",
+    "convoy": "convoy, held until the ego comes",
+    "car": "car that waits or leads",
+    "pedestrian": "pedestrians, held until the ego comes",
+    "plate_line": "line of the plate",
+}
+_ALWAYS = ("destination", "plate_line")
 
 
-def render_episode(
-    run: Path,
-    episode: str,
-    kind: str | None,
-    out: Path | None,
-    time: float | None,
-    country: Country | None = None,
-) -> Path:
-    """Draw an episode of a run folder; returns the file.
+def picture_kind(
+    name: str | None, out: Path | None, time: float | None = None, country: Country | None = None
+) -> FileKind:
+    """Pictures or films of episodes.
 
-    kind: one of FORMATS, by default what the suffix of `out` says, else png; country: whose code the caption
-    gives the sign. Raises InputError.
+    name: one of FORMATS, by default what the suffix of `out` says, else png; time (s): the moment of a PNG; country:
+    whose code the caption gives the sign. Raises InputError.
     """
-    if kind is None:
-        kind = out.suffix[1:].lower() if out is not None else FORMATS[0]
-        if kind not in FORMATS:
+    if name is None:
+        name = out.suffix[1:].lower() if out is not None else FORMATS[0]
+        if name not in FORMATS:
             raise InputError(f"{out}: which format? Give --format {'|'.join(FORMATS)}, or such a suffix")
-    source = find_trace(run, episode)
-    trace = read_trace(source)
-    path = _picture_path(run / "pictures", source, kind, country) if out is None else out
-    render(trace, load_scene(trace.spec), kind, path, time, country)
-    return path
-
-
-def render_selection(
-    run: Path,
-    selection: Selection,
-    kind: str,
-    out: Path | None,
-    workers: int,
-    progress: Progress,
-    country: Country | None = None,
-) -> tuple[Tally, Chosen]:
-    """Draw all selected episodes of a run below the folder `out` (default: RUN/pictures) that are not drawn yet."""
-    chosen = select_traces(run, selection)
-    folder = run / "pictures" if out is None else out
-    jobs = [Job(trace, _picture_path(folder, trace, kind, country)) for trace in chosen.traces]
-    return make_files(jobs, partial(_draw, kind=kind, country=country), workers, progress), chosen
-
-
-def _draw(trace: Trace, path: Path, kind: str, country: Country | None) -> None:
-    render(trace, load_scene(trace.spec), kind, path, country=country)
-
-
-def _picture_path(folder: Path, trace: Path, kind: str, country: Country | None) -> Path:
-    """PLANNER/SCENARIO[.COUNTRY].KIND: captions differ between countries, and so do the files."""
-    code = "" if country is None else f".{country.code}"
-    return folder / trace.parent.name / f"{trace.stem}{code}.{kind}"
-
-
-def render(
-    trace: Trace,
-    scene: Scene,
-    kind: str,
-    path: Path,
-    time: float | None = None,
-    country: Country | None = None,
-) -> None:
-    """Draw an episode. kind: png | gif | mp4; time (s): the moment of a PNG."""
-    if kind == "png":
-        render_png(trace, scene, path, time, country)
-        return
+    # Captions differ between countries, and so do the files.
+    suffix = f".{name}" if country is None else f".{country.code}.{name}"
+    if name == "png":
+        return FileKind("pictures", suffix, partial(render_png, time=time, country=country))
     if time is not None:
         raise InputError("--time chooses the moment of a PNG; films show the whole episode")
-    if kind == "gif":
-        render_gif(trace, scene, path, country=country)
-    else:
-        render_mp4(trace, scene, path, country)
+    return FileKind("pictures", suffix, partial(render_gif if name == "gif" else render_mp4, country=country))
 
 
 def render_png(
@@ -116,7 +77,7 @@ def render_png(
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
     picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
-    _save(path, PilImage.fromarray(picture))
+    save_png(path, picture)
 
 
 def _tick(trace: Trace, time: float | None) -> int:
@@ -135,76 +96,41 @@ def render_scene_png(scene: Scene, path: Path, title: str, country: Country | No
 
     Blue: the way that navigation gives; green: the obedient way, where it is another one.
     """
-    _save(path, PilImage.fromarray(scene_picture(scene, title, country=country)))
+    save_png(path, scene_picture(scene, title, country=country))
 
 
 def scene_picture(
     scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None
 ) -> Image:
     """The picture of `render_scene_png`, (height, width, 3) RGB."""
-    graph = LaneGraph(scene.network)
-    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
+    ways = list(way_shapes(scene, LaneGraph(scene.network)))
+    staged = list(start_shapes(scene))
+    page = np.full((size.height, size.width, 3), STYLE.panel, dtype=np.uint8)
     view = page[STYLE.header_px : size.height - STYLE.footer_px]
-    camera = camera_over(_scene_points(scene, graph), size.width, size.view_height, 14.0, (1.5, 12.0))
-    draw_roads(view, camera, scene.network)
-    if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
-        draw_way(view, camera, scene, graph, scene.compliant_hint, STYLE.compliant, -0.4)
-    draw_way(view, camera, scene, graph, scene.route_hint, STYLE.route, 0.4 if scene.compliant_hint else 0.0)
-    draw_furniture(view, camera, scene, plate_px=round(min(max(4.5 * camera.scale, 30), 60)))
-    draw_start(view, camera, scene)
+    view[:] = STYLE.ground
+    camera = camera_over(_points(scene, ways, staged), size.width, size.view_height, 14.0, (1.5, 12.0))
+    paint(view, camera, (*road_shapes(scene.network), *ways, *furniture_shapes(scene), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
-    _caption(page, scene, title, country)
+    facts = scene_facts(scene, country)
+    subtitle = f"sign {facts['sign']} · horizon {facts['time']}"
+    page[: STYLE.header_px] = header(size.width, title, subtitle, scene.target_sign)
+    _legend(page[size.height - STYLE.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
     return page
 
 
-def _scene_points(scene: Scene, graph: LaneGraph) -> Array:
+def _points(scene: Scene, ways: Sequence[Line], staged: Sequence[Body]) -> Array:
     """What a picture of the scene must show, (n, 2)."""
-    network, start = scene.network, scene.start
-    lane = network.lane(start.lane)
-    points = [lane.line.point_at(start.s), (scene.target_sign.x, scene.target_sign.y)]
-    points.append(network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s))
-    points += [(car.x, car.y) for car in staged_cars(scene)] + walker_places(scene)
-    for edges in (scene.route_hint, scene.compliant_hint):
-        path = graph.path(edges, lane.index, start.s, scene.destination) if edges else None
-        if path is not None:
-            points += [(float(x), float(y)) for x, y in path.line.points[path.line.s <= path.destination_s]]
-    return np.array(points)
+    goal = scene.network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s)
+    sign = scene.target_sign
+    alone = [(sign.x, sign.y), goal, *((body.x, body.y) for body in staged)]
+    return np.concatenate((alone, *(way.points for way in ways)))
 
 
-def _caption(page: Image, scene: Scene, title: str, country: Country | None) -> None:
-    width, sign = page.shape[1], scene.target_sign
-    top = page.shape[0] - STYLE.footer_px
-    page[: STYLE.header_px] = STYLE.panel
-    page[top:] = STYLE.panel
-    size = STYLE.header_px - 12
-    plate = plate_rgba(sign.code, sign.value, size)
-    paste(page, 12, 6, plate[..., :3], plate[..., 3])
-    value = "" if sign.value is None else f", {sign.value:g}"
-    write(page, size + 24, 10, shorten(title, 18, width - size - 48), 18, STYLE.ink, bold=True)
-    facts = f"sign {shown_code(sign.code, country)}{value} on edge {sign.edge} at {sign.position_m:.0f} m"
-    facts += f" · horizon {scene.horizon * DT_S:.0f} s"
-    write(page, size + 24, 36, shorten(facts, 13, width - size - 48), 13, STYLE.faint)
-    legend = [
-        ("ego at its start", STYLE.ego),
-        ("destination", STYLE.destination),
-        ("navigation's way", STYLE.route),
-    ]
-    if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
-        legend.append(("obedient way", STYLE.compliant))
-    if scene.convoy is not None:
-        legend.append(("convoy, held until the ego comes", STYLE.convoy))
-    if any(not car.held for car in staged_cars(scene)):
-        legend.append(("car that waits or leads", STYLE.car))
-    if scene.walkers is not None:
-        legend.append(("pedestrians, held until the ego comes", STYLE.pedestrian))
-    legend.append(("line of the plate", STYLE.plate_line))
+def _legend(footer: Image, shown: set[str]) -> None:
+    """What the colours mean. shown: those of ways and of who stands there."""
     x = 12
-    for text, colour in legend:
-        page[top + 24 : top + 36, x : x + 12] = colour
-        x = write(page, x + 18, top + 21, text, 13, STYLE.ink) + 22
-
-
-def _save(path: Path, picture: PilImage.Image) -> None:
-    with whole_file(path) as part:
-        picture.save(part, format="PNG", compress_level=4)
+    for name, text in _LEGEND.items():
+        if name in shown or name in _ALWAYS:
+            footer[24:36, x : x + 12] = getattr(STYLE, name)
+            x = write(footer, x + 18, 21, text, 13, STYLE.ink) + 22

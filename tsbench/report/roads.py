@@ -1,19 +1,17 @@
-"""The road surface and its markings, drawn once per scene. Units: m, rad."""
+"""The road surface and its markings as shapes. Units: m, rad."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import shapely
 
 from tsbench.geometry.overlap import strip
-from tsbench.geometry.polyline import Array, Polyline
+from tsbench.geometry.polyline import Polyline
 from tsbench.maps.network import Crossing, Edge, Lane, RoadNetwork
-from tsbench.report.camera import SHIFT, Camera, Image
-from tsbench.report.style import STYLE, Colour
+from tsbench.report.drawing.shapes import Area, Line, dashes
+from tsbench.report.style import STYLE
 
 _ROUND_M = 0.15
 _KERB_M = 0.25
@@ -25,35 +23,7 @@ _ZEBRA_M = (0.5, 0.5)
 _APRON_M = (3.0, 1.6)
 
 
-@dataclass(frozen=True, slots=True)
-class Area:
-    """A painted surface. colour: a field of `Style`; shape: polygons in m, holes left out."""
-
-    colour: str
-    shape: shapely.Geometry
-
-
-@dataclass(frozen=True, slots=True)
-class Stroke:
-    """A painted line: (n, 2) points, width in m."""
-
-    colour: str
-    points: Array
-    width: float
-
-
-def draw_roads(image: Image, camera: Camera, network: RoadNetwork) -> None:
-    """Ground, pavements, carriageways with their kerbs, lane markings, zebras, stop and give-way lines."""
-    image[:] = STYLE.ground
-    for part in road_paint(network):
-        colour: Colour = getattr(STYLE, part.colour)
-        if isinstance(part, Area):
-            fill(image, camera, part.shape, colour)
-        else:
-            draw_line(image, camera, part.points, colour, camera.thickness(part.width))
-
-
-def road_paint(network: RoadNetwork) -> Iterator[Area | Stroke]:
+def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
     """What is painted on the ground, lowest first."""
     walks = [strip(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
@@ -76,7 +46,7 @@ def road_paint(network: RoadNetwork) -> Iterator[Area | Stroke]:
         for lane in lanes:
             yield from _end_marks(network, lane)
     for crossing in network.crossings.values():
-        for dash in dashes(crossing.line, *_ZEBRA_M):
+        for dash in dashes(crossing.line.points, *_ZEBRA_M):
             yield Area("marking", strip(Polyline(dash), crossing.width))
 
 
@@ -107,19 +77,19 @@ def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
     return [network.lanes[i] for i in edge.lanes if not _is_walk(network.lanes[i])]
 
 
-def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[Stroke]:
+def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[Line]:
     width, inset = STYLE.marking_m, 0.15
     right, left = lanes[0], lanes[-1]
-    yield Stroke("marking", right.line.beside(-right.width / 2 + inset), width)
+    yield Line("marking", right.line.beside(-right.width / 2 + inset), width)
     # On a two-way road both directions draw their own half of the centre line.
     shift = inset * 0.8 if two_way else inset
-    yield Stroke("marking", left.line.beside(left.width / 2 - shift), width)
+    yield Line("marking", left.line.beside(left.width / 2 - shift), width)
     for lane in lanes[:-1]:
-        for dash in dashes(Polyline(lane.line.beside(lane.width / 2)), *STYLE.dash_m):
-            yield Stroke("marking", dash, width)
+        for dash in dashes(lane.line.beside(lane.width / 2), *STYLE.dash_m):
+            yield Line("marking", dash, width)
 
 
-def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Stroke]:
+def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Line]:
     """The line that the strictest of the lane's connections asks for."""
     links = [c for c in network.outgoing[lane.index] if c.direction != "t"]
     states = {c.state for c in links}
@@ -129,29 +99,7 @@ def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Stroke]:
     end = lane.line.length - STYLE.stop_line_m / 2
     across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
     if states & _SOLID_STATES:
-        yield Stroke("marking", np.array(across), STYLE.stop_line_m)
+        yield Line("marking", np.array(across), STYLE.stop_line_m)
     elif states & _GIVE_WAY_STATES:
-        for tooth in dashes(Polyline(across), *_TOOTH_M):
-            yield Stroke("marking", tooth, STYLE.stop_line_m)
-
-
-def dashes(line: Polyline, dash: float, gap: float) -> list[Array]:
-    """Pieces of a line, (n, 2) each."""
-    starts = np.arange(0.0, max(line.length - dash / 2, 0.01), dash + gap)
-    return [
-        line.slice(s, min(s + dash, line.length)).points for s in starts.tolist() if s + 0.01 < line.length
-    ]
-
-
-def draw_line(image: Image, camera: Camera, points: Array, colour: Colour, thickness: int) -> None:
-    """An open polyline (n, 2)."""
-    cv2.polylines(image, [camera.fixed(points)], False, colour, thickness, cv2.LINE_AA, SHIFT)
-
-
-def fill(image: Image, camera: Camera, area: shapely.Geometry, colour: Colour) -> None:
-    """An area with its holes."""
-    for polygon in shapely.get_parts(area):
-        if polygon.geom_type == "Polygon" and not polygon.is_empty:
-            rings = [polygon.exterior, *polygon.interiors]
-            fixed = [camera.fixed(shapely.get_coordinates(ring)) for ring in rings]
-            cv2.fillPoly(image, fixed, colour, cv2.LINE_AA, SHIFT)
+        for tooth in dashes(np.array(across), *_TOOTH_M):
+            yield Line("marking", tooth, STYLE.stop_line_m)

@@ -12,7 +12,9 @@ from tsbench.errors import InputError
 from tsbench.metrics.outcome import Outcome
 from tsbench.report.bev import PageSize
 from tsbench.report.films import render_gif
+from tsbench.report.page.shell import environment
 from tsbench.report.render import render_png
+from tsbench.rules.base import Violation
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.trace import Trace, trace_of
 from tsbench.scenarios.load import load_scene
@@ -56,7 +58,7 @@ class PageMaker:
         scene = load_scene(broken.spec)
         folder = self.out / "pictures"
         render_png(broken, scene, folder / f"{type_id}.png")
-        moment = min(v.start_s for v in broken.target.violations)
+        moment = _first_violation(broken).start_s
         render_gif(broken, scene, folder / f"{type_id}-violation.gif", GIF_SIZE, _span(broken, moment))
         render_gif(
             obeyed, scene, folder / f"{type_id}-pass.gif", GIF_SIZE, _span(obeyed, _decisive(broken, obeyed))
@@ -104,46 +106,20 @@ class PageMaker:
     def _text(self, kind: ScenarioType, broken: Trace, obeyed: Trace) -> str:
         signs = [self._catalog.sign(code) for code in kind.codes]
         ends = [self._catalog.sign(code) for code in kind.end_codes]
-        rule = signs[0].rule
-        event = min(broken.target.violations, key=lambda v: v.start_s)
-        title = ", ".join(dict.fromkeys(s.name_en for s in signs))
-        lines = [f"# `{kind.id}`: {title}", "", " ".join(_plate(s, 96) for s in (*signs, *ends)), ""]
-        lines += ["| sign | Russian name | traffic rules (ПДД) | Vienna Convention |", "|---|---|---|---|"]
-        lines += [
-            f"| {s.code} {s.name_en} | {s.name_ru} | {s.law.pdd} | {s.law.vienna} |" for s in (*signs, *ends)
-        ]
-        lines += [
-            "",
-            f"Group {kind.group}, maps of family {kind.family}.",
-            "",
-            "## The rule",
-            "",
-            rule.description,
-            "",
-        ]
-        lines += ["| threshold | value |", "|---|---|"]
-        lines += [f"| `{key}` | {value:g} |" for key, value in rule.thresholds.items()]
-        for s in signs:
-            lines += [f"| `{key}` ({s.code}) | {', '.join(words)} |" for key, words in s.rule.options.items()]
-        lines += ["", "| clause | a violation is |", "|---|---|"]
-        lines += [f"| `{clause.id}` | {clause.description} |" for clause in rule.clauses]
-        lines += [
-            "",
-            "## A violation",
-            "",
-            f"![{event.clause}](pictures/{kind.id}.png)",
-            "",
-            f"> {event.sentence}",
-            "",
-        ]
-        lines += [f"`{broken.spec.scenario_id}`, clause `{event.clause}`.", ""]
-        lines += [f"| `{broken.planner}` breaks the rule | `{obeyed.planner}` obeys it |", "|---|---|"]
-        lines += [
-            f"| ![violation](pictures/{kind.id}-violation.gif) | ![pass](pictures/{kind.id}-pass.gif) |",
-            "",
-        ]
-        lines += ["Written by `tsbench signs pages`. Road data © OpenStreetMap contributors, ODbL 1.0."]
-        return "\n".join(lines) + "\n"
+        text: str = (
+            environment()
+            .get_template("sign.md")
+            .render(
+                kind=kind, signs=signs, ends=ends, rule=signs[0].rule, broken=broken, obeyed=obeyed,
+                title=", ".join(dict.fromkeys(s.name_en for s in signs)),
+                plates=" ".join(_plate(s, 96) for s in (*signs, *ends)), event=_first_violation(broken),
+            )
+        )  # fmt: skip
+        return text
+
+
+def _first_violation(trace: Trace) -> Violation:
+    return min(trace.target.violations, key=lambda v: v.start_s)
 
 
 def _plate(sign: Sign, height: int) -> str:
@@ -159,6 +135,6 @@ def _span(trace: Trace, moment: float) -> tuple[int, int]:
 
 def _decisive(broken: Trace, obeyed: Trace) -> float:
     """When the obedient ego is nearest to where the other one broke the rule, s."""
-    event = min(broken.target.violations, key=lambda v: v.start_s)
+    event = _first_violation(broken)
     near = min(obeyed.snapshots, key=lambda s: (s.ego.x - event.x) ** 2 + (s.ego.y - event.y) ** 2)
     return near.time

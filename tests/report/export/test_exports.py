@@ -10,16 +10,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import shapely
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.errors import InputError
-from tsbench.report.export.episodes import WRITERS, export_episode
+from tsbench.report.episode_files import make_one
+from tsbench.report.export.formats import WRITERS, export_kind
 from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
+from tsbench.report.roads import road_shapes
 from tsbench.run.episode import EpisodeRunner
 from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.scenarios.certificates import certificates_path, read_certificates
@@ -61,7 +65,7 @@ def commonroad(run: Path) -> dict[str, Any]:
     """What CommonRoad's reader says of the three."""
     if not COMMONROAD.is_dir():
         pytest.skip(f"CommonRoad's reader is not in {COMMONROAD} (make setup puts it there)")
-    files = [export_episode(run, f"{planner}/{kind}", "commonroad", None) for kind, planner in DRIVEN]
+    files = [make_one(run, f"{planner}/{kind}", export_kind("commonroad"), None) for kind, planner in DRIVEN]
     script = Path(__file__).with_name("read_commonroad.py")
     numbers = ",".join(sorted(set(SIGN_NUMBERS.values())))
     environment = {**os.environ, "PYTHONPATH": str(COMMONROAD), "PYTHONWARNINGS": "ignore"}
@@ -121,7 +125,7 @@ def test_commonroad_takes_plates_for_what_they_are(commonroad: dict[str, Any]) -
 
 def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> None:
     for (kind, planner), (trace, scene) in zip(DRIVEN, traces, strict=True):
-        path = export_episode(run, f"{planner}/{kind}", "mcap", run / f"{kind}.mcap")
+        path = make_one(run, f"{planner}/{kind}", export_kind("mcap"), run / f"{kind}.mcap")
         with path.open("rb") as file:
             reader = make_reader(file)
             messages: dict[str, list[Any]] = {}
@@ -148,11 +152,14 @@ def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> 
         turn = 2 * math.atan2(frame.rotation.z, frame.rotation.w)
         assert math.remainder(turn - snapshot.ego.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
 
-        still = {e.id for e in messages["/scene"][0][2].entities}
-        assert {s.id for s in scene.signs} | {o.id for o in scene.obstacles} | {
-            "road",
-            "destination",
-        } <= still
+        still = {e.id: e for e in messages["/scene"][0][2].entities}
+        assert {s.id for s in scene.signs} | {o.id for o in scene.obstacles} <= set(still)
+        assert {"road", "marking", "destination", "route", "plate_line"} <= set(still)
+        (asphalt,) = (s.polygon for s in road_shapes(scene.network) if s.colour == "asphalt")
+        triangles = [(p.x, p.y) for list_ in still["road"].triangles for p in list_.points]
+        corners = np.array(triangles).reshape(-1, 3, 2)
+        assert shapely.area(shapely.polygons(corners)).sum() == pytest.approx(asphalt.area, rel=0.01)
+        assert shapely.union_all(shapely.polygons(corners)).area == pytest.approx(asphalt.area, rel=0.01)
         sentences = [content.message for _, _, content in messages.get("/violations", [])]
         assert sentences == [v.sentence for v in sorted(trace.target.violations, key=lambda v: v.start_s)]
     assert any(trace.target.violations for trace, _ in traces)
@@ -191,9 +198,9 @@ def test_the_command(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "name one EPISODE" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_one_line(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     monkeypatch.delitem(sys.modules, WRITERS["mcap"][0].partition(":")[0], raising=False)
     monkeypatch.delitem(sys.modules, "tsbench.report.export.shapes", raising=False)
     with pytest.raises(InputError, match=r"foxglove, which is not installed: pip install 'tsbench\[mcap\]'"):
-        export_episode(run, "idm/speed_limit", "mcap", None)
+        export_kind("mcap")

@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 
 from tsbench.errors import InputError
 from tsbench.metrics.compare import Comparison, PairedFigure, compare
-from tsbench.metrics.paired import Difference
-from tsbench.report.analyses.columns import COMPLETED, STRICT
+from tsbench.report.analyses.differences import readings_of
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, put_title
 from tsbench.report.analyses.pool import Pool, check_contract, make_pool
@@ -107,15 +106,22 @@ def _rows(planner: str, c: Comparison) -> Iterator[Row]:
     named = {f"SCD, {name}": figure for name, figure in _panels(c).items()}
     named |= {name: c.metrics[name] for name in _METRICS}
     for k, (name, figure) in enumerate(named.items()):
-        yield Row(_cells(planner, name, STRICT, figure.main), starts=not k)
-        if figure.strict is not None and figure.strict.n != figure.completed.n:
-            yield Row(_cells(planner, name, COMPLETED, figure.completed), faint=True)
-
-
-def _cells(
-    planner: str, name: str, reading: str, d: Difference
-) -> tuple[str | int | float | Value | None, ...]:
-    return (planner, name, reading, d.n, d.a, d.b, Value.of(d), d.p, d.mde, d.lost, d.won, d.clusters)
+        for reading, d in readings_of(figure):
+            cells = (
+                planner,
+                name,
+                reading,
+                d.n,
+                d.a,
+                d.b,
+                Value.of(d),
+                d.p,
+                d.mde,
+                d.lost,
+                d.won,
+                d.clusters,
+            )
+            yield Row(cells, starts=not k and d is figure.main, faint=d is not figure.main)
 
 
 def _draw(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tsbench.metrics.aggregate import Figure, PlannerSummary
 from tsbench.metrics.intervals import Estimate
-from tsbench.report.analyses.pool import Pool
 from tsbench.signs.model import GROUPS
 
 STRICT, COMPLETED = "strict", "completed"
@@ -22,13 +23,13 @@ def pick(figure: Figure | None, reading: str) -> Estimate | None:
     return figure.strict if reading == STRICT and figure.strict is not None else figure.completed
 
 
-def present_groups(pool: Pool) -> tuple[str, ...]:
+def present_groups(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
     """Groups that have episodes, in the catalogue's order."""
-    return tuple(dict.fromkeys(g for _, g in present_types(pool)))
+    return tuple(dict.fromkeys(g for _, g in present_types(planners)))
 
 
-def present_types(pool: Pool) -> tuple[tuple[str, str], ...]:
+def present_types(planners: Sequence[PlannerSummary]) -> tuple[tuple[str, str], ...]:
     """(type, group) of all types that have episodes, by group and name."""
-    found = {kind: group for p in pool.summaries for kind, group in p.type_groups.items()}
+    found = {kind: group for p in planners for kind, group in p.type_groups.items()}
     rank = {group: k for k, group in enumerate(GROUPS)}
     return tuple(sorted(found.items(), key=lambda pair: (rank.get(pair[1], len(rank)), pair[1], pair[0])))

@@ -72,7 +72,7 @@ def correlations(pool: Pool) -> Analysis:
     )  # fmt: skip
     rows = []
     differ = any(pool.records[name].error.any() for name in pool.planners)
-    for group in (None, *present_groups(pool)):
+    for group in (None, *present_groups(pool.summaries)):
         for k, metric in enumerate(_METRICS):
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
                 first = reading == STRICT
@@ -138,7 +138,7 @@ def _without(rows: Sequence[Row]) -> tuple[str, ...]:
 
 def _draw(pool: Pool, title: str) -> Figure:
     panels = {}
-    for group in (None, *present_groups(pool)):
+    for group in (None, *present_groups(pool.summaries)):
         rows = []
         for metric in _METRICS:
             ours, told = _ours(pool, group, group, metric, STRICT), _published(group, metric)

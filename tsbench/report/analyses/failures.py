@@ -71,7 +71,7 @@ def _splits(pool: Pool, planner: str) -> Iterator[tuple[tuple[str, str, str], Sp
     records = pool.records[planner]
     bootstrap = ClusterBootstrap(pool.contract)
     group_of = np.array(records.groups)[records.kind]
-    for group in (ALL, *present_groups(pool)):
+    for group in (ALL, *present_groups(pool.summaries)):
         use = np.ones(len(records), dtype=bool) if group == ALL else group_of == group
         if not use.any():
             continue
@@ -108,7 +108,7 @@ def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: _Mask
 
 def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) -> Figure:
     """Stacked bars of all episodes, planners from top to bottom."""
-    names = dict.fromkeys((ALL, *present_groups(pool)))
+    names = dict.fromkeys((ALL, *present_groups(pool.summaries)))
     rows = range(len(pool.planners))
     figure, panels = make_panels(names, len(rows))
     for k, name in enumerate(names):

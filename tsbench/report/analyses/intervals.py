@@ -25,7 +25,7 @@ def intervals(pool: Pool) -> Analysis:
         Column("maps", "maps", Kind.COUNT), Column("types", "types\naveraged", Kind.COUNT),
         Column("published", "published\n%", Kind.NUMBER), Column("method", "interval", Kind.TEXT),
     )  # fmt: skip
-    panels = (None, *present_groups(pool))
+    panels = (None, *present_groups(pool.summaries))
     rows = []
     for p in pool.summaries:
         for group in panels:
@@ -64,7 +64,7 @@ def _figure(p: PlannerSummary, group: str | None) -> Twice | None:
 
 def _draw(pool: Pool, title: str) -> Figure:
     panels = {}
-    for group in (None, *present_groups(pool)):
+    for group in (None, *present_groups(pool.summaries)):
         name = group or ALL
         panels[name] = [_row(p, group, colour_of(name)) for p in pool.summaries]
     key = {

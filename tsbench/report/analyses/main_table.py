@@ -2,42 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.report.analyses.columns import pick, present_groups, readings
+from tsbench.metrics.outcome import Outcome
+from tsbench.metrics.records import METRICS
+from tsbench.report.analyses.columns import STRICT, pick, present_groups, readings
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.published import NOTE, published, published_metric, published_scd
 
-_METRICS = {
-    "driving_score": "DS\n%",
-    "destination": "dest.\n%",
-    "efficiency": "effic.\n%",
-    "collision": "coll.\n%",
-    "off_road": "off road\n%",
-    "comfort": "comf.\n%",
-    "engaged": "engag.\n%",
-}
+_METRICS = {name: metric for name, metric in METRICS.items() if metric.head}
 
 
-def main_table(pool: Pool) -> Analysis:
+def main_table(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
     """One row for each reading of each planner: strict, completed where it differs, published."""
-    groups = present_groups(pool)
+    groups = present_groups(planners)
     scd = [Column("scd_overall", "SCD\nall"), *(Column(f"scd_{g}", f"SCD\n{g}") for g in groups)]
     columns = (
         Column("planner", "planner", Kind.TEXT), Column("figure", "figure", Kind.TEXT), Column("n", "n", Kind.COUNT),
-        *scd, *(Column(name, head) for name, head in _METRICS.items()),
+        *scd, *(Column(name, f"{metric.head}\n{metric.unit}") for name, metric in _METRICS.items()),
     )  # fmt: skip
-    rows = tuple(row for p in pool.summaries for row in _rows(p, groups))
+    rows = tuple(row for p in planners for row in _rows(p, groups))
     notes = (
         "SCD: sign-compliant and arrived, %, macro mean over types; other metrics are means over episodes. Below each "
         "figure its 95 % interval (cluster bootstrap over maps; Wilson where maps do not differ)",
         "strict: error outcomes count as failures; completed: episodes without an error outcome. n: episodes; metrics "
         "that apply to fewer have their own n in the CSV",
-        NOTE,
+        *(f"{p.planner}: {line}" for p in planners for line in _warnings(p)),
+        *([NOTE] if any(p.planner in published() for p in planners) else []),
     )
-    return Analysis("main", pool.title("Main table"), pool.contract, Table(columns, rows, 3), notes)
+    return Analysis("main", title, contract, Table(columns, rows, 3), notes)
+
+
+def _warnings(p: PlannerSummary) -> Iterator[str]:
+    """What a reader of one planner's figures has to know."""
+    bad = {kind: n for kind, n in p.outcomes.items() if n and Outcome(kind).is_error}
+    if bad:
+        named = ", ".join(f"{n} {kind}" for kind, n in bad.items())
+        yield f"{p.recorded - p.completed} error outcomes ({named}), causes in errors/"
+    fewer = {name: n for name in _METRICS if (n := p.metrics[name].completed.n) < p.completed}
+    if fewer:
+        named = ", ".join(f"{name} {n}" for name, n in fewer.items())
+        yield f"of {p.completed} completed episodes these metrics apply to fewer: {named}"
+    overall = pick(p.overall, STRICT)
+    if overall is not None and overall.value is not None and overall.low is None:
+        yield f"no interval for the overall SCD: {overall.reason}"
 
 
 def _rows(p: PlannerSummary, groups: tuple[str, ...]) -> Iterator[Row]:

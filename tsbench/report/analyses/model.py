@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from tsbench.run.edition import edition_of
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -28,7 +30,7 @@ class Kind(StrEnum):
 class Value:
     """A figure with its interval and what it rests on; None where there is none, and then `reason` says why.
 
-    n: episodes, pairs or planners that count; None where it is not known.
+    n: episodes, pairs or planners that count; None where it is not known. mark: put behind it, "*" for significant.
     """
 
     value: float | None
@@ -36,11 +38,19 @@ class Value:
     high: float | None = None
     n: int | None = None
     reason: str = ""
+    mark: str = ""
 
     @classmethod
     def of(cls, figure: Estimate | Difference | None) -> Value | None:
         """That of an estimate or of a paired difference."""
         return None if figure is None else cls(figure.value, figure.low, figure.high, figure.n, figure.reason)
+
+    @classmethod
+    def difference(cls, figure: Difference) -> Value:
+        """That of a paired difference, with a mark where it is significant."""
+        return cls(
+            figure.value, figure.low, figure.high, figure.n, figure.reason, "*" if figure.significant else ""
+        )
 
 
 Cell = str | int | float | Value | None
@@ -48,12 +58,16 @@ Cell = str | int | float | Value | None
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column. key: its name in CSV; head: what readers see, with the unit; decimals: of what they see."""
+    """A column. key: its name in CSV; head: what readers see, with the unit; decimals: of what they see.
+
+    signed: values above 0 show their sign.
+    """
 
     key: str
     head: str
     kind: Kind = Kind.VALUE
     decimals: int = 1
+    signed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,5 +114,5 @@ class Analysis:
 
     @property
     def contract_line(self) -> str:
-        """The contract as it stands below tables and figures."""
-        return f"contract {self.contract}" if self.contract else ""
+        """The contract and its name, as they stand below tables and figures."""
+        return f"edition {edition_of(self.contract)}, contract {self.contract}" if self.contract else ""

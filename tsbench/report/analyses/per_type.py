@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
-
+from tsbench.metrics.aggregate import Figure as Twice
+from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_types
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.panels import put_title
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.shown import DASH
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _HALF = 50.0
 
 
-def per_type(pool: Pool) -> Analysis:
+def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
     """One row for each type; a second one, completed only, where some planner has error outcomes there."""
     rows: list[Row] = []
     last = ""
-    for kind, group in present_types(pool):
-        figures = [p.types.get(kind) for p in pool.summaries]
+    for kind, group in present_types(planners):
+        figures = [p.types.get(kind) for p in planners]
         differ = any(f and f.strict and f.strict.n != f.completed.n for f in figures)
         for reading in (STRICT, COMPLETED) if differ else (STRICT,):
             cells: list[Cell] = []
@@ -27,25 +31,41 @@ def per_type(pool: Pool) -> Analysis:
                 estimate = pick(figure, reading)
                 cells += [Value.of(estimate), None if estimate is None else estimate.n]
             first = reading == STRICT
-            rows.append(Row((group, kind, reading, *cells), starts=first and group != last, faint=not first))
+            rows.append(
+                Row(
+                    (group, kind, reading, *cells, _maps(figures, reading)),
+                    starts=first and group != last,
+                    faint=not first,
+                )
+            )
             last = group
     columns = [Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)]
     columns.append(Column("figure", "figure", Kind.TEXT))
-    for name in pool.planners:
+    for name in (p.planner for p in planners):
         columns += [Column(name, f"{name}\n%"), Column(f"{name}_episodes", "n", Kind.COUNT)]
+    columns.append(Column("maps", "maps", Kind.TEXT))
     notes = (
         "SCD: sign-compliant and arrived, % of n episodes. Below each figure its 95 % interval (cluster bootstrap over "
         "maps; Wilson where maps do not differ)",
         "strict: error outcomes count as failures; completed, where it differs: episodes without an error outcome",
     )
     table = Table(tuple(columns), tuple(rows), 3, 12)
-    title = pool.title("SCD by type")
-    return Analysis("types", title, pool.contract, table, notes, partial(_draw, pool, title))
+    return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
 
 
-def _draw(pool: Pool, title: str) -> Figure:
+def _maps(figures: Sequence[Twice | None], reading: str) -> str:
+    """How many maps a row rests on; where planners of a partial run differ, from least to most."""
+    counts = [e.clusters for figure in figures if (e := pick(figure, reading)) is not None]
+    return DASH.join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
+
+
+def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
     """Types from top to bottom, planners from left to right; strict figures."""
-    kinds, planners = present_types(pool), pool.summaries
+    from matplotlib.figure import Figure  # a run ends with this table, and needs no picture of it
+
+    from tsbench.report.analyses.panels import put_title
+
+    kinds = present_types(planners)
     figure = Figure(
         figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained"
     )
@@ -75,5 +95,5 @@ def _draw(pool: Pool, title: str) -> Figure:
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
     bar.set_label("SCD, % of n episodes for each planner (strict)", fontsize=8)
     bar.ax.tick_params(labelsize=8)
-    put_title(figure, title, pool.contract)
+    put_title(figure, title, contract)
     return figure

@@ -14,9 +14,9 @@ from tsbench.report.analyses.model import Analysis
 from tsbench.report.analyses.per_type import per_type
 from tsbench.report.analyses.pool import Pool, read_pool
 
-_OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
-    "main": main_table,
-    "types": per_type,
+OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
+    "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract),
+    "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
     "intervals": intervals,
     "failures": failures,
     "correlations": correlations,
@@ -27,4 +27,4 @@ def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analy
     """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
     if name == "ablation":
         return ablation(paths, allow_partial)
-    return _OF_POOL[name](read_pool(paths, allow_partial))
+    return OF_POOL[name](read_pool(paths, allow_partial))

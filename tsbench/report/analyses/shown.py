@@ -30,8 +30,8 @@ def print_analysis(analysis: Analysis, console: Console) -> None:
 
 
 def is_partial(analysis: Analysis) -> bool:
-    """Does the title say that records are missing?"""
-    return analysis.title.startswith("PARTIAL")
+    """Does the title say that records are missing, or that what was compared should not be?"""
+    return analysis.title.startswith(("PARTIAL", "FORCED"))
 
 
 def lines_of(column: Column, cell: Cell) -> tuple[str, ...]:
@@ -39,12 +39,15 @@ def lines_of(column: Column, cell: Cell) -> tuple[str, ...]:
     if isinstance(cell, Value):
         if cell.value is None:
             return (DASH,)
+        first = _number(cell.value, column.decimals) + cell.mark
+        if column.signed and not first.startswith("-"):
+            first = f"+{first}"
         if cell.low is None or cell.high is None:
-            return (_number(cell.value, column.decimals),)
+            return (first,)
         low, high = (_number(end, column.decimals) for end in (cell.low, cell.high))
         # A minus sign beside the dash between the ends would be hard to read.
         between = " to " if "-" in low + high else DASH
-        return _number(cell.value, column.decimals), f"{low}{between}{high}"
+        return first, f"{low}{between}{high}"
     if cell is None:
         return ("" if column.kind is Kind.TEXT else DASH,)
     if isinstance(cell, float):

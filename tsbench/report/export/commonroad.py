@@ -56,7 +56,7 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
     for obstacle in scene.obstacles:
         _add_static(root, obstacle, next_id)
         next_id += 1
-    ego = Track("ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
+    ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
     for track in [ego, *actor_tracks(trace)]:
         _add_dynamic(root, track, next_id)
         next_id += 1

@@ -1,6 +1,6 @@
 """An episode as an MCAP recording with Foxglove's schemas, for Foxglove, Lichtblick and whatever reads MCAP.
 
-Channels: /scene (roads, plates, obstacles, destination; once), /actors (everybody, each tick), /tf (map to ego), /ego
+Channels: /scene (all that a picture of the scene shows; once), /actors (everybody, each tick), /tf (map to ego), /ego
 (JSON: what the ego does), /violations (log lines). Time begins at 0. Units: m, s, rad, in the network's frame.
 """
 
@@ -9,13 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import shapely
 from foxglove import Channel, Context, open_mcap
 from foxglove.channels import FrameTransformChannel, LogChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 from foxglove.messages import (
     FrameTransform,
-    KeyValuePair,
     Log,
     LogLevel,
     SceneEntity,
@@ -27,24 +25,20 @@ from foxglove.messages import (
 )
 
 import tsbench
-from tsbench.report.bodies import CONVOY_PREFIX
-from tsbench.report.export.shapes import box, lettering, line, plate, surface, turned
+from tsbench.report.description import scene_facts
+from tsbench.report.drawing.scene import scene_shapes, tick_shapes
+from tsbench.report.export.shapes import FRAME, entities, turned
 from tsbench.report.outfile import whole_file
-from tsbench.report.places import destination_place, plate_line
-from tsbench.report.style import ATTRIBUTION, STYLE, Colour
+from tsbench.report.roads import road_shapes
+from tsbench.report.style import ATTRIBUTION
 from tsbench.rules.base import Violation
 from tsbench.run.trace import Trace
+from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, EgoState, WorldSnapshot
+from tsbench.sim.scene_file import EGO_ID
+from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
-FRAME, EGO = "map", "ego"
 _TICK_NS = round(DT_S * 1e9)
-_CAR_HEIGHT_M, _OBSTACLE_HEIGHT_M = 1.5, 0.8
-_HEIGHTS_M = {ActorKind.BUS: 3.0, ActorKind.PEDESTRIAN: 1.75, ActorKind.BICYCLE: 1.7}
-_COLOURS: dict[ActorKind, Colour] = {
-    ActorKind.CAR: STYLE.car, ActorKind.BUS: STYLE.bus, ActorKind.BICYCLE: STYLE.bicycle,
-    ActorKind.PEDESTRIAN: STYLE.pedestrian,
-}  # fmt: skip
 _EGO_FIELDS = {
     "speed": "m/s", "acceleration": "m/s2", "steering": "rad", "yaw_rate": "rad/s", "x": "m", "y": "m",
     "heading": "rad", "s": "m along the lane", "d": "m left of the lane's middle",
@@ -71,7 +65,7 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
             writer_options=MCAPWriteOptions(compression_threads=0),
         ) as writer,
     ):
-        writer.write_metadata("tsbench", _facts(trace))
+        writer.write_metadata("tsbench", _facts(trace, scene))
         SceneUpdateChannel("/scene", context=context).log(SceneUpdate(entities=_scene(scene)), log_time=0)
         actors = SceneUpdateChannel("/actors", context=context)
         frames = FrameTransformChannel("/tf", context=context)
@@ -89,7 +83,7 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
                 log.log(_message(events.pop(0)), log_time=now)
 
 
-def _facts(trace: Trace) -> dict[str, str]:
+def _facts(trace: Trace, scene: Scene) -> dict[str, str]:
     return {
         "tsbench": tsbench.__version__,
         "planner": trace.planner,
@@ -97,6 +91,7 @@ def _facts(trace: Trace) -> dict[str, str]:
         "outcome": str(trace.outcome),
         "compliant": str(trace.target.compliant).lower(),
         "roads": f"{ATTRIBUTION}, ODbL 1.0",
+        **scene_facts(scene),
     }
 
 
@@ -107,70 +102,25 @@ def _time(seconds: float) -> Timestamp:
 
 def _scene(scene: Scene) -> list[SceneEntity]:
     """What does not move."""
-    lanes = [lane for lane in scene.network.lanes if lane.permits("passenger")]
-    others = [lane for lane in scene.network.lanes if not lane.permits("passenger")]
-    goal = [
-        line(shapely.get_coordinates(area.exterior)[:-1], STYLE.destination, 0.4, closed=True)
-        for area in shapely.get_parts(destination_place(scene)[0])
-    ]
-    entities = [
-        SceneEntity(frame_id=FRAME, id="road", triangles=[surface(lanes, STYLE.asphalt)]),
-        SceneEntity(
-            frame_id=FRAME, id="other lanes", triangles=[surface(others, STYLE.reserved)] if others else []
-        ),
-        SceneEntity(frame_id=FRAME, id="destination", lines=goal),
-    ]
-    for sign in scene.signs:
-        rgb = STYLE.plate_line if sign.id == scene.target else STYLE.marking
-        value = "" if sign.value is None else f" ({sign.value:g})"
-        entities.append(
-            SceneEntity(
-                frame_id=FRAME,
-                id=sign.id,
-                cubes=[plate(sign.x, sign.y, sign.heading, rgb)],
-                texts=[lettering(sign.x, sign.y, f"{sign.code}{value}", rgb)],
-                lines=[line(plate_line(scene.network, sign), rgb, 0.25)],
-                metadata=[
-                    KeyValuePair(key="role", value=sign.role),
-                    KeyValuePair(key="code", value=sign.code),
-                ],
-            )
-        )
-    for o in scene.obstacles:
-        cube = box(o.x, o.y, o.heading, (o.length, o.width, _OBSTACLE_HEIGHT_M), STYLE.cone)
-        entities.append(SceneEntity(frame_id=FRAME, id=o.id, cubes=[cube]))
-    return entities
+    graph = LaneGraph(scene.network)
+    return entities((*road_shapes(scene.network), *scene_shapes(scene, graph)))
 
 
 def _actors(snapshot: WorldSnapshot, before: set[str]) -> tuple[SceneUpdate, set[str]]:
     """The road users of a tick, the removal of those who are no longer there, and who is there."""
-    table, actors = snapshot.actors.table, snapshot.actors
-    now = _time(snapshot.time)
-    ego = snapshot.ego
-    size = (EGO_LENGTH_M, EGO_WIDTH_M, _CAR_HEIGHT_M)
-    entities = [
-        SceneEntity(
-            timestamp=now, frame_id=FRAME, id=EGO, cubes=[box(ego.x, ego.y, ego.heading, size, STYLE.ego)]
-        )
-    ]
-    for row, (x, y, heading) in zip(actors.index.tolist(), actors.pose.tolist(), strict=True):
-        kind, name = ActorKind(int(table.kind[row])), table.ids[row]
-        size = (float(table.length[row]), float(table.width[row]), _HEIGHTS_M.get(kind, _CAR_HEIGHT_M))
-        rgb = STYLE.convoy if name.startswith(CONVOY_PREFIX) else _COLOURS[kind]
-        cube = box(x, y, heading, size, rgb)
-        entities.append(SceneEntity(timestamp=now, frame_id=FRAME, id=name, cubes=[cube]))
-    present = {EGO, *(table.ids[row] for row in actors.index.tolist())}
+    now, bodies = _time(snapshot.time), tick_shapes(snapshot)
+    present = {body.name for body in bodies}
     deletions = [
         SceneEntityDeletion(timestamp=now, type=SceneEntityDeletionType.MatchingId, id=name)
         for name in sorted(before - present)
     ]
-    return SceneUpdate(deletions=deletions, entities=entities), present
+    return SceneUpdate(deletions=deletions, entities=entities(bodies, now)), present
 
 
 def _frame(snapshot: WorldSnapshot) -> FrameTransform:
     ego = snapshot.ego
     return FrameTransform(
-        timestamp=_time(snapshot.time), parent_frame_id=FRAME, child_frame_id=EGO,
+        timestamp=_time(snapshot.time), parent_frame_id=FRAME, child_frame_id=EGO_ID,
         translation=Vector3(x=ego.x, y=ego.y, z=0.0), rotation=turned(ego.heading),
     )  # fmt: skip
 

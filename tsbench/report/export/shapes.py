@@ -1,36 +1,69 @@
-"""Primitives of Foxglove's 3D scenes from poses, lanes and colours. Units: m, rad."""
+"""Shapes as entities of Foxglove's 3D scenes. Units: m, rad."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 
 import numpy as np
+import shapely
 from foxglove.messages import (
     Color,
     CubePrimitive,
+    KeyValuePair,
     LinePrimitive,
     LinePrimitiveLineType,
     Point3,
     Pose,
     Quaternion,
+    SceneEntity,
     TextPrimitive,
+    Timestamp,
     TriangleListPrimitive,
     Vector3,
 )
 
 from tsbench.geometry.polyline import Array
-from tsbench.maps.network import Lane
-from tsbench.report.style import Colour
+from tsbench.report.description import sign_words
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape
+from tsbench.report.style import STYLE
 
-_ROAD_Z, _LINE_Z, _PLATE_Z = 0.0, 0.03, 2.0
+FRAME = "map"
+# Entities of the ground are named as the colours are, but for these.
+_NAMES = {"asphalt": "road", "reserved": "other lanes"}
+# What is painted later lies higher, or a viewer could not tell what covers what.
+_STEP_Z, _PLATE_Z = 0.005, 2.0
 _PLATE_M = (0.1, 0.7, 0.7)
 _LETTER_M = 1.2
+_SIMPLER_M = 0.05
+_CAR_HEIGHT_M = 1.5
+_HEIGHTS_M = {"bus": 3.0, "pedestrian": 1.75, "bicycle": 1.7, "cones": 0.8, "island": 0.8}
 
 
-def colour(rgb: Colour) -> Color:
-    """Opaque, 0-1."""
-    red, green, blue = (channel / 255 for channel in rgb)
-    return Color(r=red, g=green, b=blue, a=1.0)
+def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[SceneEntity]:
+    """One entity for each colour of the ground, each body and each plate."""
+    shapes = list(shapes)
+    surfaces: dict[str, list[TriangleListPrimitive]] = defaultdict(list)
+    lines: dict[str, list[LinePrimitive]] = defaultdict(list)
+    painted = [shape for shape in shapes if isinstance(shape, Area | Line)]
+    for level, (_, run) in enumerate(groupby(painted, _look)):
+        first, *rest = run
+        name, z = _NAMES.get(first.colour, first.colour), _STEP_Z * level
+        if isinstance(first, Area):
+            polygons = [area.polygon for area in (first, *rest) if isinstance(area, Area)]
+            surfaces[name].append(_surface(first, polygons, z))
+        else:
+            lines[name].append(
+                _lines(first, [line.points for line in (first, *rest) if isinstance(line, Line)], z)
+            )
+    ground = [
+        SceneEntity(frame_id=FRAME, id=name, timestamp=now, triangles=surfaces[name], lines=lines[name])
+        for name in dict.fromkeys((*surfaces, *lines))
+    ]
+    standing = [_body(body, now) for body in shapes if isinstance(body, Body)]
+    return [*ground, *standing, *(_plate(plate, now) for plate in shapes if isinstance(plate, Plate))]
 
 
 def turned(heading: float) -> Quaternion:
@@ -38,53 +71,70 @@ def turned(heading: float) -> Quaternion:
     return Quaternion(x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
 
 
-def pose(x: float, y: float, heading: float, z: float = 0.0) -> Pose:
-    """A pose on the plane, lifted by z."""
+def _look(shape: Area | Line) -> tuple[str, bool, float]:
+    """Neighbours that look alike are one primitive."""
+    is_area = isinstance(shape, Area)
+    return shape.colour, is_area, shape.opacity if isinstance(shape, Area) else shape.width
+
+
+def _colour(name: str, opacity: float = 1.0) -> Color:
+    red, green, blue = (channel / 255 for channel in getattr(STYLE, name))
+    return Color(r=red, g=green, b=blue, a=opacity)
+
+
+def _pose(x: float, y: float, heading: float, z: float) -> Pose:
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=turned(heading))
 
 
-def box(x: float, y: float, heading: float, size: tuple[float, float, float], rgb: Colour) -> CubePrimitive:
-    """A box that stands on the ground; size: length, width, height."""
-    length, width, height = size
-    return CubePrimitive(
-        pose=pose(x, y, heading, height / 2), size=Vector3(x=length, y=width, z=height), color=colour(rgb)
+def _points(points: Array, z: float) -> list[Point3]:
+    return [Point3(x=x, y=y, z=z) for x, y in points.tolist()]
+
+
+def _surface(look: Area, polygons: Sequence[shapely.Geometry], z: float) -> TriangleListPrimitive:
+    triangles = shapely.get_parts(
+        shapely.constrained_delaunay_triangles(shapely.simplify(polygons, _SIMPLER_M))
+    )
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    return TriangleListPrimitive(
+        pose=_pose(0.0, 0.0, 0.0, 0.0), points=_points(corners, z), color=_colour(look.colour, look.opacity)
     )
 
 
-def surface(lanes: list[Lane], rgb: Colour) -> TriangleListPrimitive:
-    """The lanes' strips, two triangles for each piece of their lines."""
-    points: list[Point3] = []
-    for lane in lanes:
-        left, right = lane.line.beside(lane.width / 2), lane.line.beside(-lane.width / 2)
-        a, b, c, d = left[:-1], right[:-1], right[1:], left[1:]
-        corners = np.stack((a, b, c, a, c, d), axis=1).reshape(-1, 2)
-        points += [Point3(x=x, y=y, z=_ROAD_Z) for x, y in corners.tolist()]
-    return TriangleListPrimitive(pose=pose(0.0, 0.0, 0.0), points=points, color=colour(rgb))
-
-
-def line(points: Array, rgb: Colour, thickness: float, closed: bool = False) -> LinePrimitive:
-    """A line on the road."""
+def _lines(look: Line, lines: Sequence[Array], z: float) -> LinePrimitive:
+    pieces = np.concatenate([np.stack((line[:-1], line[1:]), axis=1).reshape(-1, 2) for line in lines])
     return LinePrimitive(
-        type=LinePrimitiveLineType.LineLoop if closed else LinePrimitiveLineType.LineStrip,
-        pose=pose(0.0, 0.0, 0.0), thickness=thickness, color=colour(rgb),
-        points=[Point3(x=x, y=y, z=_LINE_Z) for x, y in points.tolist()],
+        type=LinePrimitiveLineType.LineList, pose=_pose(0.0, 0.0, 0.0, 0.0), thickness=look.width,
+        color=_colour(look.colour), points=_points(pieces, z),
     )  # fmt: skip
 
 
-def plate(x: float, y: float, heading: float, rgb: Colour) -> CubePrimitive:
-    """A plate on its post, facing the traffic that comes along `heading`."""
-    length, width, height = _PLATE_M
+def _cube(
+    x: float, y: float, heading: float, z: float, size: tuple[float, float, float], colour: str
+) -> CubePrimitive:
+    """size: length, width, height; z: of its middle."""
+    length, width, height = size
     return CubePrimitive(
-        pose=pose(x, y, heading, _PLATE_Z), size=Vector3(x=length, y=width, z=height), color=colour(rgb)
+        pose=_pose(x, y, heading, z), size=Vector3(x=length, y=width, z=height), color=_colour(colour)
     )
 
 
-def lettering(x: float, y: float, text: str, rgb: Colour) -> TextPrimitive:
-    """A text over a plate that turns to the camera."""
-    return TextPrimitive(
-        pose=pose(x, y, 0.0, _PLATE_Z + 1.0),
-        billboard=True,
-        font_size=_LETTER_M,
-        color=colour(rgb),
-        text=text,
+def _body(body: Body, now: Timestamp | None) -> SceneEntity:
+    """A box that stands on the ground."""
+    size = (body.length, body.width, _HEIGHTS_M.get(body.kind, _CAR_HEIGHT_M))
+    colour = "cone" if body.kind == "cones" else body.kind
+    cube = _cube(body.x, body.y, body.heading, size[2] / 2, size, colour)
+    return SceneEntity(frame_id=FRAME, id=body.name, timestamp=now, cubes=[cube])
+
+
+def _plate(plate: Plate, now: Timestamp | None) -> SceneEntity:
+    """A plate on its post, facing its traffic, below a text that turns to the camera."""
+    colour = "plate_line" if plate.target else "marking"
+    text = TextPrimitive(
+        pose=_pose(plate.x, plate.y, 0.0, _PLATE_Z + 1.0), billboard=True, font_size=_LETTER_M,
+        color=_colour(colour), text=sign_words(plate.code, plate.value),
+    )  # fmt: skip
+    known = [KeyValuePair(key="role", value=plate.role), KeyValuePair(key="code", value=plate.code)]
+    cube = _cube(plate.x, plate.y, plate.heading, _PLATE_Z, _PLATE_M, colour)
+    return SceneEntity(
+        frame_id=FRAME, id=plate.name, timestamp=now, cubes=[cube], texts=[text], metadata=known
     )

@@ -13,8 +13,13 @@ from tsbench.sim.world import ActorKind
 
 @dataclass(frozen=True)
 class Track:
-    """A road user over consecutive ticks. first: tick of the first row; rows: (n, 4) x, y (m), heading, speed (m/s)."""
+    """A road user over consecutive ticks.
 
+    index: in the trace's table, -1 for the ego; first: tick of the first row; rows: (n, 4) x, y (m), heading, speed
+    (m/s).
+    """
+
+    index: int
     name: str
     kind: ActorKind
     length: float
@@ -25,29 +30,24 @@ class Track:
 
 def actor_tracks(trace: Trace) -> list[Track]:
     """All other road users, by name and time; who leaves the ego's surroundings and comes back has several tracks."""
-    seen: dict[int, list[tuple[int, Array]]] = {}
-    for tick, snapshot in enumerate(trace.snapshots):
-        actors = snapshot.actors
-        rows = np.column_stack((actors.pose, actors.speed))
-        for index, row in zip(actors.index.tolist(), rows, strict=True):
-            seen.setdefault(index, []).append((tick, row))
-    table = trace.snapshots[-1].actors.table
-    tracks = []
-    for index in sorted(seen, key=lambda i: table.ids[i]):
-        ticks = np.array([tick for tick, _ in seen[index]])
-        for part in np.split(np.arange(len(ticks)), np.nonzero(np.diff(ticks) > 1)[0] + 1):
-            rows = np.array([seen[index][k][1] for k in part])
-            tracks.append(
-                Track(
-                    table.ids[index],
-                    ActorKind(int(table.kind[index])),
-                    float(table.length[index]),
-                    float(table.width[index]),
-                    int(ticks[part[0]]),
-                    rows,
-                )
-            )
-    return tracks
+    snapshots = trace.snapshots
+    table = snapshots[-1].actors.table
+    tick = np.repeat(np.arange(len(snapshots)), [len(s.actors) for s in snapshots])
+    user = np.concatenate([s.actors.index for s in snapshots]).astype(np.int64)
+    rows = np.concatenate([np.column_stack((s.actors.pose, s.actors.speed)) for s in snapshots])
+    # Users by name, each in the order of time.
+    rank = np.argsort(np.argsort(np.array(table.ids)))
+    order = np.lexsort((tick, rank[user]))
+    tick, user, rows = tick[order], user[order], rows[order]
+    breaks = np.flatnonzero((np.diff(user) != 0) | (np.diff(tick) != 1)) + 1
+    return [
+        Track(
+            int(user[part[0]]), table.ids[user[part[0]]], ActorKind(int(table.kind[user[part[0]]])),
+            float(table.length[user[part[0]]]), float(table.width[user[part[0]]]), int(tick[part[0]]), rows[part],
+        )
+        for part in np.split(np.arange(len(tick)), breaks)
+        if len(part)
+    ]  # fmt: skip
 
 
 def ego_rows(trace: Trace) -> Array:

@@ -13,9 +13,9 @@ escaped; SVG goes in as `markupsafe.Markup`, and only where tsbench itself drew 
     - `tsb.table(host, table, {open})` is a table with filters, sorting and "show more" (format: `table.js`; in Python
       `packing.pack_table`).
     - `new tsb.Bev(canvas)` is a bird's-eye view that knows no run: `addPlates(svgs)`, `show([drawing, ...])`,
-      `fit(box)`, `follow(x, y)`, `draw(moving)`. Drawings come from `drawing.py`: `roads_drawing(network)`,
-      `scene_drawing(scene, graph, staged=True)`, or a `Drawing` of one's own areas and lines; `plates_of(signs)` gives
-      the plates. Units: m in the network's frame, rad.
+      `fit(box)`, `follow(x, y)`, `draw(moving)`. `drawing.drawing(shapes)` makes a drawing of what
+      `report.roads` and `report.drawing.scene` yield, or of shapes of one's own; `drawing.plates_of` gives the plates.
+      Units: m in the network's frame, rad.
 * colours and sizes are in `static/base.css` for light and dark; those of bird's-eye views come from `report.style`.
 * `charts.inline_svg(figure)` turns a Matplotlib figure into inline SVG that takes the page's colours.
 

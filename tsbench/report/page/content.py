@@ -7,13 +7,10 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tsbench.report.analyses.correlations import LEAST_PLANNERS, correlations
-from tsbench.report.analyses.failures import failures
-from tsbench.report.analyses.intervals import intervals
-from tsbench.report.analyses.main_table import main_table
+from tsbench.report.analyses.correlations import LEAST_PLANNERS
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
-from tsbench.report.analyses.per_type import per_type
 from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.registry import OF_POOL
 from tsbench.report.analyses.shown import lines_of
 from tsbench.report.page.comparison import comparison
 from tsbench.report.page.packing import pack_table
@@ -28,15 +25,19 @@ _ROOM_FOR_SHARES = ("group", "figure")
 
 def sections(pool: Pool, stock: Stock) -> Iterator[Section]:
     """The report's analyses, in order: `id`, `head` and what `show` says."""
-    yield {"id": "summary", "head": "Summary", **show(main_table(pool))}
-    yield {"id": "intervals", "head": "How sure", **show(intervals(pool), fold=True)}
-    yield {"id": "types", "head": "By type", **show(per_type(pool), heat=True, figure=False)}
+    yield {"id": "summary", "head": "Summary", **show(OF_POOL["main"](pool))}
+    yield {"id": "intervals", "head": "How sure", **show(OF_POOL["intervals"](pool), fold=True)}
+    yield {"id": "types", "head": "By type", **show(OF_POOL["types"](pool), heat=True, figure=False)}
     compared = comparison(pool)
     if compared is not None:
         yield {"id": "planners", "head": "Planners compared", **show(compared)}
-    yield {"id": "failures", "head": "Failures", **show(failures(pool), fold=True)}
+    yield {"id": "failures", "head": "Failures", **show(OF_POOL["failures"](pool), fold=True)}
     if len(pool.planners) >= LEAST_PLANNERS:
-        yield {"id": "correlations", "head": "What goes with SCD", **show(correlations(pool), fold=True)}
+        yield {
+            "id": "correlations",
+            "head": "What goes with SCD",
+            **show(OF_POOL["correlations"](pool), fold=True),
+        }
     calibrated = traffic(pool, stock)
     if calibrated is not None:
         yield {"id": "traffic", "head": "Traffic against nuPlan", **show(calibrated)}

@@ -18,7 +18,7 @@ from tsbench.report.outfile import whole_file
 from tsbench.report.page.dataset_map import pack_places
 from tsbench.report.page.dataset_scenes import Group, Plate, pack_scenes, scene_blob
 from tsbench.report.page.dataset_table import pack_details, pack_rows
-from tsbench.report.page.drawing import plate_key
+from tsbench.report.page.drawing import plates_of
 from tsbench.report.page.shell import render_page
 from tsbench.report.render import scene_picture
 from tsbench.report.style import STYLE
@@ -58,7 +58,7 @@ def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, pr
     for key, packed, shown in pack_scenes(groups, workers, progress):
         blobs[scene_blob(*key)] = packed
         plates |= shown
-    pictures = {plate_key(*plate): plate_svg(*plate) for plate in sorted(plates, key=str)}
+    pictures = plates_of(sorted(plates, key=str))
     text = render_page(
         "dataset.html", title="tsbench scenarios", data={"plates": pictures}, blobs=blobs,
         scripts=("dataset_map.js", "dataset.js"), cards=_cards(rows, catalog), facts=_facts(rows, proofs),

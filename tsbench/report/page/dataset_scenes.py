@@ -7,8 +7,10 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
 
-from tsbench.report.page.drawing import roads_drawing, scene_drawing
+from tsbench.report.drawing.scene import scene_shapes
+from tsbench.report.page.drawing import drawing
 from tsbench.report.page.packing import pack
+from tsbench.report.roads import road_shapes
 from tsbench.scenarios.load import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -45,6 +47,6 @@ def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[Plate]]:
     plates: set[Plate] = set()
     for row in rows:
         scene, roads = _loader().load(row)
-        scenes[str(row.variant)] = scene_drawing(scene, roads.graph, staged=True)
+        scenes[str(row.variant)] = drawing(scene_shapes(scene, roads.graph, start=True))
         plates |= {(sign.code, sign.value) for sign in scene.signs}
-    return pack({"roads": roads_drawing(scene.network), "scenes": scenes}), plates
+    return pack({"roads": drawing(road_shapes(scene.network)), "scenes": scenes}), plates

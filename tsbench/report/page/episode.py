@@ -16,13 +16,16 @@ import numpy.typing as npt
 
 from tsbench.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.report.bodies import CONVOY_PREFIX
-from tsbench.report.page.drawing import box_around, plate_key, roads_drawing, scene_drawing
+from tsbench.report.description import episode_subtitle, episode_title
+from tsbench.report.drawing.scene import body_kind, scene_shapes
+from tsbench.report.export.tracks import actor_tracks, ego_rows
+from tsbench.report.page.drawing import drawing, plate_key
 from tsbench.report.page.packing import deltas, pack
+from tsbench.report.roads import road_shapes
 from tsbench.run.trace import Trace, read_trace, verdict_to_dict
 from tsbench.scenarios.load import SceneLoader
 from tsbench.signs.plates import plate_svg
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 
 _UNIT_M, _UNIT_RAD, _UNIT_MPS = 0.05, 2 * np.pi / 2048, 0.05
 _ROOM_M = 12.0
@@ -55,22 +58,22 @@ class EpisodePacker:
         if (trace.planner, trace.spec.scenario_id) != key:
             raise InputError(f"{path}: is the trace of {trace.planner} {trace.spec.scenario_id}")
         scene, roads = self._loader.load(trace.spec)
-        track = np.array([(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in trace.snapshots])
+        track = ego_rows(trace)
         if not np.isfinite(track).all():
             raise InputError(f"{path}: the ego's state is not finite: nothing to draw")
-        points = [*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role != "context")]
-        drawing = scene_drawing(scene, roads.graph)
+        points = np.array([*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role != "context")])
+        furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
             **_about(trace),
             "roads": trace.spec.net_sha256,
-            "scene": drawing,
-            "box": [round(v, 1) for v in box_around(np.array(points), _ROOM_M)],
+            "scene": furnished,
+            "box": np.round((points.min(axis=0) - _ROOM_M, points.max(axis=0) + _ROOM_M), 1).ravel().tolist(),
         }
         parts, arrays = _motion(trace, track)
         net = trace.spec.net_sha256
         if net not in self._roads:
-            self._roads[net] = pack({"drawing": roads_drawing(scene.network)})
-        return Packed(pack({**header, **parts}, arrays), net, self._roads[net], _plates(drawing))
+            self._roads[net] = pack({"drawing": drawing(road_shapes(scene.network))})
+        return Packed(pack({**header, **parts}, arrays), net, self._roads[net], _plates(furnished))
 
 
 def pack_plate(key: str) -> bytes:
@@ -91,9 +94,9 @@ def _about(trace: Trace) -> dict[str, Any]:
         for event in verdict_to_dict(verdict)["violations"]
     ]
     return {
-        "planner": trace.planner, "scenario": spec.scenario_id, "type": spec.scenario_type, "group": spec.group,
-        "map": spec.map_id, "split": spec.split, "plate": plate_key(spec.sign_code, spec.sign_value),
-        "code": spec.sign_code, "outcome": str(trace.outcome), "error": trace.error,
+        "planner": trace.planner, "scenario": spec.scenario_id, "title": episode_title(trace),
+        "subtitle": episode_subtitle(trace), "plate": plate_key(spec.sign_code, spec.sign_value),
+        "outcome": str(trace.outcome), "error": trace.error,
         "engaged": trace.target.engaged, "compliant": trace.target.compliant,
         "partner": None if trace.contact is None else trace.contact.partner,
         "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
@@ -102,16 +105,10 @@ def _about(trace: Trace) -> dict[str, Any]:
 
 def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.int16]]]:
     """Ego and road users. Pieces: [actor, first tick, ticks] without a gap, in the order of the arrays."""
-    snapshots = trace.snapshots
-    tick = np.repeat(np.arange(len(snapshots)), [len(s.actors) for s in snapshots])
-    actor = np.concatenate([s.actors.index for s in snapshots]).astype(np.int64)
-    pose = np.concatenate([s.actors.pose for s in snapshots])
-    order = np.lexsort((tick, actor))
-    tick, actor, pose = tick[order], actor[order], pose[order]
-    fresh = np.ones(len(tick), dtype=bool)
-    fresh[1:] = (np.diff(actor) != 0) | (np.diff(tick) != 1)
-    starts = np.flatnonzero(fresh)
-    lengths = np.diff(np.append(starts, len(tick)))
+    snapshots, tracks = trace.snapshots, actor_tracks(trace)
+    pose = np.concatenate([np.zeros((0, 4)), *(t.rows for t in tracks)])
+    lengths = [len(t.rows) for t in tracks]
+    starts = np.cumsum([0, *lengths])[:-1]
     middle = (track[:, :2].min(axis=0) + track[:, :2].max(axis=0)) / 2
     reach = max(float(np.abs(p - middle).max()) for p in (track[:, :2], pose[:, :2]) if len(p))
     unit = max(_UNIT_M, reach / _LARGEST)
@@ -122,13 +119,12 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
         arrays[f"{name}_h"] = deltas(_turns(xyh[:, 2], at), at)
     arrays["ego_v"] = deltas(np.rint(track[:, 3] / _UNIT_MPS), np.zeros(1, dtype=np.int64))
     table = snapshots[-1].actors.table
-    kinds = [ActorKind(int(kind)).name.lower() for kind in table.kind[: len(table.ids)]]
     sizes = np.round(np.column_stack((table.length, table.width))[: len(table.ids)], 2).tolist()
     actors = [
-        [name, "convoy" if name.startswith(CONVOY_PREFIX) else kind, *size]
-        for name, kind, size in zip(table.ids, kinds, sizes, strict=True)
+        [name, body_kind(table, row), *size]
+        for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
     ]
-    pieces = np.column_stack((actor[starts], tick[starts], lengths)).tolist()
+    pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
     parts = {
         "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
         "actors": actors, "pieces": pieces, "middle": middle.tolist(),

@@ -16,7 +16,6 @@ from tsbench.report.page.stock import Stock, take_stock
 from tsbench.run.files import told_plainly, write_atomic
 
 MEGABYTE = 1_000_000
-DEFAULT_MB = 20.0
 NAME = "report.html"
 _SCRIPTS = ("player.js", "report.js")
 

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
 import tsbench
@@ -22,10 +22,10 @@ BASE_SCRIPTS = ("core.js", "table.js", "bev.js")
 
 @cache
 def environment() -> Environment:
-    """Templates with escaping on; a name that is not given is an error."""
+    """Templates, HTML with escaping on; a name that is not given is an error."""
     return Environment(
-        loader=PackageLoader(_PACKAGE), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True, keep_trailing_newline=True,
+        loader=PackageLoader(_PACKAGE), autoescape=select_autoescape(["html"]), undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
 
 

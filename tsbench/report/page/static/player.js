@@ -195,10 +195,10 @@ tsb.player = (() => {
     if (mine !== asked) return; // another one was opened meanwhile
     if (!found.unpacked) ready(found);
     episode = found;
-    get("title").textContent = `${episode.planner}: ${episode.type}`;
-    get("sub").textContent = `${episode.scenario} · sign ${episode.code} · ${episode.group} · ${episode.split}`;
+    get("title").textContent = episode.title;
+    get("sub").textContent = episode.subtitle;
     get("plate").src = view.plates.get(episode.plate)?.src ?? "";
-    get("plate").alt = `plate ${episode.code}`;
+    get("plate").alt = `plate ${episode.plate.split("|")[0]}`;
     get("time").max = episode.ticks - 1;
     get("violation").disabled = !episode.events.some((event) => event.target);
     get("before").disabled = neighbour(-1) === null;

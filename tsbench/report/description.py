@@ -1,0 +1,39 @@
+"""Episodes and scenes in words: what captions, pages, recordings and `tsbench scenarios show` say of them."""
+
+from __future__ import annotations
+
+from tsbench.run.trace import Trace
+from tsbench.signs.countries import Country, shown_code
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S
+
+
+def sign_words(code: str, value: float | None, country: Country | None = None) -> str:
+    """A plate's code in a country, with the number that it posts."""
+    return shown_code(code, country) + ("" if value is None else f" ({value:g})")
+
+
+def episode_title(trace: Trace) -> str:
+    """Who drives what."""
+    return f"{trace.planner}: {trace.spec.scenario_type}"
+
+
+def episode_subtitle(trace: Trace, country: Country | None = None) -> str:
+    """Which scene it is, in one line."""
+    spec = trace.spec
+    sign = sign_words(spec.sign_code, spec.sign_value, country)
+    return f"{spec.scenario_id} · sign {sign} · {spec.group} · {spec.split}"
+
+
+def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:
+    """What stands in a scene, which ways lead through it, and for how long one may drive."""
+    sign = scene.target_sign
+    return {
+        "sign": f"{sign_words(sign.code, sign.value, country)} on edge {sign.edge} at {sign.position_m:.0f} m",
+        "plates": ", ".join(f"{shown_code(s.code, country)} ({s.role}) on {s.edge}" for s in scene.signs),
+        "obstacles": ", ".join(f"{o.shape} on {o.lane}" for o in scene.obstacles) or "none",
+        "convoy": f"{len(scene.convoy.vehicles)} vehicles" if scene.convoy else "none",
+        "navigation": " > ".join(scene.route_hint),
+        "obedient way": " > ".join(scene.compliant_hint) or "the same",
+        "time": f"{scene.horizon * DT_S:.0f} s",
+    }

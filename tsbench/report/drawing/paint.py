@@ -1,0 +1,133 @@
+"""Shapes into pixels with OpenCV. Fast enough for bulk video: a frame is a few dozen small shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import cv2
+import numpy as np
+import shapely
+
+from tsbench.geometry.footprint import corners
+from tsbench.geometry.polyline import Array
+from tsbench.report.camera import SHIFT, Camera, Fixed, Image
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
+from tsbench.report.lettering import paste
+from tsbench.report.style import STYLE, Colour
+from tsbench.signs.plates import plate_rgba
+
+# Outline of a car of length and width 1, nose to +x; then the windscreen.
+_HALF_BODY = [(0.5, 0.28), (0.44, 0.44), (0.3, 0.5), (-0.44, 0.5), (-0.5, 0.4)]
+_BODY = np.array(_HALF_BODY + [(u, -v) for u, v in reversed(_HALF_BODY)])
+_SCREEN = np.array([(0.26, 0.4), (0.1, 0.33), (0.1, -0.33), (0.26, -0.4)])
+_SHAPE = np.vstack((_BODY, _SCREEN))
+# Somebody on foot and a cone are wider than they are where the scale would make them a speck.
+_DISC_M, _PERSON_PX, _CONE_PX = 0.35, 3.5, 4.5
+_PLATE_M, _PLATE_PX = 4.5, (30, 60)
+_REACH_M = 10.0
+
+
+def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> None:
+    """Paint shapes over a picture, in their order; plates make room for each other."""
+    shapes = list(shapes)
+    outlines = iter(outlines_of(camera, [shape for shape in shapes if isinstance(shape, Body)]))
+    plates: list[tuple[float, float]] = []
+    for shape in shapes:
+        match shape:
+            case Body():
+                _body(image, camera, shape, next(outlines))
+            case Line():
+                points, colour = camera.fixed(shape.points), getattr(STYLE, shape.colour)
+                cv2.polylines(
+                    image, [points], False, colour, camera.thickness(shape.width), cv2.LINE_AA, SHIFT
+                )
+            case Area():
+                _area(image, camera, shape)
+            case Plate():
+                plates.append(_plate(image, camera, shape, plates))
+
+
+def outlines_of(camera: Camera, bodies: Sequence[Body]) -> Fixed:
+    """(n, points, 2): the shapes of n vehicles where OpenCV draws them; `body_outline` is a part of each."""
+    table = np.array([(b.x, b.y, b.heading, b.length, b.width) for b in bodies]).reshape(-1, 5)
+    x, y, heading, length, width = table.T[:, :, None]
+    c, s = np.cos(heading), np.sin(heading)
+    u, v = _SHAPE[:, 0] * length, _SHAPE[:, 1] * width
+    points = np.stack((x + u * c - v * s, y + u * s + v * c), axis=-1)
+    return camera.fixed(points).reshape(len(bodies), len(_SHAPE), 2)
+
+
+def paint_outline(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
+    """A vehicle's outline only: where it was."""
+    outline = outlines_of(camera, [body])[0, : len(_BODY)]
+    cv2.polylines(image, [outline], True, colour, 2, cv2.LINE_AA, SHIFT)
+
+
+def _body(image: Image, camera: Camera, body: Body, outline: Fixed) -> None:
+    reach = _REACH_M * camera.scale
+    (x, y), height, width = (outline[0] >> SHIFT).tolist(), *image.shape[:2]
+    if not (-reach < x < width + reach and -reach < y < height + reach):
+        return
+    colour: Colour = getattr(STYLE, "cone" if body.kind == "cones" else body.kind)
+    if body.kind == "pedestrian":
+        _disc(image, camera, (body.x, body.y), max(_DISC_M, _PERSON_PX / camera.scale), colour)
+    elif body.kind == "cones":
+        radius = max(_DISC_M, _CONE_PX / camera.scale)
+        for at in cone_places(body):
+            _disc(image, camera, at, radius, colour)
+            _disc(image, camera, at, 0.45 * radius, STYLE.marking)
+    elif body.kind == "island":
+        box = camera.fixed(np.array(corners(body.x, body.y, body.heading, body.length, body.width)))
+        cv2.fillConvexPoly(image, box, colour, cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, [box], True, STYLE.violation, camera.thickness(0.15), cv2.LINE_AA, SHIFT)
+    else:
+        cv2.fillConvexPoly(image, outline[: len(_BODY)], colour, cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, [outline[: len(_BODY)]], True, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
+        cv2.fillConvexPoly(image, outline[len(_BODY) :], STYLE.glass, cv2.LINE_AA, SHIFT)
+
+
+def _disc(
+    image: Image, camera: Camera, at: Array | tuple[float, float], radius: float, colour: Colour
+) -> None:
+    """A round thing with an outline; radius in m."""
+    centre, size = camera.fixed(at)[0].tolist(), round(radius * camera.scale * (1 << SHIFT))
+    cv2.circle(image, centre, size, colour, -1, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, centre, size, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
+
+
+def _area(image: Image, camera: Camera, area: Area) -> None:
+    ground = image if area.opacity == 1.0 else image.copy()
+    for polygon in shapely.get_parts(area.polygon):
+        if polygon.geom_type == "Polygon" and not polygon.is_empty:
+            rings = [camera.fixed(shapely.get_coordinates(r)) for r in (polygon.exterior, *polygon.interiors)]
+            cv2.fillPoly(ground, rings, getattr(STYLE, area.colour), cv2.LINE_AA, SHIFT)
+    if ground is not image:
+        cv2.addWeighted(ground, area.opacity, image, 1.0 - area.opacity, 0.0, dst=image)
+
+
+def _plate(
+    image: Image, camera: Camera, plate: Plate, placed: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """A plate upright beside its post, off the road, with a frame where it is the target; returns its middle in px."""
+    size = round(min(max(_PLATE_M * camera.scale, _PLATE_PX[0]), _PLATE_PX[1]))
+    post = camera.px([(plate.x, plate.y)])[0]
+    centre = post + plate.away * (size / 2 + 4 + plate.clear * camera.scale)
+    while any(abs(centre[0] - x) < size and abs(centre[1] - y) < size for x, y in placed):
+        centre = centre + plate.away * (size / 2)
+    cv2.line(image, _fixed(post), _fixed(centre), STYLE.outline, 2, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, _fixed(post), 3 << SHIFT, STYLE.outline, -1, cv2.LINE_AA, SHIFT)
+    if plate.target:
+        half = size / 2 + 3
+        frame = np.array([
+            _fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        ])  # fmt: skip
+        cv2.fillPoly(image, [frame], STYLE.marking, cv2.LINE_AA, SHIFT)
+        cv2.polylines(image, [frame], True, STYLE.plate_line, 3, cv2.LINE_AA, SHIFT)
+    picture = plate_rgba(plate.code, plate.value, size)
+    left, top = np.rint(centre - size / 2).astype(int).tolist()
+    paste(image, left, top, picture[..., :3], picture[..., 3])
+    return float(centre[0]), float(centre[1])
+
+
+def _fixed(point: Array) -> tuple[int, int]:
+    return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
