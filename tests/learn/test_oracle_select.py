@@ -181,7 +181,7 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         folder, told = full / "none", "no collection"
     else:
         manifest.write_text(text.replace('"collection"', '"other"'))
-        told = "no collection"
+        told = "not the manifest of a tsbench run"
     with pytest.raises(InputError, match=told):
         select(folder, full / "oracle.parquet", allow_partial=False)
 

@@ -45,9 +45,15 @@ def specs(maps: int = 2, variants: int = 10) -> list[ScenarioSpec]:
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
-    """Process ids of the workers of a run."""
-    pids = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    return [int(pid) for pid in pids if _is_worker(int(pid))]
+    """Process ids of the workers of a run, each the child of its warden."""
+    return [pid for warden in _children(process.pid) for pid in _children(warden) if _is_worker(pid)]
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    except (FileNotFoundError, ProcessLookupError):
+        return []
 
 
 def assert_gone(pids: list[int]) -> None:

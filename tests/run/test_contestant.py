@@ -125,5 +125,5 @@ def test_what_a_planner_lacks_is_named_with_what_installs_it(
 def test_a_planner_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     text = "class P:\n    def __init__(self): raise SystemExit('no licence')\n"
     (tmp_path / "unmade.py").write_text(f"{text}    def reset(self, c): ...\n    def act(self, o): ...\n")
-    with pytest.raises(InputError, match=r"cannot be made: SystemExit: no licence .*unmade.py, line 2"):
+    with pytest.raises(InputError, match=r"cannot be made: SystemExit: no licence .*unmade\.py, line 2"):
         describe(f"{tmp_path / 'unmade.py'}:P")
