@@ -2,9 +2,63 @@
 process of the suite stays small.
 """
 
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
 from hypothesis import settings
+from simworld import SceneMaker, block_plain, cross_plain, road_plain, simulation
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.sim.sumo import Simulation
 
 pytest_plugins = ["memory_guard", "own_process"]
 
 settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")
+
+
+@pytest.fixture(scope="session")
+def net_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("nets")
+    build_net(block_plain(), folder / "block.net.xml.gz")
+    build_net(cross_plain(), folder / "cross.net.xml.gz")
+    build_net(road_plain(), folder / "road.net.xml.gz")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def block(net_folder: Path) -> RoadNetwork:
+    return read_network(net_folder / "block.net.xml.gz")
+
+
+@pytest.fixture(scope="session")
+def cross(net_folder: Path) -> RoadNetwork:
+    return read_network(net_folder / "cross.net.xml.gz")
+
+
+@pytest.fixture(scope="session")
+def road(net_folder: Path) -> RoadNetwork:
+    return read_network(net_folder / "road.net.xml.gz")
+
+
+@pytest.fixture(scope="session")
+def sim() -> Simulation:
+    return simulation()
+
+
+@pytest.fixture(scope="session")
+def on_block(net_folder: Path, block: RoadNetwork) -> SceneMaker:
+    return SceneMaker(net_folder, net_folder / "block.net.xml.gz", block)
+
+
+@pytest.fixture(scope="session")
+def on_cross(net_folder: Path, cross: RoadNetwork) -> SceneMaker:
+    return SceneMaker(net_folder, net_folder / "cross.net.xml.gz", cross)
+
+
+@pytest.fixture(scope="session")
+def on_road(net_folder: Path, road: RoadNetwork) -> SceneMaker:
+    return SceneMaker(net_folder, net_folder / "road.net.xml.gz", road)

@@ -8,12 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from patience import HANG_S
+from stop_policy import HANG_S
 
 HERE = Path(__file__).parent
-CONFTEST = f"""
+CONFTEST = """
 import sys
-sys.path.insert(0, {str(HERE)!r})
 import memory_guard
 pytest_plugins = ["memory_guard", "own_process"]
 memory_guard.MOST_MB = @MOST@

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from tsbench.planners.base import Planner as Planner
     from tsbench.planners.base import PlannerContext as PlannerContext
     from tsbench.planners.base import Trajectory as Trajectory
+    from tsbench.planners.common.pure_pursuit import pursue_route as pursue_route
     from tsbench.planners.helpers import RoadAhead as RoadAhead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
-    from tsbench.planners.steering import pursue_route as pursue_route
 
 __version__ = "0.1.0"
 
@@ -27,7 +27,7 @@ _PUBLIC = {
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
     "Trajectory": "tsbench.planners.base",
-    "pursue_route": "tsbench.planners.steering",
+    "pursue_route": "tsbench.planners.common.pure_pursuit",
     "sign_ahead": "tsbench.planners.helpers",
 }
 __all__ = [

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 from command_line import in_process, refused
-from made_runs import CONTRACT, episodes, failed, lost, make_run
 from PIL import Image
+from run_builders import CONTRACT, episodes, failed, lost, make_run
 
 from tsbench.report.analyses.correlations import metric_mean
 from tsbench.report.analyses.output import write_analysis
@@ -22,7 +22,7 @@ KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing is what takes time, and the tests of figures draw them all."""
-    monkeypatch.setattr("tsbench.report.charts.save_chart", lambda draw, *paths: None)
+    monkeypatch.setattr("tsbench.report.tables.charts.save_chart", lambda draw, *paths: None)
 
 
 @pytest.fixture

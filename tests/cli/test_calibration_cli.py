@@ -5,24 +5,23 @@ from __future__ import annotations
 import csv
 import importlib
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tsbench import paths as repository_paths
 from tsbench.cli import main
-from tsbench.maps.build import build_net
-from tsbench.maps.network import read_network
+from tsbench.core import paths as repository_paths
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.scenes.traffic import Car
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, write_certificates
 from tsbench.scenarios.table import table_path, write_table
-from tsbench.scenarios.traffic import Car
-from tsbench.sim.scene import Destination, EgoStart
+from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "tests" / "sim"))
 world = importlib.import_module("simworld")
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from command_line import in_process, refused
-from made_runs import CONTRACT, episodes, failed, lost, make_run
 from PIL import Image
+from run_builders import CONTRACT, episodes, failed, lost, make_run
 
 from tsbench.run.edition import editions
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from tsbench.cli import main
-from tsbench.run.doctor import examine
-from tsbench.run.doctor.finding import Finding, Status
+from tsbench.tools.doctor import examine
+from tsbench.tools.doctor.finding import Finding, Status
 
 
 @pytest.mark.parametrize(

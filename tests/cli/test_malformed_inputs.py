@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_runs import episodes, make_run
+from run_builders import episodes, make_run
 
-from tsbench import parquet, xmlfile
 from tsbench.cli import main
-from tsbench.errors import InputError
-from tsbench.paths import data_root
-from tsbench.run.manifest import read_manifest
-from tsbench.scenarios.overview import build_report
-from tsbench.scenarios.recipe import load_recipe, recipes_folder
+from tsbench.core import parquet, xmlfile
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_root
+from tsbench.dataset.scenes.overview import build_report
+from tsbench.dataset.scenes.recipe import load_recipe, recipes_folder
+from tsbench.run.log.manifest import read_manifest
 from tsbench.signs.catalog import load_catalog
 
 # What may stand where a file should: bytes, or something else than a file.

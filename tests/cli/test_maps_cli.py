@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 
 from tsbench.cli.maps import maps
-from tsbench.errors import InputError
-from tsbench.maps import fetch as fetching
-from tsbench.maps.fetch import fetch_extract, parse_box
+from tsbench.core.errors import InputError
+from tsbench.dataset.maps import fetch as fetching
+from tsbench.dataset.maps.fetch import fetch_extract, parse_box
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" version="1" lat="55.80" lon="37.40"/><node id="2" version="1" lat="55.801" lon="37.40"/>

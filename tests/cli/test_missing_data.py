@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from command_line import in_process, refused
 
-from tsbench import paths
+from tsbench.core import paths
+from tsbench.core.errors import InputError
 from tsbench.envs.drive import DriveEnv
-from tsbench.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = "no such scene files (tsbench data fetch --from DIR|URL train)"

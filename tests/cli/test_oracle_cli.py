@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_line import Command, in_process, refused
 
-from tsbench.learn.trajectories import Recorded, write_trajectories
+from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 

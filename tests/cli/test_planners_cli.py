@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from patience import HANG_S
+from stop_policy import HANG_S
 
 from tsbench.cli import main
 from tsbench.cli.planners import planners
-from tsbench.errors import SimulationError
-from tsbench.metrics.outcome import Outcome
+from tsbench.core.errors import SimulationError
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.result import EpisodeResult
 from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
-from tsbench.run.check import Seen, check_driving, choose, findings
-from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
+from tsbench.tools.check import Seen, check_driving, choose, findings
 
 BAD = """
 import os, random, time

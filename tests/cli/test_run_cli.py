@@ -9,10 +9,10 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from patience import HANG_S
+from stop_policy import HANG_S
 
-from tsbench.paths import data_root
-from tsbench.run.schema import EPISODES
+from tsbench.core.paths import data_root
+from tsbench.run.log.schema import EPISODES
 
 ROOT = Path(__file__).parent.parent.parent
 HEAVY = ("torch", "matplotlib", "libsumo", "scipy", "pyarrow", "cv2", "rich")

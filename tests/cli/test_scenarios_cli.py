@@ -5,29 +5,28 @@ from __future__ import annotations
 import gzip
 import importlib
 import shutil
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tsbench import paths as repository_paths
 from tsbench.cli import main
-from tsbench.maps.build import build_net
-from tsbench.maps.network import read_network
-from tsbench.maps.pool import write_pool
+from tsbench.core import paths as repository_paths
+from tsbench.dataset.maps.build import build_net
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates
+from tsbench.scenarios.map_pool import write_pool
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path, write_table
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.scene import Destination, EgoStart
+from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]
 # The hand-made scenes and pool rows are shared with the tests of the simulation and of scenarios.
-sys.path += [str(ROOT / "tests" / "sim"), str(ROOT / "tests" / "scenarios")]
 world = importlib.import_module("simworld")
-madepool = importlib.import_module("madepool")
+pool_builders = importlib.import_module("pool_builders")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
             rows[split].append(replace(spec, map_id=f"j-{split}", split=split, variant=k))
         write_table(rows[split], table_path(split, folder))
         world.store_scenes(rows[split], built, folder)
-    pool = [madepool.crossroads("j-train", east=0.0), madepool.crossroads("j-test", east=5000.0)]
+    pool = [pool_builders.crossroads("j-train", east=0.0), pool_builders.crossroads("j-test", east=5000.0)]
     write_pool(pool, root / "sumo_nets" / "pool.parquet")
     (folder / "build_report.json").write_text(
         '[{"type_id": "yield", "split": "test", "maps": {}, "missed": {"X": 3}, "short": 0,'
@@ -158,11 +157,11 @@ def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pool = data / "sumo_nets" / "pool.parquet"
-    write_pool([madepool.crossroads("j-train"), madepool.crossroads("j-test", east=400.0)], pool)
+    write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=400.0)], pool)
     assert "j-train: is within 300 m of test map j-test" in run(capsys, "verify", expect=1)
-    write_pool([madepool.crossroads("j-train"), madepool.crossroads("j-test", east=421.0)], pool)
+    write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=421.0)], pool)
     run(capsys, "verify")
-    write_pool([madepool.crossroads("j-train")], pool)
+    write_pool([pool_builders.crossroads("j-train")], pool)
     assert "j-test: map is not in the pool" in run(capsys, "verify", expect=1)
     table = table_path("test", data / "scenarios")
     write_table([replace(r, map_id="j-train") for r in read_table(table)], table)

@@ -8,7 +8,7 @@ from click.testing import CliRunner, Result
 from PIL import Image
 
 from tsbench.cli.signs import signs
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import load_countries
 

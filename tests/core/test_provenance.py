@@ -36,12 +36,16 @@ def names(*starts: str) -> set[str]:
 
 
 def test_what_is_imported_belongs_to_it_with_its_packages() -> None:
-    found = names("tsbench.planners.expert")
-    assert {"tsbench/planners/idm.py", "tsbench/planners/guards/detour.py", "tsbench/sim/ego.py"} <= found
+    found = names("tsbench.planners.experts.expert")
+    assert {
+        "tsbench/planners/idm.py",
+        "tsbench/planners/experts/rules/detour.py",
+        "tsbench/sim/ego.py",
+    } <= found
     assert {
         "tsbench/__init__.py",
         "tsbench/planners/__init__.py",
-        "tsbench/planners/guards/__init__.py",
+        "tsbench/planners/experts/rules/__init__.py",
     } <= found
     assert "tsbench/planners/check.py" not in found
     assert all(name.startswith("tsbench/") for name in found)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from tsbench import paths
 from tsbench.cli import main
+from tsbench.core import paths
+from tsbench.core.errors import InputError
 from tsbench.data import fetch, manifest
-from tsbench.errors import InputError
 
 CONTENT = {"scenarios/a b.parquet": b"rows" * 1000, "scenarios/scenes/train/x.parquet": bytes(3 << 20)}
 

@@ -11,13 +11,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_sb3
 
+from tsbench.core.errors import InputError
 from tsbench.envs import DRIVE
 from tsbench.envs.drive import DriveEnv
-from tsbench.envs.pilot import course
-from tsbench.errors import InputError
+from tsbench.envs.stepped_episode import process_episode
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
-from tsbench.planners.learned_actions import aim
-from tsbench.run.episode import EpisodeRunner
+from tsbench.planners.rl.actions import aim
 from tsbench.scenarios.table import read_table, table_path
 
 STILL = np.zeros(2, dtype=np.float32)
@@ -55,7 +55,7 @@ def test_both_checkers_pass(kind: str) -> None:
 
 def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
     row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
-    runner = EpisodeRunner(f"{__file__}:onward", "onward", simulation=course()._simulation)
+    runner = EpisodeRunner(f"{__file__}:onward", "onward", simulation=process_episode()._simulation)
     result = runner.run(row)
     _, told = env.reset(options={"scenario_id": row.scenario_id})
     assert told["scenario_id"] == row.scenario_id

@@ -9,7 +9,7 @@ import pytest
 from learned_scenes import record
 
 from tsbench.envs.reward import RewardSpec, RouteReward
-from tsbench.metrics.outcome import Outcome
+from tsbench.episode.outcome import Outcome
 from tsbench.planners.base import Observation
 
 SPEC = RewardSpec()

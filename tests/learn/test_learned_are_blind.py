@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners import registry
-from tsbench.run.episode import EpisodeRunner
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 

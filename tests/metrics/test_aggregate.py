@@ -9,9 +9,9 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from madetables import random_rows, records, row
+from table_builders import random_rows, records, row
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import TYPES_IN_BENCHMARK, PlannerSummary, Summary, summarise
 from tsbench.signs.catalog import load_catalog
 

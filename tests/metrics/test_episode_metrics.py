@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import fields
 
-import handmade as made
+import episode_builders as made
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from work import calls
 
+from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.metrics.episode import EpisodeMetrics, episode_metrics
-from tsbench.metrics.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EgoState
 

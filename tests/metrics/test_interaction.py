@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-import handmade as made
+import episode_builders as made
 import numpy as np
 import pytest
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 import pytest
-from madetables import random_rows, records, row
 from scipy.stats import binom
+from table_builders import random_rows, records, row
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.compare import Comparison, compare
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import (

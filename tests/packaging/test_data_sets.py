@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from tsbench import paths
+from tsbench.core import paths
 from tsbench.data.manifest import MANIFEST, data_sets
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,7 +13,7 @@ from test_expert import KMH, privilege
 import tsbench
 from tsbench.planners.base import SignView
 from tsbench.planners.registry import resolve
-from tsbench.sim.scene import Destination
+from tsbench.roads.destination import Destination
 
 EXAMPLE = Path(tsbench.__file__).parent.parent / "examples" / "minimal_planner.py"
 

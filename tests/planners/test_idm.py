@@ -14,10 +14,10 @@ from work import calls
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Observation
+from tsbench.planners.common.speed_profile import PathSamples, speed_profile
 from tsbench.planners.idm import Idm, IdmParameters, free_road, interaction
-from tsbench.planners.profile import PathSamples, speed_profile
-from tsbench.sim.lanegraph import LaneGraph
-from tsbench.sim.scene import Destination
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 
 PARAMETERS = IdmParameters()

@@ -10,14 +10,14 @@ import pytest
 from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo, with_signs
 from scipy.special import betaincinv, ndtri
 
-from tsbench.errors import InputError
-from tsbench.planners.batched import is_served
+from tsbench.core.errors import InputError
 from tsbench.planners.carl.planner import Carl, CarlExpert, _by_torch, load
-from tsbench.planners.learned import LearnedPlanner
-from tsbench.planners.learned_actions import HOLD_TICKS, accelerate, aim, steer
+from tsbench.planners.common.batching import is_served
 from tsbench.planners.ppo.planner import Ppo
+from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, aim, steer
+from tsbench.planners.rl.base import LearnedPlanner
 from tsbench.planners.weights import load_weights, save_weights
-from tsbench.run.doctor.arithmetic import questions
+from tsbench.tools.doctor.arithmetic import questions
 
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.planners import registry
 from tsbench.planners.base import Planner
 

@@ -8,8 +8,8 @@ from planner_loop import Body, World, constant, load
 
 from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4, draw_style
+from tsbench.roads.destination import Destination
 from tsbench.sim.nuplan import quantile_speed
-from tsbench.sim.scene import Destination
 
 STYLES = (IdmS1, IdmS2, IdmS3, IdmS4)
 # km/h, docs/spec/planners.md.

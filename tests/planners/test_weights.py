@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.planners import weights
 from tsbench.planners.weights import load_weights, network, save_weights
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.errors import InputError
-from tsbench.maps.network import RoadNetwork, read_network
+from tsbench.core.errors import InputError
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
+from tsbench.roads.network import RoadNetwork, read_network
 
 
 def _network(name: str) -> RoadNetwork:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsbench.maps.network import Connection, RoadNetwork, read_network
 from tsbench.roads.junction_paths import junction_paths
+from tsbench.roads.network import Connection, RoadNetwork, read_network
 from tsbench.roads.priority import (
     EXPERT_FOLLOWING,
     RULE_FOLLOWING,

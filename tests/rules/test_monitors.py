@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from labelled import CASES, play
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.roads.localization import LaneLocator
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.registry import MONITORS, make_monitor, make_monitors
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
-from tsbench.sim.place import LaneLocator
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from labelled import network
 
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.network import RoadNetwork
 from tsbench.rules import lines
 from tsbench.rules.lines import reverse_edges
 from tsbench.sim.world import EGO_LENGTH_M, EgoState

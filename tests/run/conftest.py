@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from run_helpers import ROOT, Bench, specs
 
-from tsbench.maps.pool import POOL_SCHEMA
+from tsbench.scenarios.map_pool import POOL_SCHEMA
 from tsbench.scenarios.store import store_path, write_store
 from tsbench.scenarios.table import write_table
 

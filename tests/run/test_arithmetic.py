@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from tsbench.run import arithmetic
-from tsbench.run.doctor import arithmetic as doctor
-from tsbench.run.doctor.finding import Status
-from tsbench.run.manifest import difference, new_manifest
+from tsbench.run.log.manifest import difference, new_manifest
+from tsbench.tools.doctor import arithmetic as doctor
+from tsbench.tools.doctor.finding import Status
 
 SIMD = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 # What other processors choose: everything at once, as an older and as a newer one does. OpenCV warns of what it does
@@ -43,7 +43,7 @@ _NO_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
 _NETWORKS = """
 import json
 from tsbench.run.arithmetic import facts
-from tsbench.run.doctor.arithmetic import NETWORKS, answers_hash
+from tsbench.tools.doctor.arithmetic import NETWORKS, answers_hash
 print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answers"]]))
 """
 
@@ -112,7 +112,7 @@ def test_a_reference_that_is_written_is_met(tmp_path: Path, monkeypatch: pytest.
     assert written["planners"] == {name: reference()["planners"][name] for name in ("idm", "ppo")}
 
 
-OURS = [{"spec": "idm"}, {"spec": "plant2-ft"}, {"spec": "tsbench.certify.lawless:Lawless"}]
+OURS = [{"spec": "idm"}, {"spec": "plant2-ft"}, {"spec": "tsbench.dataset.certify.lawless:Lawless"}]
 THEIRS = [*OURS, {"spec": "mine.py:Mine"}]
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from run_helpers import handmade
+from run_helpers import episode_builders
 
-from tsbench.errors import PlannerOutputError
+from tsbench.core.errors import PlannerOutputError
+from tsbench.episode.command import to_command
 from tsbench.planners.base import Control, Trajectory
-from tsbench.run.command import to_command
 from tsbench.sim.ego import Motion
 
 MOTION = Motion(0.0, 0.0, 0.0, 5.0)
@@ -22,12 +22,10 @@ class Refuses:
 
 
 def command(output: object):
-    return to_command(output, MOTION, handmade.scene().network)
+    return to_command(output, MOTION, episode_builders.scene().network)
 
 
-@pytest.mark.parametrize(
-    "value", [1, 1.5, True, np.float32(1.5), np.int64(1), np.array(1.5)]
-)
+@pytest.mark.parametrize("value", [1, 1.5, True, np.float32(1.5), np.int64(1), np.array(1.5)])
 def test_numbers_of_all_kinds(value: object) -> None:
     (acceleration, steering), intent = command(Control(value, 0.0))
     assert (type(acceleration), acceleration, steering, intent) == (float, float(value), 0.0, ())

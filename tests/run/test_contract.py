@@ -15,8 +15,8 @@ from run_helpers import spec, specs
 
 import tsbench
 from tsbench.core import provenance
+from tsbench.core.paths import data_root
 from tsbench.core.provenance import closure
-from tsbench.paths import data_root
 from tsbench.run import contract
 from tsbench.run.contract import LEFT_OUT, ROOTS, code_files, contract_hash
 from tsbench.signs.catalog import Catalog, load_catalog
@@ -30,19 +30,19 @@ NO_MATTER = {
 DRIVEN = """
 import json, sys
 from dataclasses import asdict
-from tsbench.run.worker_main import Worker
+from tsbench.run.execution.worker_main import Worker
 from tsbench.scenarios.table import read_table, table_path
 
 class Line:
     def __init__(self):
         who = {"spec": "idm", "name": "idm", "privileged": False, "served_on": []}
         setup = {"planners": [who], "mask_signs": False, "device": "cpu", "trace": "all", "inference": "",
-                 "options": {}, "out": sys.argv[1], "runner": "tsbench.run.serving:WorkerRunner",
-                 "recorder": "tsbench.run.score:make_record"}
+                 "options": {}, "out": sys.argv[1], "runner": "tsbench.run.execution.inference_client:WorkerRunner",
+                 "recorder": "tsbench.run.log.score:make_record"}
         row = asdict(min(read_table(table_path("test")), key=lambda row: row.horizon))
         self.told = [{"do": "setup", "setup": setup}, {"do": "probe", "spec": "idm"},
                      {"do": "episode", "task": 1, "planner": 0, "spec": row}]
-        self.before = {"tsbench.scenarios.table", "tsbench.parquet"}  # of this script
+        self.before = {"tsbench.scenarios.table", "tsbench.core.parquet"}  # of this script
     def recv_bytes(self):
         if not self.told:
             raise EOFError
@@ -87,7 +87,7 @@ def test_every_file_a_worker_imports_is_accounted_for(tmp_path: Path) -> None:
     imported = {Path(file).relative_to(PLACE).as_posix() for file in json.loads(done.stdout)}
     ours = set(code_files())
     planner = set(closure(["tsbench.planners.idm"], ours))
-    assert {"tsbench/run/score.py", "tsbench/planners/idm.py", "tsbench/signs/annotations.py"} <= imported
+    assert {"tsbench/run/log/score.py", "tsbench/planners/idm.py", "tsbench/signs/annotations.py"} <= imported
     assert imported - ours - planner == set(NO_MATTER)
 
 
@@ -146,7 +146,11 @@ def test_nothing_in_the_contract_imports_what_only_a_run_would_show() -> None:
                 if word in ("import_module", "__import__", "spec_from_file_location", "exec", "eval"):
                     found.add(name)
     # Names of tsbench itself: `tsbench.__getattr__` imports what a planner asks for.
-    assert found == {"tsbench/__init__.py", "tsbench/planners/loading.py", "tsbench/run/worker_main.py"}
+    assert found == {
+        "tsbench/__init__.py",
+        "tsbench/planners/loading.py",
+        "tsbench/run/execution/worker_main.py",
+    }
 
 
 def changed(catalog: Catalog, code: str) -> Catalog:

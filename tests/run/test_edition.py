@@ -10,10 +10,10 @@ import pytest
 
 import tsbench
 from tsbench.run import edition
-from tsbench.run.doctor.data import check_edition
-from tsbench.run.doctor.finding import Status
 from tsbench.run.edition import contract_now, edition_of, editions, release
 from tsbench.scenarios.table import SPLITS
+from tsbench.tools.doctor.data import check_edition
+from tsbench.tools.doctor.finding import Status
 
 
 @pytest.mark.parametrize("split", SPLITS)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from run_helpers import specs
 
-from tsbench.errors import InputError
-from tsbench.paths import data_root
-from tsbench.run.handout import HandOut, Task
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_root
+from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.plan import Plan, Request, choose_variants, make_plan, spread
 from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
@@ -107,7 +107,7 @@ def test_rows_that_name_what_is_not_there(plan_of, data: Path, change: dict, wor
 
 def test_hand_out_keeps_a_network_with_its_worker() -> None:
     tasks = [Task(n, 0, row) for n, row in enumerate(specs(), start=1)]
-    hand_out = HandOut(tasks)
+    hand_out = TaskQueue(tasks)
     first = [hand_out.next(worker) for _ in range(10) for worker in (0, 1)]
     assert {task.spec.net for task in first[0::2]} == {tasks[20].spec.net}
     assert {task.spec.net for task in first[1::2]} == {tasks[30].spec.net}
@@ -118,28 +118,28 @@ def test_hand_out_keeps_a_network_with_its_worker() -> None:
 
 
 def test_hand_out_of_one_network_still_keeps_all_busy() -> None:
-    hand_out = HandOut([Task(n, 0, row) for n, row in enumerate(specs(maps=1)[:10], start=1)])
+    hand_out = TaskQueue([Task(n, 0, row) for n, row in enumerate(specs(maps=1)[:10], start=1)])
     taken = [hand_out.next(worker) for _ in range(5) for worker in (0, 1)]
     assert sorted(task.number for task in taken) == list(range(1, 11))
 
 
 def test_hand_out_of_one_planner_only() -> None:
     rows = specs()
-    hand_out = HandOut([Task(n, n % 2, row) for n, row in enumerate(rows, start=1)])
+    hand_out = TaskQueue([Task(n, n % 2, row) for n, row in enumerate(rows, start=1)])
     assert hand_out.planner == 0
     taken = [hand_out.next(k % 2, 1) for k in range(20)]
     assert {task.planner for task in taken} == {1}
     assert hand_out.next(0, 1) is None
     assert hand_out.left == 20
     assert hand_out.next(0).planner == 0
-    hand_out.give_back(taken[0])
+    hand_out.requeue(taken[0])
     assert hand_out.next(0, 0).planner == 0
     assert hand_out.next(1, 1) is taken[0]
 
 
 def test_what_is_given_back_is_handed_out_again() -> None:
-    hand_out = HandOut([Task(1, 0, specs()[0])])
+    hand_out = TaskQueue([Task(1, 0, specs()[0])])
     task = hand_out.next(0)
     assert hand_out.next(1) is None
-    hand_out.give_back(task)
+    hand_out.requeue(task)
     assert hand_out.next(1) is task

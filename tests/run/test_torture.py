@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from patience import HANG_S
 from run_helpers import ROOT, Bench, assert_gone, workers_of
+from stop_policy import HANG_S
 
-from tsbench.run.tables import read_table
+from tsbench.run.log.tables import read_table
 
 FIRST = int(os.environ.get("TSBENCH_TORTURE_SEED", "1000"))
 FIFTY = [pytest.param(seed, marks=pytest.mark.torture) for seed in range(FIRST, FIRST + 50)]
@@ -156,7 +156,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Target:
     if not (ROOT / "scenarios" / "test.parquet").is_file():
         pytest.skip("no scenarios have been built")
     bench = Bench(ROOT, tmp_path_factory.mktemp("torture-real"))
-    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.run.serving:WorkerRunner")
+    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.run.execution.inference_client:WorkerRunner")
 
 
 @pytest.mark.torture

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from simworld import simulation
 
-from tsbench.maps.paths import pool_file
-from tsbench.maps.pool import PoolRow, read_pool
-from tsbench.scenarios.build import APART_M, TEST_PER_TRAIN, stratum_of
+from tsbench.scenarios.map_pool import pool_file
+from tsbench.scenarios.map_pool import PoolRow, read_pool
+from tsbench.dataset.scenes.build import APART_M, TEST_PER_TRAIN, stratum_of
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.load import SceneLoader
-from tsbench.scenarios.recipe import load_recipe
-from tsbench.scenarios.seeds import seed_of
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.core.seeds import seed_of
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.split import split_pool
+from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import SPLITS, read_table, table_path
-from tsbench.scenarios.variants import variants_of
-from tsbench.scenarios.verify import verify_rows, verify_split
+from tsbench.dataset.scenes.variants import variants_of
+from tsbench.dataset.scenes.verify import verify_rows, verify_split
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 

@@ -13,13 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import SceneMaker, plate, store_scenes
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.scenarios import store as store_module
-from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import MOST_BYTES, SCHEMA, SceneStore, store_path, write_store
-from tsbench.sim.scene import Destination, EgoStart
-from tsbench.xmlfile import sha256
+from tsbench.sim.scene import (EgoStart)
+from tsbench.roads.destination import Destination
+from tsbench.core.xmlfile import sha256
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=12)
 MAPS = st.dictionaries(NAMES, st.dictionaries(NAMES, st.binary(max_size=300), min_size=1, max_size=5), max_size=7)

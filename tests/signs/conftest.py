@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.paths import data_root
+from tsbench.core.paths import data_root
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.annotations import (
     ALL_LANES,
     ROLES,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, load_catalog
 

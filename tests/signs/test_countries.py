@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_countries, load_country, shown_code, write_csv
 from tsbench.signs.sheet import draw_sheet

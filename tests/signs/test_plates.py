@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs import plates
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.digits import number_path

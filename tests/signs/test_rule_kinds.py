@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.errors import InputError
-from tsbench.learn.finetune_targets import LESSONS
-from tsbench.planners.expert import GUARDS
-from tsbench.report.zone import rule_zone
+from tsbench.core.errors import InputError
+from tsbench.learn.finetune.targets import LESSONS
+from tsbench.planners.experts.expert import CONSTRAINTS
+from tsbench.report.drawing.zone import rule_zone
 from tsbench.rules.registry import MONITORS
-from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, for_every_kind
@@ -24,7 +24,7 @@ def test_every_kind_is_there_as_a_whole(name: str) -> None:
     assert name in load_catalog().rules
     assert any(sign.rule.name == name for sign in load_catalog().signs.values())
     assert name in MONITORS
-    assert name in GUARDS
+    assert name in CONSTRAINTS
     assert name in LESSONS
     assert list((ROOT / "tests" / "cases" / name).glob("*.yaml"))
     headings = [

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import ego_at
 
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.convoy import RELEASE_AT_M, ConvoyRelease, predicted_arrival
 from tsbench.sim.scene import ConvoyPlan
 from tsbench.sim.world import EGO_LENGTH_M

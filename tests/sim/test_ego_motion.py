@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.errors import PlannerOutputError
+from tsbench.core.errors import PlannerOutputError
+from tsbench.episode.command import to_command
 from tsbench.geometry.angles import wrap
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Control, Trajectory
-from tsbench.run.command import to_command
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.ego import Motion, advance, check_trajectory, pursue, track
 from tsbench.sim.world import DT_S, WHEELBASE_M
 

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import ego_at
 
-from tsbench.maps.network import RoadNetwork
-from tsbench.sim.lanegraph import LaneGraph
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.navigation import Navigator, RouteView
-from tsbench.sim.scene import Destination
 
 END = Destination("bu", 100.0)
 

@@ -9,16 +9,17 @@ import libsumo
 import pytest
 from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 
-from tsbench.errors import SimulationError
-from tsbench.maps.build import build_net
-from tsbench.maps.network import read_network
-from tsbench.scenarios.elements import walker_elements
-from tsbench.scenarios.families.crosswalk_net import kerb_to_kerb, path_name, with_crossing
-from tsbench.scenarios.recipe import load_recipe
+from tsbench.core.errors import SimulationError
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossing
+from tsbench.dataset.scenes.elements import walker_elements
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.dataset.scenes.traffic import Car
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.traffic import Car
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.scene import Destination, EgoStart
+from tsbench.sim.scene import EgoStart
 from tsbench.sim.scene_file import read_additional
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind, Actors

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from lxml import etree
 from simworld import obstacle, plate
 
-from tsbench.errors import InputError
-from tsbench.maps.network import RoadNetwork
-from tsbench.scenarios.elements import write_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, SceneFile, WalkersPlan
+from tsbench.core.errors import InputError
+from tsbench.dataset.scenes.elements import write_additional
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import RoadNetwork
+from tsbench.sim.scene import ConvoyPlan, EgoStart, SceneFile, WalkersPlan
 from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
 
 NUMBER = st.floats(0.001, 1e4, allow_nan=False)

@@ -12,14 +12,15 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from patience import HANG_S
 from simworld import CALM, SceneMaker, motion_at, obstacle, plate
+from stop_policy import HANG_S
 
-from tsbench.errors import SimulationError
+from tsbench.core.errors import SimulationError
+from tsbench.dataset.scenes.traffic import Car
+from tsbench.roads.destination import Destination
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.traffic import Car
 from tsbench.sim.ego import Motion, advance
-from tsbench.sim.scene import Destination, EgoStart
+from tsbench.sim.scene import EgoStart
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind, Actors, ActorTable
 
@@ -151,8 +152,8 @@ sys.path.insert(0, sys.argv[1])
 from pathlib import Path
 from simworld import SceneMaker, simulation
 from test_sumo_module import stream
-from tsbench.maps.network import read_network
-from tsbench.maps.network import read_network
+from tsbench.roads.network import read_network
+from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec
 net = Path(sys.argv[2])
 spec = eval(sys.argv[3], {"ScenarioSpec": ScenarioSpec})

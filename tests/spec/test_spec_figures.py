@@ -8,14 +8,15 @@ from importlib.metadata import entry_points
 import pytest
 from spec_tables import ROOT, SPEC, numbers, table
 
-from tsbench.learn import oracle_select
-from tsbench.metrics import comfort, flags, intervals, outcome, progress
+from tsbench.dataset.scenes import traffic
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.episode import observation as observe
+from tsbench.episode import outcome
+from tsbench.learn.oracle import select as oracle_select
+from tsbench.metrics import comfort, flags, intervals, progress
 from tsbench.planners.plant2 import layout, parts
 from tsbench.planners.ppo import vector
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
-from tsbench.run import observe
-from tsbench.scenarios import traffic
-from tsbench.scenarios.recipe import load_recipe
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim import ego, nuplan, sumo, world
 

@@ -7,10 +7,10 @@ from collections import Counter
 import pytest
 from spec_tables import numbers, table, words
 
-from tsbench.scenarios import split, variants
+from tsbench.core.seeds import ROOT_SEED
+from tsbench.dataset.scenes import split, variants
+from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
-from tsbench.scenarios.recipe import load_recipe
-from tsbench.scenarios.seeds import ROOT_SEED
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 

@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 import click
 
 from tsbench import __version__
-from tsbench.errors import InputError, TsbenchError
-from tsbench.extras import load, missing_extra
+from tsbench.core.errors import InputError, TsbenchError
+from tsbench.core.extras import load, missing_extra
 
 # Command, where it is, and its line in --help.
 COMMANDS = {

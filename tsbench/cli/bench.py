@@ -26,7 +26,7 @@ def bench(scenes: int, rounds: int, json_path: Path | None, networks: bool) -> N
     if networks:
         _networks(json_path)
         return
-    from tsbench.run.bench import run_bench
+    from tsbench.tools.bench import run_bench
 
     console = Console()
     with console.status("choosing scenes") as status:
@@ -53,7 +53,7 @@ def bench(scenes: int, rounds: int, json_path: Path | None, networks: bool) -> N
 
 
 def _networks(json_path: Path | None) -> None:
-    from tsbench.run.bench_networks import bench_networks
+    from tsbench.tools.bench_networks import bench_networks
 
     console, table = (
         Console(),

@@ -32,8 +32,8 @@ def compare(
     A run with several planners is given as RUN:PLANNER. B-A is shown: more is better for B. Runs of different contracts
     or scenarios are refused unless forced.
     """
-    from tsbench.report.compare import compare_runs
-    from tsbench.report.compare_table import flips_csv, print_comparison
+    from tsbench.report.tables.compare import compare_runs
+    from tsbench.report.tables.compare_table import flips_csv, print_comparison
 
     matched = compare_runs(run_a, run_b, force=force, allow_partial=allow_partial)
     print_comparison(matched, table_console(), flips)
@@ -41,7 +41,7 @@ def compare(
         flips_csv(matched.comparison, csv)
         click.echo(f"flips     {csv}")
     if png is not None:
-        from tsbench.report.forest import draw_forest  # brings matplotlib
+        from tsbench.report.tables.forest import draw_forest  # brings matplotlib
 
         draw_forest(matched, png)
         click.echo(f"picture   {png}")

@@ -6,9 +6,9 @@ import click
 from rich.table import Table
 
 from tsbench.cli.console import table_console
+from tsbench.core.paths import data_file, fetch_root
 from tsbench.data.fetch import fetch_set
 from tsbench.data.manifest import DataFile, DataSet, data_set, data_sets
-from tsbench.paths import data_file, fetch_root
 
 
 @click.group()

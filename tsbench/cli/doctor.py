@@ -25,14 +25,14 @@ def doctor(arithmetic: bool, write: bool) -> None:
 
     A note is about what only some commands need.
     """
-    from tsbench.run.doctor.examine import examine
-    from tsbench.run.doctor.finding import Status
+    from tsbench.tools.doctor.examine import examine
+    from tsbench.tools.doctor.finding import Status
 
     findings = examine()
     if write and not arithmetic:
         raise click.UsageError("--write goes with --arithmetic")
     if arithmetic:
-        from tsbench.run.doctor.arithmetic import check_arithmetic, write_reference
+        from tsbench.tools.doctor.arithmetic import check_arithmetic, write_reference
 
         if write:
             for path in write_reference():

@@ -8,7 +8,7 @@ import click
 
 from tsbench.cli.selecting import make_and_tell, selection_options
 from tsbench.report.export.formats import FORMATS, export_kind
-from tsbench.report.selection import Selection
+from tsbench.report.video.selection import Selection
 
 
 @click.command()

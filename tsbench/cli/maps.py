@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Column, Table
 
 if TYPE_CHECKING:
-    from tsbench.maps.stats import CountTable
+    from tsbench.dataset.maps.stats import CountTable
 
 PATH = click.Path(path_type=Path)
 
@@ -27,7 +27,7 @@ def maps() -> None:
 @click.option("--out", type=PATH, required=True, help="Network to write, .net.xml or .net.xml.gz.")
 def convert(extract: Path, out: Path) -> None:
     """Convert an OSM EXTRACT (.osm, .gz, .bz2, .pbf) to a SUMO network."""
-    from tsbench.maps.convert import convert_extract
+    from tsbench.dataset.maps.convert import convert_extract
 
     facts = convert_extract(extract, out)
     click.echo(
@@ -41,9 +41,9 @@ def convert(extract: Path, out: Path) -> None:
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
 def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
-    from tsbench.maps import paths
-    from tsbench.maps.harvest import harvest as run_harvest
-    from tsbench.maps.stats import count_tables
+    from tsbench.dataset.maps import paths
+    from tsbench.dataset.maps.harvest import harvest as run_harvest
+    from tsbench.dataset.maps.stats import count_tables
 
     target = out or paths.sumo_nets() / "pool.parquet"
     report = target.with_name("harvest.json")
@@ -72,11 +72,10 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 @click.option("--png", type=PATH, help="Draw a map with every crop as a dot.")
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
-    from tsbench.maps import paths
-    from tsbench.maps.pool import read_pool
-    from tsbench.maps.stats import count_tables, draw_pool
+    from tsbench.dataset.maps.stats import count_tables, draw_pool
+    from tsbench.scenarios.map_pool import pool_file, read_pool
 
-    pool = read_pool(pool_path or paths.pool_file())
+    pool = read_pool(pool_path or pool_file())
     _print_counts(count_tables(pool))
     if png is not None:
         draw_pool(pool, png)
@@ -90,8 +89,8 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 @click.option("--out", "out_dir", type=PATH, help="Folder.  [default: sumo_nets/sources]")
 def fetch(place: str | None, bbox: str | None, name: str | None, out_dir: Path | None) -> None:
     """Fetch the roads of a PLACE or box from OpenStreetMap (extra `fetch`)."""
-    from tsbench.maps import paths
-    from tsbench.maps.fetch import fetch_extract, parse_box
+    from tsbench.dataset.maps import paths
+    from tsbench.dataset.maps.fetch import fetch_extract, parse_box
 
     box = parse_box(bbox) if bbox is not None else None
     got = fetch_extract(out_dir or paths.sources_dir(), name=name, place=place, box=box)
@@ -104,7 +103,7 @@ def fetch(place: str | None, bbox: str | None, name: str | None, out_dir: Path |
 @click.option("--png", type=PATH, required=True, help="Sheet to draw.")
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, png: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
-    from tsbench.maps import paths
+    from tsbench.dataset.maps import paths
     from tsbench.report.map_sheet import draw_maps
 
     draw_maps(map_ids, osm_dir or paths.sources_dir(), png)

@@ -12,14 +12,14 @@ from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.analyse import write_files
 from tsbench.cli.console import table_console
 from tsbench.cli.options import words_of
-from tsbench.learn.oracle_collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
-from tsbench.learn.oracle_collect import VARIANTS as ALL_VARIANTS
-from tsbench.learn.oracle_collect import collect as collect_drives
-from tsbench.learn.oracle_restore import restore as restore_drives
-from tsbench.learn.oracle_select import select as select_drives
-from tsbench.learn.oracle_stats import stats as stats_of
-from tsbench.learn.oracle_stats import verify as verify_drives
-from tsbench.learn.trajectories import trajectories_path
+from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
+from tsbench.learn.oracle.collect import VARIANTS as ALL_VARIANTS
+from tsbench.learn.oracle.collect import collect as collect_drives
+from tsbench.learn.oracle.restore import restore as restore_drives
+from tsbench.learn.oracle.select import select as select_drives
+from tsbench.learn.oracle.stats import stats as stats_of
+from tsbench.learn.oracle.stats import verify as verify_drives
+from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.run.plan import VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.scenarios.table import SPLITS

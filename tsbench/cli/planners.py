@@ -65,8 +65,8 @@ def check(planner: str, scenes: int) -> int:
     """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
-    from tsbench.run.check import check_driving, choose
     from tsbench.scenarios.table import read_table, table_path
+    from tsbench.tools.check import check_driving, choose
 
     loaded = registry.resolve(planner)
     chosen = choose(read_table(table_path("test")), scenes)

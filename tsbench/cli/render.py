@@ -8,9 +8,9 @@ import click
 
 from tsbench.cli.options import jurisdiction_option
 from tsbench.cli.selecting import make_and_tell, selection_options
-from tsbench.errors import InputError
-from tsbench.report.render import FORMATS, picture_kind
-from tsbench.report.selection import Selection
+from tsbench.core.errors import InputError
+from tsbench.report.video.render import FORMATS, picture_kind
+from tsbench.report.video.selection import Selection
 from tsbench.signs.countries import Country
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tsbench.run.executor import own_cores
+from tsbench.core.machine import own_cores
 
 
 @click.command()

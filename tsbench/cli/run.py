@@ -11,11 +11,12 @@ from rich.console import Console
 from tsbench.cli import EXIT_INTERRUPTED
 from tsbench.cli.console import table_console
 from tsbench.cli.options import words_of
-from tsbench.planners.batched import DEVICES
-from tsbench.run.executor import EXECUTORS, Limits
+from tsbench.planners.common.batching import DEVICES
+from tsbench.run.execution.base import Limits
+from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.plan import TRACES, VARIANTS, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import Ending, Options
+from tsbench.run.session import Options, RunResult
 from tsbench.run.session import run as run_session
 from tsbench.scenarios.table import SPLITS
 
@@ -110,8 +111,8 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
-    from tsbench.run.rescore import rescore as rescore_run  # brings SUMO's readers and statistics
-    from tsbench.run.rescored import write_rescored
+    from tsbench.run.log.rescored import write_rescored
+    from tsbench.tools.rescore import rescore as rescore_run  # brings SUMO's readers and statistics
 
     result = rescore_run(folder)
     if result.note:
@@ -127,15 +128,15 @@ def rescore(folder: Path) -> None:
         sys.exit(EXIT_ERRORS)
 
 
-def _tell(ending: Ending, console: Console) -> None:
+def _tell(ending: RunResult, console: Console) -> None:
     """The table, and where everything is."""
     if ending.summary is not None:
         # They bring statistics, late as the summary itself.
+        from tsbench.core.files import io_errors_as_input_errors, write_atomic
         from tsbench.report.analyses.markdown import to_markdown
         from tsbench.report.analyses.run_tables import run_tables
         from tsbench.report.analyses.shown import print_analysis
-        from tsbench.run.files import told_plainly, write_atomic
-        from tsbench.run.folder import TABLES_TEXT
+        from tsbench.run.log.folder import TABLES_TEXT
 
         tables = run_tables(ending.summary)
         for table in tables:
@@ -143,7 +144,7 @@ def _tell(ending: Ending, console: Console) -> None:
         path, text = ending.folder / TABLES_TEXT, "\n".join(to_markdown(table) for table in tables)
         # Looking at a complete run changes nothing in its folder.
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            with told_plainly(path):
+            with io_errors_as_input_errors(path):
                 write_atomic(path, text.encode())
     lines = [f"{ending.finished} of {ending.asked} episodes finished, {ending.errors} with an error outcome"]
     if ending.finished < ending.asked:

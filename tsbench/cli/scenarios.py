@@ -13,14 +13,14 @@ from rich.table import Table
 
 from tsbench.cli.console import table_console
 from tsbench.cli.options import jurisdiction_option, words_of
-from tsbench.errors import InputError
-from tsbench.maps.paths import sources_dir
-from tsbench.paths import data_root
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_root
+from tsbench.dataset.maps.paths import sources_dir
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.countries import Country
 
-PROVER = "tsbench.certify.screening:Screener"
+PROVER = "tsbench.dataset.certify.rejection_test:Screener"
 
 
 def _all_rows(split: str | None = None) -> list[ScenarioSpec]:
@@ -56,7 +56,7 @@ def scenarios() -> None:
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
 def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
-    from tsbench.scenarios.build import BuildRequest, build_scenarios
+    from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
 
     root = data_root() / "scenarios"
     request = BuildRequest(words_of(types), osm or sources_dir(), root, workers, PROVER, splits or SPLITS)
@@ -88,7 +88,7 @@ def build(types: str, splits: tuple[str, ...], osm: Path | None, workers: int) -
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True)
 def certify(types: str, split: str | None, sample: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    from tsbench.certify.recheck import draw_sample, recheck
+    from tsbench.dataset.certify.recertify import draw_sample, recertify
     from tsbench.scenarios.store import check_files
 
     chosen = words_of(types)
@@ -98,7 +98,9 @@ def certify(types: str, split: str | None, sample: int | None, workers: int) -> 
     check_files(rows)
     with _progress() as bar:
         task = bar.add_task("certify", total=len(rows))
-        failures = recheck(rows, data_root() / "scenarios", workers, lambda n: bar.update(task, completed=n))
+        failures = recertify(
+            rows, data_root() / "scenarios", workers, lambda n: bar.update(task, completed=n)
+        )
     for name, problem in failures:
         click.echo(f"{name}: {problem}")
     click.echo(f"{len(rows)} rows, {len(failures)} without a valid certificate")
@@ -123,7 +125,7 @@ def list_(split: str | None, type_id: str | None) -> None:
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
     from tsbench.report.description import scene_facts
-    from tsbench.scenarios.load import load_scene
+    from tsbench.scenarios.scene_loader import load_scene
 
     spec = _find(scenario_id)
     scene = load_scene(spec)
@@ -134,7 +136,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
         table.add_row(key, value)
     Console().print(table)
     if png is not None:
-        from tsbench.report.render import render_scene_png
+        from tsbench.report.video.render import render_scene_png
 
         render_scene_png(scene, png, scenario_id, country)
         click.echo(f"picture: {png}")
@@ -152,7 +154,7 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
     import shlex
     import subprocess
 
-    from tsbench.scenarios.load import load_scene
+    from tsbench.scenarios.scene_loader import load_scene
 
     scene = load_scene(_find(scenario_id))
     folder = out or Path("runs/scenes") / scenario_id
@@ -180,8 +182,8 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 @click.option("--split", type=click.Choice(SPLITS), default=None)
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
-    from tsbench.scenarios.load import SceneLoader
-    from tsbench.scenarios.verify import verify_certificates, verify_rows, verify_split
+    from tsbench.dataset.scenes.verify import verify_certificates, verify_rows, verify_split
+    from tsbench.scenarios.scene_loader import SceneLoader
 
     rows = _all_rows(split)
     with _progress() as bar:
@@ -199,8 +201,8 @@ def verify(split: str | None) -> None:
 @click.option("--markdown", type=click.Path(path_type=Path), default=None, help="Write the tables there too.")
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates and quotas per type and split."""
-    from tsbench.report.dataset import MAPS, ROWS, map_cells, row_cells, to_markdown
-    from tsbench.scenarios.overview import build_report, type_stats
+    from tsbench.dataset.scenes.overview import build_report, type_stats
+    from tsbench.report.tables.dataset import MAPS, ROWS, map_cells, row_cells, to_markdown
 
     figures, report = type_stats(_all_rows()), build_report()
     console = table_console()
@@ -254,11 +256,11 @@ def calibration(split: str | None, scenes: int, out: Path) -> None:
     import numpy as np
 
     from tsbench.cli.analyse import write_files
+    from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.report.analyses.calibration import calibration as compared
     from tsbench.report.analyses.shown import print_analysis
-    from tsbench.scenarios.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.scenarios.certificates import certificates_path, read_certificates
-    from tsbench.scenarios.load import SceneLoader
+    from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.sim.sumo import Simulation
 
     rows = _all_rows(split)

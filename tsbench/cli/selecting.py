@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tsbench.cli.options import several, words_of
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.core.machine import own_cores
 from tsbench.report.episode_files import FileKind, make_one, make_selected
-from tsbench.report.selection import Selection, episode_name
-from tsbench.run.executor import own_cores
+from tsbench.report.video.selection import Selection, episode_name
 
 _FAILURES_SHOWN = 20
 _OPTIONS = (

@@ -34,7 +34,7 @@ def show_sign(code: str) -> None:
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for pages and pictures.")
 def write_pages(types: str, out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
-    from tsbench.report.sign_pages import PageMaker
+    from tsbench.report.tables.sign_pages import PageMaker
 
     maker = PageMaker(out)
     for name in words_of(types) or maker.types:

@@ -11,8 +11,8 @@ from rich.table import Table
 from tsbench.cli import train_options as share
 from tsbench.cli.console import table_console
 from tsbench.cli.options import words_of
-from tsbench.errors import InputError
-from tsbench.run.executor import own_cores
+from tsbench.core.errors import InputError
+from tsbench.core.machine import own_cores
 
 # Of `Skill`, with heads that leave 80 columns for the types' names.
 _SHARES = {
@@ -35,22 +35,24 @@ _SHARES = {
 @share.seed
 @share.workers
 def measure(
-    folder: Path | None, planner: str, each: int, patience: tuple[float, ...] | None, types: str,
+    folder: Path | None, planner: str, each: int, stop_policy: tuple[float, ...] | None, types: str,
     seed: int, workers: int | None,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
-    from tsbench.learn.imitation_recipe import validation_rows
-    from tsbench.learn.imitation_skill import drive, skill_of
+    from tsbench.learn.imitation.recipe import validation_rows
+    from tsbench.learn.imitation.skill import drive, skill_of
     from tsbench.metrics.intervals import wilson
-    from tsbench.planners.plant2.planner_ft import Patience
+    from tsbench.planners.plant2.planner_ft import StopPolicy
     from tsbench.planners.weights import network
 
     network(planner, folder)
-    if patience and planner != "plant2-ft":
+    if stop_policy and planner != "plant2-ft":
         raise InputError(f"--patience: {planner} has none")
     rows = share.train_rows(words_of(types))
     rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
-    ends = drive(planner, folder, rows, workers or own_cores(), Patience(*patience) if patience else None)
+    ends = drive(
+        planner, folder, rows, workers or own_cores(), StopPolicy(*stop_policy) if stop_policy else None
+    )
     table = Table(
         "type", "n", *_SHARES.values(), box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left"
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tsbench.cli.options import Option
-from tsbench.planners.batched import DEVICES
+from tsbench.planners.common.batching import DEVICES
 
 if TYPE_CHECKING:
     from tsbench.planners.weights import Network

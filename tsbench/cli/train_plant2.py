@@ -8,7 +8,7 @@ import click
 
 from tsbench.cli import train_options as share
 from tsbench.cli.options import several, words_of
-from tsbench.run.executor import own_cores
+from tsbench.core.machine import own_cores
 
 
 @click.command()
@@ -35,9 +35,9 @@ def plant2(
     validation: int, seed: int, device: str, workers: int | None, cache_gb: float, out: Path,
 ) -> None:  # fmt: skip
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
-    from tsbench.learn.imitation import Imitation  # brings torch
-    from tsbench.learn.imitation_recipe import Recipe
-    from tsbench.learn.trainer import Place, train
+    from tsbench.learn.imitation.recipe import Recipe
+    from tsbench.learn.imitation.task import Imitation  # brings torch
+    from tsbench.learn.imitation.trainer import Place, train
 
     words = words_of(types)
     recipe = Recipe(

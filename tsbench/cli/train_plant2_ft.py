@@ -9,10 +9,10 @@ import click
 
 from tsbench.cli import train_options as share
 from tsbench.cli.options import Option, several, words_of
-from tsbench.run.executor import own_cores
+from tsbench.core.machine import own_cores
 
 if TYPE_CHECKING:
-    from tsbench.learn.finetune_recipe import FineTuning
+    from tsbench.learn.finetune.recipe import FineTuning
     from tsbench.scenarios.spec import ScenarioSpec
 
 
@@ -68,20 +68,20 @@ def plant2_ft(
     cache_gb: float, out: Path, **lessons: Any,
 ) -> None:  # fmt: skip
     """Fine-tuning of plant2 on obedient drives; writes plant2-ft.safetensors and plant2-ft.json."""
-    from tsbench.learn.finetune import Obedience  # brings torch
-    from tsbench.learn.trainer import Place, train
+    from tsbench.learn.finetune.task import FinetuneTask  # brings torch
+    from tsbench.learn.imitation.trainer import Place, train
 
     recipe, rows = _recipe(base=base, epochs=epochs, batch=batch, rate=rate, validation=validation, **lessons)
     place = Place(out, device, workers or own_cores(), int(cache_gb * 1e9))
-    share.tell(out, train(Obedience(recipe, rows), place, click.echo))
+    share.tell(out, train(FinetuneTask(recipe, rows), place, click.echo))
 
 
 @click.command()
 @_lessons(drives=290, out="runs/frames")
 def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
-    from tsbench.learn.finetune_recipe import lessons_of
-    from tsbench.learn.finetune_report import report
+    from tsbench.learn.finetune.recipe import lessons_of
+    from tsbench.learn.finetune.report import report
 
     recipe, rows = _recipe(**lessons)
     workers = workers or own_cores()
@@ -92,8 +92,8 @@ def frames(workers: int | None, cache_gb: float, out: Path, **lessons: Any) -> N
 def _recipe(
     types: str, more: str, trajectories: Path | None, **options: Any
 ) -> tuple[FineTuning, list[ScenarioSpec]]:
-    from tsbench.learn.finetune_recipe import FineTuning
-    from tsbench.learn.trajectories import trajectories_path
+    from tsbench.learn.finetune.recipe import FineTuning
+    from tsbench.learn.oracle.trajectories import trajectories_path
 
     words, often = words_of(types), share.types_of(words_of(more))
     path = trajectories or trajectories_path()

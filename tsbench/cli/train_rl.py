@@ -9,7 +9,7 @@ import click
 
 from tsbench.cli import train_options as share
 from tsbench.cli.options import Option, several, words_of
-from tsbench.run.executor import own_cores
+from tsbench.core.machine import own_cores
 
 
 def _options(steps: int, out: str) -> Option:
@@ -53,8 +53,8 @@ def carl(**options: Any) -> None:
 
 
 def _train(planner: str, workers: int | None, types: str, more: str, out: Path, **options: Any) -> None:
-    from tsbench.learn.rl_config import Job
-    from tsbench.learn.rl_train import train  # brings torch
+    from tsbench.learn.rl.config import Job
+    from tsbench.learn.rl.train import train  # brings torch
 
     count = workers or 4 * own_cores()
     job = Job(planner, out, workers=count, types=words_of(types), more=words_of(more), **options)

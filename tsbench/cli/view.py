@@ -20,7 +20,7 @@ def view(runs: tuple[Path, ...], port: int) -> None:
     Every traced episode can be played: its trace is read when it is asked for.
     """
     from tsbench.report.page.server import HOST, make_server, runs_below  # brings matplotlib
-    from tsbench.run.reading import is_run
+    from tsbench.run.log.read import is_run
 
     for run in runs:
         if not is_run(run):

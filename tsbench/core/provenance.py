@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tsbench.paths import data_root
+from tsbench.core.paths import data_root
 
 # SHA-256 (hex) of files, by name as in "package/module.py": below the folder that they are imported from.
 Files = dict[str, str]

@@ -13,9 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_file
 from tsbench.data.manifest import DataFile, DataSet
-from tsbench.errors import InputError
-from tsbench.paths import data_file
 
 _BLOCK = 1 << 20
 _PATIENCE_S = 60.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 
 SCHEMA_VERSION = 1
 MANIFEST = Path(__file__).with_name("manifest.json")

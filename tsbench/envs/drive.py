@@ -16,17 +16,17 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from tsbench.envs.pilot import Turn, course
+from tsbench.core.errors import InputError, SimulationError
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.seen import KINDS
-from tsbench.errors import InputError, SimulationError
-from tsbench.metrics.outcome import Outcome
+from tsbench.envs.stepped_episode import Step, process_episode
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Observation
-from tsbench.planners.learned_actions import ACTIONS
+from tsbench.planners.rl.actions import ACTIONS
 from tsbench.run.plan import VARIANTS, choose_types, choose_variants
-from tsbench.run.result import EpisodeResult
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -82,7 +82,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._hold, self._mask = hold, mask_signs
         self._reward_spec = RewardSpec() if reward is None else reward
         self._reward: RouteReward
-        self._turn: Turn | None = None
+        self._turn: Step | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
@@ -97,7 +97,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         row = (
             self._rows[int(self.np_random.integers(len(self._rows)))] if named is None else self._by_id[named]
         )
-        turn = course().begin(row, self, self._mask)
+        turn = process_episode().begin(row, self, self._mask)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)
@@ -108,7 +108,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` ticks with one action, or fewer up to the episode's end."""
-        if self._turn is None or course().driver is not self:
+        if self._turn is None or process_episode().driver is not self:
             raise gymnasium.error.ResetNeeded(
                 "no episode: reset first (libsumo has one simulation per process, which another environment of this "
                 "process may have taken; AsyncVectorEnv and SubprocVecEnv give each its own)"
@@ -118,7 +118,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             raise ValueError(f"action {first}, {second} is not finite")
         earned = 0.0
         for _ in range(self._hold):
-            turn = course().drive(self._act(first, second, self._turn.observation))
+            turn = process_episode().drive(self._act(first, second, self._turn.observation))
             if isinstance(turn, EpisodeResult):
                 return self._over(turn, self._turn.observation, earned)
             self._turn = turn
@@ -126,7 +126,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return self._seen.encode(self._turn.observation), earned, False, False, {}
 
     @property
-    def turn(self) -> Turn:
+    def turn(self) -> Step:
         """What a planner would be shown now. Raises ResetNeeded between episodes."""
         if self._turn is None:
             raise gymnasium.error.ResetNeeded("no episode: reset first")
@@ -148,8 +148,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def close(self) -> None:
         """End the episode, and SUMO with it."""
         self._turn = None
-        if course().driver is self:
-            course().close()
+        if process_episode().driver is self:
+            process_episode().close()
 
 
 def _words(asked: str | Sequence[str]) -> list[str]:

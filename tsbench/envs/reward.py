@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tsbench.metrics.outcome import Outcome
+from tsbench.episode.outcome import Outcome
 from tsbench.planners.base import Observation
+from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.planners.helpers import RoadAhead
-from tsbench.planners.route_speed import RouteSpeed
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 
 SCHEMA_VERSION = 1
 STATE = "checkpoint.safetensors"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 
 # Of malloc.h (glibc).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3

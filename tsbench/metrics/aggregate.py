@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import METRICS, SCD, MetricColumn, Records, split_records
 
 SUMMARY_SCHEMA = 2

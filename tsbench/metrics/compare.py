@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import Difference, Pairs, adjust, difference
 from tsbench.metrics.records import METRICS, SCD, MetricColumn, Records, split_records

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.comfort import comfort
 from tsbench.metrics.flags import hard_braking, max_overspeed, stuck, wrong_way
 from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
-from tsbench.metrics.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.progress import driving_score, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.sim.world import DT_S

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from tsbench.metrics.outcome import EpisodeFacts, Outcome
+from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.tracks import Tracks
 
 CONTACT_FACTOR = 0.5

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.outcome import Outcome
 from tsbench.signs.model import GROUPS
 
 

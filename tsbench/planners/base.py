@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from tsbench.geometry.polyline import Array
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.navigation import RouteView
-from tsbench.sim.scene import Destination, Obstacle
+from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import Actors, EgoState
 
 

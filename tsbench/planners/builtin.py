@@ -6,15 +6,15 @@ from tsbench.planners.registry import PlannerEntry
 from tsbench.planners.weights import learned
 
 IDM = PlannerEntry(target="tsbench.planners.idm:Idm", kind="rules", sign_access=False)
-IDM_E = PlannerEntry(target="tsbench.planners.expert:IdmExpert", kind="expert", privileged=True)
+IDM_E = PlannerEntry(target="tsbench.planners.experts.expert:IdmExpert", kind="expert", privileged=True)
 IDM_S1 = PlannerEntry(target="tsbench.planners.styles:IdmS1", kind="rules", sign_access=False)
-IDM_S1_E = PlannerEntry(target="tsbench.planners.expert:IdmS1Expert", kind="expert", privileged=True)
+IDM_S1_E = PlannerEntry(target="tsbench.planners.experts.expert:IdmS1Expert", kind="expert", privileged=True)
 IDM_S2 = PlannerEntry(target="tsbench.planners.styles:IdmS2", kind="rules", sign_access=False)
-IDM_S2_E = PlannerEntry(target="tsbench.planners.expert:IdmS2Expert", kind="expert", privileged=True)
+IDM_S2_E = PlannerEntry(target="tsbench.planners.experts.expert:IdmS2Expert", kind="expert", privileged=True)
 IDM_S3 = PlannerEntry(target="tsbench.planners.styles:IdmS3", kind="rules", sign_access=False)
-IDM_S3_E = PlannerEntry(target="tsbench.planners.expert:IdmS3Expert", kind="expert", privileged=True)
+IDM_S3_E = PlannerEntry(target="tsbench.planners.experts.expert:IdmS3Expert", kind="expert", privileged=True)
 IDM_S4 = PlannerEntry(target="tsbench.planners.styles:IdmS4", kind="rules", sign_access=False)
-IDM_S4_E = PlannerEntry(target="tsbench.planners.expert:IdmS4Expert", kind="expert", privileged=True)
+IDM_S4_E = PlannerEntry(target="tsbench.planners.experts.expert:IdmS4Expert", kind="expert", privileged=True)
 PPO = learned("ppo", "tsbench.planners.ppo.planner:Ppo")
 PPO_E = learned(
     "ppo", "tsbench.planners.ppo.planner:PpoExpert", kind="expert", privileged=True, sign_access=True

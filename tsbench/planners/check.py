@@ -1,4 +1,4 @@
-"""What can be said of a planner without driving it, in plain words. Its driving is checked in `tsbench.run.check`."""
+"""What can be said of a planner without driving it, in plain words. Its driving is checked in `tsbench.tools.check`."""
 
 from __future__ import annotations
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.base import Observation, SignView
-from tsbench.planners.profile import PathSamples, speed_at, speed_profile
-from tsbench.sim.lanegraph import RoutePath
+from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
+from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.roads.lane_graph import RoutePath
 
 _BESIDE_M = 20.0
 

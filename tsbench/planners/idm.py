@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tsbench.planners.ahead import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.lane_change import LaneChanges
-from tsbench.planners.profile import PathSamples, speed_at, speed_profile
-from tsbench.planners.steering import follow
-from tsbench.sim.lanegraph import RoutePath
+from tsbench.planners.common.lane_change import LaneChanges
+from tsbench.planners.common.pure_pursuit import follow
+from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
+from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.scene import Obstacle
 
 # The speed profile is read this far ahead in time, so that its braking is met and not only followed.
@@ -81,7 +81,7 @@ class Idm:
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s."""
-        route, stop = self._lanes.guide(observation, observation.route)
+        route, stop = self._lanes.route(observation, observation.route)
         if route.path is not self._path:
             self._prepare(route.path)
         p, v, s = self.parameters, observation.ego.speed, route.s

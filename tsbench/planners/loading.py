@@ -10,8 +10,8 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
-from tsbench.errors import InputError, cause_of
-from tsbench.extras import install_command
+from tsbench.core.errors import InputError, cause_of
+from tsbench.core.extras import install_command
 
 
 def import_attribute(source: str, attribute: str, where: str) -> object:

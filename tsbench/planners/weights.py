@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import platformdirs
 
+from tsbench.core.errors import InputError
 from tsbench.data.fetch import fetch_file
-from tsbench.errors import InputError
 from tsbench.planners.registry import PlannerEntry, Weights
 
 Tensors = dict[str, npt.NDArray[Any]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.run.trace import Trace
+from tsbench.episode.trace import Trace
 from tsbench.signs.countries import Country, shown_code
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S

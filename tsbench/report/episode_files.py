@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tsbench.report.bulk import Job, Progress, Tally, make_files
-from tsbench.report.selection import Chosen, Selection, select_traces
-from tsbench.run.trace import Trace, find_trace, read_trace
-from tsbench.scenarios.load import load_scene
+from tsbench.episode.trace import Trace, find_trace, read_trace
+from tsbench.report.video.bulk import Counts, Job, Progress, make_files
+from tsbench.report.video.selection import Chosen, Selection, select_traces
+from tsbench.scenarios.scene_loader import load_scene
 from tsbench.sim.scene import Scene
 
 
@@ -40,7 +40,7 @@ def make_one(run: Path, episode: str, kind: FileKind, out: Path | None) -> Path:
 
 def make_selected(
     run: Path, selection: Selection, kind: FileKind, out: Path | None, workers: int, progress: Progress
-) -> tuple[Tally, Chosen]:
+) -> tuple[Counts, Chosen]:
     """Make the files of all selected episodes below the folder `out` (default: in the run) that are not there yet."""
     chosen = select_traces(run, selection)
     folder = run / kind.folder if out is None else out

@@ -9,20 +9,19 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.crop import plain_crop
+from tsbench.dataset.maps.source import SourceNetwork, load_source
 from tsbench.geometry.overlap import strip
-from tsbench.maps.build import build_net
-from tsbench.maps.crop import plain_crop
-from tsbench.maps.network import RoadNetwork, read_network
-from tsbench.maps.paths import pool_file
-from tsbench.maps.pool import PoolRow, read_pool
-from tsbench.maps.source import SourceNetwork, load_source
-from tsbench.report.camera import Image, camera_over
+from tsbench.report.drawing.camera import Image, camera_over
 from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.shapes import Area
 from tsbench.report.drawing.sheet import save_png, sheet
-from tsbench.report.roads import road_shapes
-from tsbench.report.style import STYLE
+from tsbench.report.drawing.style import STYLE
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 
 _COLUMNS, _WIDTH_PX, _HEIGHT_PX = 5, 300, 280
 # Of dual paths: approach, short way, compliant way.

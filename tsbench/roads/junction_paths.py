@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.geometry.overlap import ConflictZone, conflict_zones
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.maps.network import Connection, Lane, RoadNetwork
+from tsbench.roads.network import Connection, Lane, RoadNetwork
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.maps.network import RoadNetwork
 from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.network import RoadNetwork
 
 
 class PriorityVehicle(NamedTuple):

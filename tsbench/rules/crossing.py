@@ -20,11 +20,11 @@ _WINDOW_M = 6.0
 Zones = tuple[ConflictZone | None, ...]
 
 
-def arrival_s(foe: PriorityVehicle, zone: ConflictZone, least_speed: float) -> float | None:
+def arrival_s(vehicle: PriorityVehicle, zone: ConflictZone, least_speed: float) -> float | None:
     """Seconds until a vehicle reaches its zone, 0 while it is in it; None when it has cleared it."""
-    if foe.s - foe.length > zone.b_out:
+    if vehicle.s - vehicle.length > zone.b_out:
         return None
-    return max(zone.b_in - foe.s, 0.0) / max(foe.speed, least_speed)
+    return max(zone.b_in - vehicle.s, 0.0) / max(vehicle.speed, least_speed)
 
 
 class Crossing:
@@ -35,12 +35,12 @@ class Crossing:
         path: JunctionPath,
         zones: Zones,
         foe_paths: tuple[JunctionPath, ...],
-        foes: PriorityVehicles,
+        vehicles: PriorityVehicles,
         rule: RuleSpec,
         log: EventLog,
     ) -> None:
         self._path, self._zones, self._foe_paths = path, zones, foe_paths
-        self._foes, self._log = foes, log
+        self._foes, self._log = vehicles, log
         self._gap, self._least = rule.thresholds["gap_s"], rule.thresholds["min_foe_speed_mps"]
         self._post_clear = rule.thresholds["post_clear_s"]
         self._s = -_HALF_M
@@ -57,10 +57,10 @@ class Crossing:
         ego, step = snapshot.ego, snapshot.step
         # A window: the two legs of a U-turn lie side by side.
         self._s, _ = self._path.line.project(ego.x, ego.y, self._s - _WINDOW_M, self._s + _WINDOW_M)
-        foes = self._foes.find(snapshot.actors)
+        vehicles = self._foes.find(snapshot.actors)
         if self._first:
             self._first = False
-            self._judge_entry(snapshot, foes)
+            self._judge_entry(snapshot, vehicles)
         for j, zone in enumerate(self._zones):
             if zone is not None:
                 if self._s + _HALF_M >= zone.a_in:
@@ -68,10 +68,10 @@ class Crossing:
                 if self._s - _HALF_M > zone.a_out:
                     self._out.setdefault(j, step)
         left = self._s - _HALF_M > self._path.line.length
-        for foe in foes:
-            self._judge_meeting(snapshot, foe)
+        for vehicle in vehicles:
+            self._judge_meeting(snapshot, vehicle)
             if not left:
-                self._judge_contact(snapshot, foe)
+                self._judge_contact(snapshot, vehicle)
         if left:
             self.close()
             waited = (step - max(self._out.values(), default=step)) * DT_S
@@ -82,52 +82,52 @@ class Crossing:
         for excursion in self._touch.values():
             excursion.close()
 
-    def _judge_entry(self, snapshot: WorldSnapshot, foes: list[PriorityVehicle]) -> None:
+    def _judge_entry(self, snapshot: WorldSnapshot, vehicles: list[PriorityVehicle]) -> None:
         """Clause entered_while_blocked: the vehicle that would be there first stands for all that block."""
         arrivals = []
-        for foe in foes:
-            zone = self._zones[foe.path]
-            arrival = None if zone is None else arrival_s(foe, zone, self._least)
+        for vehicle in vehicles:
+            zone = self._zones[vehicle.path]
+            arrival = None if zone is None else arrival_s(vehicle, zone, self._least)
             if arrival is not None and arrival < self._gap:
-                arrivals.append((arrival, foe.at, foe.row))
+                arrivals.append((arrival, vehicle.at, vehicle.row))
         if arrivals:
             arrival, _, row = min(arrivals)
             other = snapshot.actors.table.ids[row]
             self._log.event("entered_while_blocked", snapshot, snapshot.time, arrival, self._gap, other)
             self._log.mark(snapshot.step)
 
-    def _judge_meeting(self, snapshot: WorldSnapshot, foe: PriorityVehicle) -> None:
+    def _judge_meeting(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
         """Clause encroached, judged once per vehicle, at the tick when its front reaches the zone."""
-        zone = self._zones[foe.path]
-        if zone is None or foe.row in self._met:
+        zone = self._zones[vehicle.path]
+        if zone is None or vehicle.row in self._met:
             return
-        if foe.s < zone.b_in:
-            self._coming.add((foe.row, foe.path))
+        if vehicle.s < zone.b_in:
+            self._coming.add((vehicle.row, vehicle.path))
             return
-        self._met.add(foe.row)
-        if (foe.row, foe.path) not in self._coming:
+        self._met.add(vehicle.row)
+        if (vehicle.row, vehicle.path) not in self._coming:
             return  # it was past the zone, or comes onto this path behind it, from the lane beside
         step = snapshot.step
-        if self._in.get(foe.path, step) >= step:
+        if self._in.get(vehicle.path, step) >= step:
             return  # the other one is first, or both come at once
-        after = (step - self._out.get(foe.path, step)) * DT_S
+        after = (step - self._out.get(vehicle.path, step)) * DT_S
         if after < self._post_clear:
-            other = snapshot.actors.table.ids[foe.row]
+            other = snapshot.actors.table.ids[vehicle.row]
             self._log.event("encroached", snapshot, snapshot.time, after, self._post_clear, other)
             self._log.mark(step)
 
-    def _judge_contact(self, snapshot: WorldSnapshot, foe: PriorityVehicle) -> None:
+    def _judge_contact(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
         """Clause contact: neither has left the junction."""
         actors, ego = snapshot.actors, snapshot.ego
-        x, y, heading = actors.pose[foe.at].tolist()
-        touching = foe.s - foe.length <= self._foe_paths[foe.path].line.length and boxes_overlap(
+        x, y, heading = actors.pose[vehicle.at].tolist()
+        touching = vehicle.s - vehicle.length <= self._foe_paths[vehicle.path].line.length and boxes_overlap(
             ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M,
-            x, y, heading, foe.length, float(actors.table.width[foe.row]),
+            x, y, heading, vehicle.length, float(actors.table.width[vehicle.row]),
         )  # fmt: skip
-        excursion = self._touch.get(foe.row)
+        excursion = self._touch.get(vehicle.row)
         if touching:
             if excursion is None:
-                excursion = self._touch[foe.row] = Excursion(self._log, "contact")
-            excursion.broken(snapshot, 1.0, 0.0, actors.table.ids[foe.row])
+                excursion = self._touch[vehicle.row] = Excursion(self._log, "contact")
+            excursion.broken(snapshot, 1.0, 0.0, actors.table.ids[vehicle.row])
         elif excursion is not None:
             excursion.close()

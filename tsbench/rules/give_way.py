@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.base import Monitor, Verdict
@@ -89,10 +89,10 @@ class GiveWay(Monitor):
 
     def _note_foes(self, snapshot: WorldSnapshot) -> None:
         """For each of the ego's paths: is a vehicle upstream of its zone with it, and near enough?"""
-        for foe in self._foes.find(snapshot.actors):
+        for vehicle in self._foes.find(snapshot.actors):
             for k, row in enumerate(self._zones):
-                zone = row[foe.path]
-                if zone is not None and 0.0 < zone.b_in - foe.s <= self._reach:
+                zone = row[vehicle.path]
+                if zone is not None and 0.0 < zone.b_in - vehicle.s <= self._reach:
                     self._bound[k] = True
 
     def _cross(self, snapshot: WorldSnapshot) -> None:

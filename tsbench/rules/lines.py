@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.maps.network import Lane, RoadNetwork
+from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 _HALF_M = EGO_LENGTH_M / 2

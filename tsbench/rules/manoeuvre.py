@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from tsbench.geometry.angles import U_TURN, turn_class, wrap
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.lane_graph import heading_change
+from tsbench.roads.network import RoadNetwork
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import JunctionParams
-from tsbench.sim.lanegraph import heading_change
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.maps.network import Connection, RoadNetwork
+from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.rules.base import Verdict
 from tsbench.rules.events import Excursion
 from tsbench.rules.give_way import GiveWay

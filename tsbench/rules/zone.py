@@ -5,7 +5,7 @@ Positions are metres from the start of an edge's lanes.
 
 from __future__ import annotations
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.rules.base import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ZoneParams

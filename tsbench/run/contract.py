@@ -13,16 +13,16 @@ from tsbench.signs.catalog import Catalog
 
 # From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
 ROOTS = (
-    "tsbench/run/worker_main.py",
-    "tsbench/run/serving.py",
-    "tsbench/run/episode.py",
-    "tsbench/run/score.py",
-    "tsbench/run/workers.py",
+    "tsbench/run/execution/worker_main.py",
+    "tsbench/run/execution/inference_client.py",
+    "tsbench/episode/runner.py",
+    "tsbench/run/log/score.py",
+    "tsbench/run/execution/local.py",
 )
 # Known and left out. Planners are in nobody's way here: `planners.registry` finds them by name, and what they consist
 # of stands in their own hashes (`run.contestant`).
 LEFT_OUT = {
-    "tsbench/run/ray_executor.py": "carries rows to the same pools on other machines, and their records back",
+    "tsbench/run/execution/ray.py": "carries rows to the same pools on other machines, and their records back",
 }
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import yaml
 
 import tsbench
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic
 from tsbench.run.contract import contract_hash
-from tsbench.run.files import write_atomic
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 
-from tsbench.errors import InputError
-from tsbench.maps.paths import pool_file
-from tsbench.maps.pool import known_map_ids
+from tsbench.core.errors import InputError
+from tsbench.scenarios.map_pool import known_map_ids, pool_file
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import read_table, table_path

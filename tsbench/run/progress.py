@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from tsbench.run.record import Row
+from tsbench.run.log.record import Row
 
 _REFRESH_PER_S = 2.0
 _LINE_EVERY_S = 15.0

@@ -14,24 +14,25 @@ from urllib.parse import quote
 
 import pyarrow as pa
 
-from tsbench.errors import InputError
-from tsbench.metrics.outcome import Outcome
+from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Outcome
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
-from tsbench.run.executor import Executor, Limits, make_executor
-from tsbench.run.folder import RunFolder, check_folder
-from tsbench.run.handout import HandOut, Task
-from tsbench.run.manifest import new_manifest
+from tsbench.run.execution.base import Executor, Limits
+from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.execution.worker_process import Setup
+from tsbench.run.log.folder import RunFolder, check_folder
+from tsbench.run.log.manifest import new_manifest
+from tsbench.run.log.record import Record, Row
+from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.plan import Plan, Request, make_plan
-from tsbench.run.process import Setup
-from tsbench.run.record import Record, Row
-from tsbench.run.tables import read_table, write_tables
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
-RUNNER = "tsbench.run.serving:WorkerRunner"
+RUNNER = "tsbench.run.execution.inference_client:WorkerRunner"
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Options:
     runner: str = RUNNER
 
 
-class Watcher(Protocol):
+class ProgressListener(Protocol):
     """Who is told how a run goes."""
 
     def notice(self, line: str) -> None:
@@ -72,7 +73,7 @@ class Watcher(Protocol):
 
 
 @dataclass(frozen=True)
-class Ending:
+class RunResult:
     """How a run ended. status: complete or interrupted. errors: episodes with an error outcome.
 
     summary: None where episodes are missing and partial figures were not asked for.
@@ -87,7 +88,7 @@ class Ending:
     summary: Summary | None
 
 
-def run(options: Options, watcher: Watcher) -> Ending:
+def run(options: Options, watcher: ProgressListener) -> RunResult:
     """Run, or continue, what the options ask for.
 
     Raises:
@@ -137,7 +138,7 @@ def _drive(
     pool: Executor,
     planners: Sequence[Mapping[str, Any]],
     folder: RunFolder,
-    watcher: Watcher,
+    watcher: ProgressListener,
 ) -> str:
     """Run what is not there yet, write the tables; returns the status."""
     journal = folder.journal
@@ -170,7 +171,7 @@ def _drive(
         try:
             if todo:
                 pool.run(
-                    setup, HandOut(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
+                    setup, TaskQueue(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
                 )
         finally:
             watcher.end()
@@ -178,7 +179,7 @@ def _drive(
     return "complete" if len(journal.done) == len(names) * len(plan.scenarios) else "interrupted"
 
 
-def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_partial: bool) -> Ending:
+def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_partial: bool) -> RunResult:
     """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
     # Statistics take long to import, and nothing before the end needs them.
     from tsbench.metrics.aggregate import summarise
@@ -192,7 +193,7 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_part
         summary = summarise(
             episodes, contract_hash=contract, edition=edition, asked=asked, allow_partial=allow_partial
         )
-    return Ending(
+    return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
     )
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from tsbench.core.provenance import data_hash, digest, versions
-from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_file
+from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.paths import data_file
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog
 

@@ -15,12 +15,12 @@ from typing import Protocol
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tsbench.errors import InputError
-from tsbench.parquet import VERSION_KEY
-from tsbench.paths import data_file, fetch_hint
+from tsbench.core.errors import InputError
+from tsbench.core.parquet import VERSION_KEY
+from tsbench.core.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneFile
-from tsbench.xmlfile import read_plain, sha256
+from tsbench.core.xmlfile import read_plain, sha256
 
 # The files of one map, unpacked: ten times what the largest has. What Parquet adds to them is no more than they.
 MOST_BYTES = 4 << 20

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from tsbench.errors import InputError
-from tsbench.parquet import VERSION_KEY, open_table, save_table
-from tsbench.paths import data_file, fetch_hint
+from tsbench.core.errors import InputError
+from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import SCHEMA_VERSION, ScenarioSpec
 
 SPLITS = ("train", "test")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from lxml import etree
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import Params, PlateParams, read_params
 from tsbench.signs.rule_kinds import RULE_KINDS

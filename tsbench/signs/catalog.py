@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tsbench.errors import InputError
-from tsbench.paths import data_file
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_file
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import RULE_KINDS

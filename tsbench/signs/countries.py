@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.parsing import open_file
 from tsbench.signs.reading import Fields

@@ -10,7 +10,7 @@ from lxml import etree
 from PIL import Image
 from resvg_py import svg_to_bytes
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.digits import GLYPH_HEIGHT, STROKE, number_path
 

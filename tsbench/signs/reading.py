@@ -6,8 +6,8 @@ from typing import NoReturn
 
 import yaml
 
-from tsbench import textfile
-from tsbench.errors import InputError
+from tsbench.core import textfile
+from tsbench.core.errors import InputError
 
 _TOO_BIG = 1e300  # shuts out infinity, and whole numbers that no float can hold
 

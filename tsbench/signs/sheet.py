@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.countries import Country, shown_code
 from tsbench.signs.model import GROUPS, Sign

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0

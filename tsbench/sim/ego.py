@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.errors import PlannerOutputError
+from tsbench.core.errors import PlannerOutputError
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array
 from tsbench.sim.scene import Scene

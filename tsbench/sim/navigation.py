@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tsbench.sim.lanegraph import LaneGraph, RoutePath
-from tsbench.sim.scene import Destination
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph, RoutePath
 from tsbench.sim.world import EgoState
 
 _WINDOW_M = 15.0

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.paths import data_file
-from tsbench.textfile import read_json
+from tsbench.core.paths import data_file
+from tsbench.core.textfile import read_json
 
 
 @cache

@@ -6,8 +6,9 @@ from collections.abc import Container
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tsbench.errors import InputError
-from tsbench.maps.network import RoadNetwork
+from tsbench.core.errors import InputError
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, ZoneParams
 
@@ -33,14 +34,6 @@ class EgoStart:
     lane: str
     s: float
     speed: float
-
-
-@dataclass(frozen=True, slots=True)
-class Destination:
-    """The point to reach: edge id and arc length along it (m); any lane of the edge counts."""
-
-    edge: str
-    s: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,13 @@ from pathlib import Path
 
 from lxml import etree
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.footprint import corners
-from tsbench.maps.network import RoadNetwork
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
-from tsbench.sim.scene import ConvoyPlan, Destination, EgoStart, Obstacle, Scene, SceneFile, WalkersPlan
-from tsbench.xmlfile import parse, read_plain
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, WalkersPlan
 
 EGO_ID = "ego"
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import libsumo
 import numpy as np
 
-from tsbench.errors import SimulationError
-from tsbench.maps.network import RoadNetwork
+from tsbench.core.errors import SimulationError
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID

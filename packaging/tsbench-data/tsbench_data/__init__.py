@@ -1,1 +1,1 @@
-"""The data of tsbench's test split; found by `tsbench.paths`. © OpenStreetMap contributors, ODbL 1.0."""
+"""The data of tsbench's test split; found by `tsbench.core.paths`. © OpenStreetMap contributors, ODbL 1.0."""

@@ -15,19 +15,19 @@ import pytest
 import shapely
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from patience import HANG_S
+from stop_policy import HANG_S
 
 from tsbench.cli import main
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
+from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.episode_files import make_one
 from tsbench.report.export.formats import WRITERS, export_kind
 from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
-from tsbench.report.roads import road_shapes
-from tsbench.run.episode import EpisodeRunner
-from tsbench.run.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.load import load_scene
+from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M

@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from tsbench.geometry.elementary import exp, log
 from tsbench.geometry.polyline import Array
-from tsbench.planners.batched import Records
 from tsbench.planners.carl.raster import MEASUREMENTS
-from tsbench.planners.convolution import LARGEST, Convolution, rectified
-from tsbench.planners.fixed_point import BITS, Linear, snap
-from tsbench.planners.parameters import Parameters
+from tsbench.planners.common.batching import Records
+from tsbench.planners.common.convolution import LARGEST, Convolution, rectified
+from tsbench.planners.common.fixed_point import BITS, Linear, snap
+from tsbench.planners.common.parameters import Parameters
 
 _FULL = 255
 # Measurements are about -1..1; what is beyond is cut, which bounds all that follows.

@@ -8,16 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import Array
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.batched import Infer, Records
 from tsbench.planners.carl.engine import Engine
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
-from tsbench.planners.expert import Expert
-from tsbench.planners.learned import ACTIONS, DRAW, LearnedPlanner
-from tsbench.planners.led import Led
-from tsbench.planners.quantiles import beta_quantile
+from tsbench.planners.common.batching import Infer, Records
+from tsbench.planners.common.quantiles import beta_quantile
+from tsbench.planners.experts.expert import Expert
+from tsbench.planners.experts.obstacle_filter import ObstacleFilter
+from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import Tensors, load_weights
 
 WEIGHTS = "carl"
@@ -103,7 +103,7 @@ class CarlExpert(Expert):
     served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
 
     def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(Led(Carl(infer)))
+        super().__init__(ObstacleFilter(Carl(infer)))
 
     @staticmethod
     def network(device: str) -> Infer:

@@ -19,14 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.cutout import Packed, cut, pack, repack
-from tsbench.planners.measurements import ahead, motion, on_route, pace
-from tsbench.planners.road_area import road_lanes
-from tsbench.planners.route_speed import RouteSpeed
+from tsbench.planners.common.cutout import Packed, cut, pack, repack
+from tsbench.planners.common.measurements import ahead, motion, on_route, pace
+from tsbench.planners.common.road_area import road_lanes
+from tsbench.planners.common.route_speed import RouteSpeed
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.ego import MAX_SPEED_MPS
-from tsbench.sim.lanegraph import RoutePath
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Box
 
 Raster = npt.NDArray[np.uint8]

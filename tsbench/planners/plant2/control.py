@@ -37,8 +37,8 @@ def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: floa
 
     driven: metres since the place that the path begins at.
     """
-    wish = 0.0 if speed < gains.halt else speed
-    acceleration = gains.speed_p * (wish - ego.speed) - gains.speed_d * ego.acceleration
+    target_speed = 0.0 if speed < gains.halt else speed
+    acceleration = gains.speed_p * (target_speed - ego.speed) - gains.speed_d * ego.acceleration
     ahead = max(gains.ahead_m, gains.ahead_s * ego.speed)
     place = min(driven + ahead, float(len(path))) - 1.0
     k = min(int(place), len(path) - 2)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.planners.fixed_point import (
+from tsbench.planners.common.fixed_point import (
     BITS,
     SUM_BITS,
     Curve,
@@ -24,7 +24,7 @@ from tsbench.planners.fixed_point import (
     softmax,
     tree_sum,
 )
-from tsbench.planners.parameters import Parameters
+from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
 from tsbench.planners.plant2.plan import plans

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tsbench.errors import InputError
-from tsbench.planners.batched import Infer
+from tsbench.core.errors import InputError
+from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2.engine import Engine
 from tsbench.planners.weights import load_weights, network
 

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.maps.network import RoadNetwork
-from tsbench.planners.cutout import Image, cut, pack, repack
+from tsbench.planners.common.cutout import Image, cut, pack, repack
 from tsbench.planners.plant2.layout import (
     PATCH_AHEAD_M,
     PATCH_CHANNELS,
@@ -20,7 +19,8 @@ from tsbench.planners.plant2.layout import (
     PATCH_M_PER_PX,
     PATCH_ROWS,
 )
-from tsbench.sim.lanegraph import RoutePath
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.network import RoadNetwork
 
 _PX_PER_M = 2.0
 _MARGIN_M = 70.0

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.batched import Infer
-from tsbench.planners.expert import Expert
-from tsbench.planners.led import Led
+from tsbench.planners.common.batching import Infer
+from tsbench.planners.experts.expert import Expert
+from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.inference import load
 from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
@@ -67,7 +67,7 @@ class Plant2:
         points = np.column_stack((c * along - s * left + then.x, s * along + c * left + then.y))
         seen = to_frame(points, (o.ego.x, o.ego.y, o.ego.heading))
         driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
-        return control(seen, self.wish(self._plan), o.ego, self._gains, driven)
+        return control(seen, self.target_speed(self._plan), o.ego, self._gains, driven)
 
     def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
         """A fresh plan's command for each of several observations on the present roads; as it would be alone."""
@@ -79,12 +79,12 @@ class Plant2:
         assert self._tokeniser is not None, "act before reset"
         return self._tokeniser.tokens(observation)
 
-    def wish(self, plan: Record) -> float:
+    def target_speed(self, plan: Record) -> float:
         """The speed of a plan, m/s."""
         return float(plan["speed"])
 
     def _decide(self, observation: Observation, plan: Record) -> Control:
-        return control(plan["path"], self.wish(plan), observation.ego, self._gains)
+        return control(plan["path"], self.target_speed(plan), observation.ego, self._gains)
 
 
 class Plant2Expert(Expert):
@@ -95,7 +95,7 @@ class Plant2Expert(Expert):
     served_on: ClassVar[tuple[str, ...]] = Plant2.served_on
 
     def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(Led(Plant2(infer)))
+        super().__init__(ObstacleFilter(Plant2(infer)))
 
     @staticmethod
     def network(device: str) -> Infer:

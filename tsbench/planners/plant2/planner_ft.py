@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.batched import Infer
+from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2.layout import SIGN_SIDE_M, SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.route_alternatives import RouteAlternatives
 from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
-from tsbench.planners.plant2.ways import Ways
 from tsbench.sim.world import DT_S, EgoState
 
 # A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
@@ -25,7 +25,7 @@ _GOES_MPS = 1.5
 class SignTokeniser:
     """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
-    def __init__(self, tokeniser: Tokeniser, ways: Ways) -> None:
+    def __init__(self, tokeniser: Tokeniser, ways: RouteAlternatives) -> None:
         self._tokeniser, self.ways = tokeniser, ways
         self._memory = SignMemory(tokeniser.network)
 
@@ -46,7 +46,7 @@ class SignTokeniser:
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class StopPolicy:
     """When a plan halts: from which share of standing on, and what is added to it each second (1/s) after `waits` s.
 
     settles: seconds that a halt lasts beyond the last plan that halts. brakes: least deceleration of a halt, m/s2: in
@@ -59,10 +59,10 @@ class Patience:
     share: float = 0.3
     waits: float = 5.0
     rise: float = 0.02
-    settles: float = 1.2
+    hold_s: float = 1.2
     brakes: float = 3.0
 
-    def halts(self, standing: float, waited: float) -> bool:
+    def stop_decision(self, standing: float, waited: float) -> bool:
         """Does a plan with this share of standing halt after a wait of so many seconds?"""
         return standing >= self.share + self.rise * max(waited - self.waits, 0.0)
 
@@ -78,7 +78,7 @@ class Plant2Ft(Plant2):
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
         super().__init__(infer, folder)
         self._signs: SignTokeniser
-        self._patience = Patience()
+        self._stop_policy = StopPolicy()
         self._stood, self._halted, self._settling = 0, -math.inf, False
         self._intent: tuple[str, ...]
 
@@ -87,35 +87,35 @@ class Plant2Ft(Plant2):
         super().reset(context)
         self._stood, self._halted, self._settling = 0, -math.inf, False
         assert self._tokeniser is not None
-        self._signs = SignTokeniser(self._tokeniser, Ways(context.graph, context.destination))
+        self._signs = SignTokeniser(self._tokeniser, RouteAlternatives(context.graph, context.destination))
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
         self._signs.watch(observation)
         self._stood = self._stood + 1 if observation.ego.speed <= _GOES_MPS else 0
-        self._settling = (observation.step - self._halted) * DT_S < self._patience.settles
+        self._settling = (observation.step - self._halted) * DT_S < self._stop_policy.hold_s
         command = super().act(observation)
         assert self._plan is not None
-        halts = self._halts(self._plan)
-        if halts:
+        stop_decision = self._stop_decision(self._plan)
+        if stop_decision:
             self._halted = observation.step
         # The plan is of this tick.
         if self._since is observation.ego:
             self._intent = self._meant(self._plan, observation.ego)
-        most = -self._patience.brakes if self._settling or halts else math.inf
+        most = -self._stop_policy.brakes if self._settling or stop_decision else math.inf
         return replace(command, acceleration=min(command.acceleration, most), intent=self._intent)
 
     def _meant(self, plan: Record, ego: EgoState) -> tuple[str, ...]:
         """The way that a new plan's path leads to, for the indicators: others give way by it."""
         (x, y), c, s = plan["path"][-1].tolist(), math.cos(ego.heading), math.sin(ego.heading)
-        return self._signs.ways.meant(ego.x + c * x - s * y, ego.y + s * x + c * y, math.hypot(x, y))
+        return self._signs.ways.intent(ego.x + c * x - s * y, ego.y + s * x + c * y, math.hypot(x, y))
 
-    def wish(self, plan: Record) -> float:
+    def target_speed(self, plan: Record) -> float:
         """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
-        return 0.0 if self._settling or self._halts(plan) else super().wish(plan)
+        return 0.0 if self._settling or self._stop_decision(plan) else super().target_speed(plan)
 
-    def _halts(self, plan: Record) -> bool:
-        return self._patience.halts(float(plan["standing"]), self._stood * DT_S)
+    def _stop_decision(self, plan: Record) -> bool:
+        return self._stop_policy.stop_decision(float(plan["standing"]), self._stood * DT_S)
 
     def encode(self, observation: Observation) -> Records:
         """(1,) of the network's inputs; in order."""

@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
-from tsbench.sim.lanegraph import RoutePath
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.world import EGO_LENGTH_M
 
 _KMH_PER_MPS = 3.6

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.patch import Patches
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.world import ActorKind
 
 Pose = tuple[float, float, float]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from tsbench.errors import InputError
-from tsbench.planners.batched import Infer
+from tsbench.core.errors import InputError
+from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.network_ft import Plant2FtNetwork
-from tsbench.planners.plant2.plan import wished_speed
+from tsbench.planners.plant2.plan import target_speed_of
 
 # Slots for objects: an empty street costs less than a full one.
 BUCKETS = (6, 14, at.OBJECTS)
@@ -46,7 +46,7 @@ def _group(net: Plant2Network, batch: at.Records, slots: int, device: str) -> at
     plan = net(tokens, forecast=False)
     answers: at.Records = np.empty(len(batch), dtype=at.PLAN)
     answers["path"], answers["waypoints"] = plan.path.cpu().numpy(), plan.waypoints.cpu().numpy()
-    answers["speed"], answers["standing"] = wished_speed(plan.speed.cpu().double().numpy())
+    answers["speed"], answers["standing"] = target_speed_of(plan.speed.cpu().double().numpy())
     return answers
 
 

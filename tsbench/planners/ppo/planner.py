@@ -7,17 +7,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.batched import Infer, Records
-from tsbench.planners.expert import Expert
-from tsbench.planners.fixed_point import Linear, snap, tanh
-from tsbench.planners.learned import ACTIONS, DRAW, LearnedPlanner
-from tsbench.planners.led import Led
-from tsbench.planners.parameters import Parameters
+from tsbench.planners.common.batching import Infer, Records
+from tsbench.planners.common.fixed_point import Linear, snap, tanh
+from tsbench.planners.common.parameters import Parameters
+from tsbench.planners.common.quantiles import normal_quantile
+from tsbench.planners.experts.expert import Expert
+from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
-from tsbench.planners.quantiles import normal_quantile
+from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import load_weights
 
 WEIGHTS = "ppo"
@@ -84,4 +84,4 @@ class PpoExpert(Expert):
     """`ppo-e`."""
 
     def __init__(self) -> None:
-        super().__init__(Led(Ppo()))
+        super().__init__(ObstacleFilter(Ppo()))

@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.maps.network import RoadNetwork
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.measurements import ahead, clip, motion, on_route, pace
+from tsbench.planners.common.measurements import ahead, clip, motion, on_route, pace
+from tsbench.planners.common.road_area import road_edges
+from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
-from tsbench.planners.road_area import road_edges
-from tsbench.planners.route_speed import RouteSpeed
+from tsbench.roads.network import RoadNetwork
 
 Vector = npt.NDArray[np.float32]
 

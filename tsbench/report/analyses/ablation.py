@@ -13,15 +13,15 @@ from pathlib import Path
 import pyarrow.compute as pc
 from matplotlib.figure import Figure
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.compare import Comparison, PairedFigure, compare
 from tsbench.report.analyses.differences import readings_of
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, put_title
 from tsbench.report.analyses.pool import Pool, check_contract, make_pool
-from tsbench.report.charts import INK, PALE
-from tsbench.report.forest import ForestRow, Mark, difference_mark, lost_won
-from tsbench.run.reading import read_run
+from tsbench.report.tables.charts import INK, PALE
+from tsbench.report.tables.forest import ForestRow, Mark, difference_mark, lost_won
+from tsbench.run.log.read import read_run
 
 _METRICS = ("driving_score", "destination", "efficiency", "collision", "comfort")
 

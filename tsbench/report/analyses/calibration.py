@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
+from tsbench.dataset.scenes.calibration import GOAL, Fit
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
-from tsbench.scenarios.calibration import GOAL, Fit
 
 _OURS, _NUPLAN = "#d55e00", "#0072b2"
 _JUDGED = {None: "none", True: "met", False: "missed"}

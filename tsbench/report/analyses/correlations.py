@@ -14,7 +14,7 @@ from math import atanh, sqrt, tanh
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.intervals import LEVEL
 from tsbench.metrics.records import METRICS
 from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_groups
@@ -22,8 +22,8 @@ from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Va
 from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, published_mark, put_title
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.published import published, published_metric, published_scd
-from tsbench.report.charts import INK
-from tsbench.report.forest import ForestRow, Mark
+from tsbench.report.tables.charts import INK
+from tsbench.report.tables.forest import ForestRow, Mark
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.

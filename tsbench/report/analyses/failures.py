@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
+from tsbench.episode.outcome import Outcome
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import Records
 from tsbench.report.analyses.columns import COMPLETED, STRICT, present_groups
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value

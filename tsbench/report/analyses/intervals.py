@@ -13,8 +13,8 @@ from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Va
 from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, published_mark, put_title
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.published import NOTE, published_scd
-from tsbench.report.charts import INK
-from tsbench.report.forest import ForestRow, Mark
+from tsbench.report.tables.charts import INK
+from tsbench.report.tables.forest import ForestRow, Mark
 
 
 def intervals(pool: Pool) -> Analysis:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.metrics.outcome import Outcome
 from tsbench.metrics.records import METRICS
 from tsbench.report.analyses.columns import STRICT, pick, present_groups, readings
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value

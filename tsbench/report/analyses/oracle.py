@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table
 from tsbench.report.analyses.panels import ALL
 from tsbench.report.analyses.published import in_published_order, published
-from tsbench.report.charts import INK
+from tsbench.report.tables.charts import INK
 from tsbench.signs.model import GROUPS
 
 PUBLISHED_DRIVES, PUBLISHED_SCENARIOS = 36_828, 23_200

@@ -7,10 +7,10 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.report.analyses.latex import to_latex
 from tsbench.report.analyses.markdown import to_markdown
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Value
-from tsbench.run.files import told_plainly, write_atomic
 
 _DIGITS = 6
 
@@ -21,12 +21,12 @@ def write_analysis(analysis: Analysis, folder: Path) -> list[Path]:
     paths = []
     for suffix, text in texts.items():
         path = folder / f"{analysis.name}.{suffix}"
-        with told_plainly(path):
+        with io_errors_as_input_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, text.encode())
         paths.append(path)
     if analysis.draw is not None:
-        from tsbench.report.charts import save_chart  # brings matplotlib
+        from tsbench.report.tables.charts import save_chart  # brings matplotlib
 
         pictures = [folder / f"{analysis.name}.{suffix}" for suffix in ("png", "svg")]
         save_chart(analysis.draw, *pictures)

@@ -14,9 +14,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.report.analyses.markdown import markdown_row
-from tsbench.run.files import told_plainly, write_atomic
 
 _BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
 _OPENED = re.compile(r"<!-- analysis ")
@@ -50,11 +50,11 @@ def refresh(page: Path, folder: Path) -> list[Path]:
     written = []
     for name, place in _FIGURE.findall(text):
         target = page.parent / place
-        with told_plainly(folder / f"{name}.png"):
+        with io_errors_as_input_errors(folder / f"{name}.png"):
             target.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(target, (folder / f"{name}.png").read_bytes())
         written.append(target)
-    with told_plainly(page):
+    with io_errors_as_input_errors(page):
         write_atomic(page, filled.encode())
     return [page, *written]
 

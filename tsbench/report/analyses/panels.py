@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tsbench.report.charts import GREY, GROUP_COLOURS, INK
-from tsbench.report.forest import ROW_IN, ForestRow, Mark, draw_rows
+from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK
+from tsbench.report.tables.forest import ROW_IN, ForestRow, Mark, draw_rows
 
 ALL = "all types"
 _LABELS_IN, _PANEL_IN, _REST_IN = 1.4, 2.3, 1.75

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import PlannerSummary, Summary, summarise
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
-from tsbench.report.compare import SELECTION
-from tsbench.run.reading import StoredRun, read_run
+from tsbench.report.tables.compare import SELECTION
+from tsbench.run.log.read import StoredRun, read_run
 
 
 @dataclass(frozen=True)

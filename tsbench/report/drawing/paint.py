@@ -10,10 +10,10 @@ import shapely
 
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
-from tsbench.report.camera import SHIFT, Camera, Fixed, Image
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
-from tsbench.report.lettering import paste
-from tsbench.report.style import STYLE, Colour
+from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
+from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, cone_places
+from tsbench.report.drawing.style import STYLE, Colour
+from tsbench.report.drawing.text import paste
 from tsbench.signs.plates import plate_rgba
 
 # Outline of a car of length and width 1, nose to +x; then the windscreen.
@@ -36,7 +36,7 @@ def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> None:
         match shape:
             case Body():
                 _body(image, camera, shape, next(outlines))
-            case Line():
+            case InferenceClient():
                 points, colour = camera.fixed(shape.points), getattr(STYLE, shape.colour)
                 cv2.polylines(
                     image, [points], False, colour, camera.thickness(shape.width), cv2.LINE_AA, SHIFT

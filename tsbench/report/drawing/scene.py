@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import shapely
 
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, dashes
-from tsbench.report.places import destination_place, plate_line, way_off, way_points
-from tsbench.report.staging import ego_body, staged_bodies
-from tsbench.report.zone import rule_zone
-from tsbench.sim.lanegraph import LaneGraph
+from tsbench.report.drawing.initial_state import ego_body, staged_bodies
+from tsbench.report.drawing.landmarks import destination_place, plate_line, way_off, way_points
+from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, dashes
+from tsbench.report.drawing.zone import rule_zone
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
 
@@ -29,7 +29,7 @@ def zone_shapes(scene: Scene) -> Iterator[Shape]:
         yield Area("plate_line", zone, 0.22)
 
 
-def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
+def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[InferenceClient]:
     """The obedient way, where it is another one than navigation's, and navigation's."""
     ways = [("route", scene.route_hint, _WAY_APART_M if scene.compliant_hint else 0.0)]
     if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
@@ -37,7 +37,7 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
     for colour, edges, d in ways:
         points = way_points(scene, graph, edges, d)
         if len(points):
-            yield Line(colour, points, _WAY_M)
+            yield InferenceClient(colour, points, _WAY_M)
 
 
 def furniture_shapes(scene: Scene) -> Iterator[Shape]:
@@ -47,7 +47,7 @@ def furniture_shapes(scene: Scene) -> Iterator[Shape]:
     for radius, colour in _RING_M:
         yield Area(colour, shapely.Point(middle).buffer(radius))
     for dash in dashes(plate_line(scene.network, scene.target_sign), 0.7, 0.5):
-        yield Line("plate_line", dash, 0.25)
+        yield InferenceClient("plate_line", dash, 0.25)
     for o in scene.obstacles:
         kind = "cones" if o.shape == "cones" else "island"
         yield Body(kind, o.id, o.x, o.y, o.heading, o.length, o.width)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image as PilImage
 
-from tsbench.report.camera import Image
-from tsbench.report.lettering import line_height, shorten, write
-from tsbench.report.outfile import whole_file
-from tsbench.report.style import STYLE
+from tsbench.report.drawing.camera import Image
+from tsbench.report.drawing.style import STYLE
+from tsbench.report.drawing.text import line_height, shorten, write
+from tsbench.report.video.outfile import whole_file
 
 _GAP_PX, _LETTER_PX = 8, 11
 

@@ -15,15 +15,14 @@ import shapely
 from lxml import etree
 
 import tsbench
-from tsbench.maps.paths import pool_file
-from tsbench.maps.pool import POOL_SCHEMA
-from tsbench.parquet import open_table
+from tsbench.core.parquet import open_table
+from tsbench.episode.trace import Trace
+from tsbench.report.drawing.landmarks import destination_place
+from tsbench.report.drawing.style import ATTRIBUTION
 from tsbench.report.export.lanelets import add_lanelets, add_points, add_sign, add_text, lane_ids, number
 from tsbench.report.export.tracks import Track, actor_tracks, ego_rows
-from tsbench.report.outfile import whole_file
-from tsbench.report.places import destination_place
-from tsbench.report.style import ATTRIBUTION
-from tsbench.run.trace import Trace
+from tsbench.report.video.outfile import whole_file
+from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.extras import load
+from tsbench.core.extras import load
 from tsbench.report.episode_files import FileKind
 
 # By format: where its writer is, and its files' suffix.

@@ -7,7 +7,7 @@ from itertools import pairwise
 from lxml import etree
 
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.maps.network import Crossing, Lane, RoadNetwork
+from tsbench.roads.network import Crossing, Lane, RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Scene
 

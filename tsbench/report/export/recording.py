@@ -25,15 +25,15 @@ from foxglove.messages import (
 )
 
 import tsbench
+from tsbench.episode.trace import Trace
 from tsbench.report.description import scene_facts
+from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import scene_shapes, tick_shapes
+from tsbench.report.drawing.style import ATTRIBUTION
 from tsbench.report.export.shapes import FRAME, entities, turned
-from tsbench.report.outfile import whole_file
-from tsbench.report.roads import road_shapes
-from tsbench.report.style import ATTRIBUTION
+from tsbench.report.video.outfile import whole_file
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.rules.base import Violation
-from tsbench.run.trace import Trace
-from tsbench.sim.lanegraph import LaneGraph
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot

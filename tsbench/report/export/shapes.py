@@ -27,8 +27,8 @@ from foxglove.messages import (
 
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import sign_words
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape
-from tsbench.report.style import STYLE
+from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape
+from tsbench.report.drawing.style import STYLE
 
 FRAME = "map"
 # Entities of the ground are named as the colours are, but for these.
@@ -47,7 +47,7 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
     shapes = list(shapes)
     surfaces: dict[str, list[TriangleListPrimitive]] = defaultdict(list)
     lines: dict[str, list[LinePrimitive]] = defaultdict(list)
-    painted = [shape for shape in shapes if isinstance(shape, Area | Line)]
+    painted = [shape for shape in shapes if isinstance(shape, Area | InferenceClient)]
     for level, (_, run) in enumerate(groupby(painted, _look)):
         first, *rest = run
         name, z = _NAMES.get(first.colour, first.colour), _STEP_Z * level
@@ -56,7 +56,9 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
             surfaces[name].append(_surface(first, polygons, z))
         else:
             lines[name].append(
-                _lines(first, [line.points for line in (first, *rest) if isinstance(line, Line)], z)
+                _lines(
+                    first, [line.points for line in (first, *rest) if isinstance(line, InferenceClient)], z
+                )
             )
     ground = [
         SceneEntity(frame_id=FRAME, id=name, timestamp=now, triangles=surfaces[name], lines=lines[name])
@@ -71,7 +73,7 @@ def turned(heading: float) -> Quaternion:
     return Quaternion(x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
 
 
-def _look(shape: Area | Line) -> tuple[str, bool, float]:
+def _look(shape: Area | InferenceClient) -> tuple[str, bool, float]:
     """Neighbours that look alike are one primitive."""
     is_area = isinstance(shape, Area)
     return shape.colour, is_area, shape.opacity if isinstance(shape, Area) else shape.width
@@ -100,7 +102,7 @@ def _surface(look: Area, polygons: Sequence[shapely.Geometry], z: float) -> Tria
     )
 
 
-def _lines(look: Line, lines: Sequence[Array], z: float) -> LinePrimitive:
+def _lines(look: InferenceClient, lines: Sequence[Array], z: float) -> LinePrimitive:
     pieces = np.concatenate([np.stack((line[:-1], line[1:]), axis=1).reshape(-1, 2) for line in lines])
     return LinePrimitive(
         type=LinePrimitiveLineType.LineList, pose=_pose(0.0, 0.0, 0.0, 0.0), thickness=look.width,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsbench.episode.trace import Trace
 from tsbench.geometry.polyline import Array
-from tsbench.run.trace import Trace
 from tsbench.sim.world import ActorKind
 
 

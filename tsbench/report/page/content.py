@@ -13,8 +13,8 @@ from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.registry import OF_POOL
 from tsbench.report.analyses.shown import lines_of
 from tsbench.report.page.comparison import comparison
+from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.report.page.packing import pack_table
-from tsbench.report.page.stock import Stock
 from tsbench.report.page.svg import inline_svg
 from tsbench.report.page.traffic import traffic
 
@@ -23,7 +23,7 @@ Section = dict[str, Any]
 _ROOM_FOR_SHARES = ("group", "figure")
 
 
-def sections(pool: Pool, stock: Stock) -> Iterator[Section]:
+def sections(pool: Pool, stock: EpisodeIndex) -> Iterator[Section]:
     """The report's analyses, in order: `id`, `head` and what `show` says."""
     yield {"id": "summary", "head": "Summary", **show(OF_POOL["main"](pool))}
     yield {"id": "intervals", "head": "How sure", **show(OF_POOL["intervals"](pool), fold=True)}
@@ -148,7 +148,7 @@ _COLUMNS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 
 
-def episodes_table(stock: Stock, playable: Collection[int]) -> bytes:
+def episodes_table(stock: EpisodeIndex, playable: Collection[int]) -> bytes:
     """Every episode as a row of `tsb.table`; playable: rows that a player has."""
     values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in stock.rows] for c in _COLUMNS}
     stories = [stock.stories.get(stock.key(k)) for k in range(len(stock.rows))]

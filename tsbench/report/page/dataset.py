@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 from PIL import Image as PilImage
 
-from tsbench.errors import InputError
-from tsbench.report.bev import PageSize
-from tsbench.report.outfile import whole_file
+from tsbench.core.errors import InputError
+from tsbench.dataset.scenes.overview import TypeStats, type_stats
+from tsbench.report.drawing.bev import PageSize
+from tsbench.report.drawing.style import STYLE
 from tsbench.report.page.dataset_map import pack_places
 from tsbench.report.page.dataset_scenes import Group, Plate, pack_scenes, scene_blob
 from tsbench.report.page.dataset_table import pack_details, pack_rows
 from tsbench.report.page.drawing import plates_of
 from tsbench.report.page.shell import render_page
-from tsbench.report.render import scene_picture
-from tsbench.report.style import STYLE
+from tsbench.report.video.outfile import whole_file
+from tsbench.report.video.render import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.load import load_scene
-from tsbench.scenarios.overview import TypeStats, type_stats
+from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.model import ScenarioType, Sign

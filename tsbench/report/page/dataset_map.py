@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.maps.paths import pool_file
-from tsbench.maps.pool import POOL_SCHEMA
-from tsbench.parquet import open_table
+from tsbench.core.parquet import open_table
 from tsbench.report.page.packing import pack
+from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.scenarios.spec import ScenarioSpec
 
 _COLUMNS = ("map_id", "source", "east", "north", "lat", "lon", "road_class")

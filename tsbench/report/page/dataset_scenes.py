@@ -7,11 +7,11 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
 
+from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import scene_shapes
 from tsbench.report.page.drawing import drawing
 from tsbench.report.page.packing import pack
-from tsbench.report.roads import road_shapes
-from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 
 # Scenario type and map.

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
+from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, cone_places
 from tsbench.signs.plates import plate_svg
 
 UNIT_M = 0.1
@@ -32,7 +32,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                 rings = [r for p in _parts(shape.polygon) for r in (p.exterior, *p.interiors)]
                 flat = [_flat(shapely.get_coordinates(ring)[:-1]) for ring in rings]
                 _add(areas, {"c": shape.colour, "a": shape.opacity}, "r", flat)
-            case Line():
+            case InferenceClient():
                 parts = _parts(shapely.LineString(shape.points))
                 flat = [_flat(shapely.get_coordinates(part)) for part in parts]
                 _add(lines, {"c": shape.colour, "w": shape.width, "a": 1.0}, "p", flat)

@@ -9,9 +9,9 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.report.page.episode import EpisodePacker, Packed, pack_plate
-from tsbench.report.page.stock import Key, Stock, by_interest
+from tsbench.report.page.episode_index import EpisodeIndex, Key, by_interest
 
 _CHUNK = 64
 # Around a blob in the page: its element and name.
@@ -28,7 +28,7 @@ class Embedded:
     size: int = 0
 
 
-def embed(stock: Stock, room: int, workers: int, progress: Callable[[int, int], None]) -> Embedded:
+def embed(stock: EpisodeIndex, room: int, workers: int, progress: Callable[[int, int], None]) -> Embedded:
     """Pack episodes in the order of their interest until `room` bytes of the page are used.
 
     progress(done, of): is told now and then.
@@ -72,7 +72,7 @@ def _take(chosen: Embedded, row: int, packed: Packed, room: int) -> bool:
     return True
 
 
-def _packed(stock: Stock, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
+def _packed(stock: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
     jobs = [(stock.traces[row], stock.key(row)) for row in order]
     if workers <= 1 or len(jobs) < _CHUNK:
         yield from ((row, _pack(job)) for row, job in zip(order, jobs, strict=True))

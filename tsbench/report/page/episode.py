@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.episode.trace import Trace, read_trace, verdict_to_dict
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
+from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import body_kind, scene_shapes
 from tsbench.report.export.tracks import actor_tracks, ego_rows
 from tsbench.report.page.drawing import drawing, plate_key
 from tsbench.report.page.packing import deltas, pack
-from tsbench.report.roads import road_shapes
-from tsbench.run.trace import Trace, read_trace, verdict_to_dict
-from tsbench.scenarios.load import SceneLoader
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.plates import plate_svg
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 

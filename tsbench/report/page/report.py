@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.report.analyses.pool import Pool, read_pool
 from tsbench.report.page.content import about, episodes_table, heading, sections
 from tsbench.report.page.embed import Embedded, embed
+from tsbench.report.page.episode_index import EpisodeIndex, index_episodes
 from tsbench.report.page.shell import render_page
-from tsbench.report.page.stock import Stock, take_stock
-from tsbench.run.files import told_plainly, write_atomic
 
 MEGABYTE = 1_000_000
 NAME = "report.html"
@@ -45,7 +45,7 @@ def write_report(
         InputError: as `read_pool`; a file that cannot be written; a bound that even a page without players breaks.
     """
     pool = read_pool(runs, allow_partial)
-    stock = take_stock(pool)
+    stock = index_episodes(pool)
     path = out if out is not None else (runs[0] if len(runs) == 1 else Path()) / NAME
     bound = int(max_mb * MEGABYTE)
     fixed = Fixed(pool, stock)
@@ -57,7 +57,7 @@ def write_report(
     # The flags of what can be played change by a few bytes in the table.
     players = embed(stock, bound - bare - len(stock.rows) - 4096, workers, progress)
     text = fixed.page(players).encode()
-    with told_plainly(path):
+    with io_errors_as_input_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, text)
     return Written(
@@ -66,7 +66,7 @@ def write_report(
     )  # fmt: skip
 
 
-def served_page(pool: Pool, stock: Stock, source: str) -> str:
+def served_page(pool: Pool, stock: EpisodeIndex, source: str) -> str:
     """The page of a run that is served: every traced episode is fetched from below `source` when it is played."""
     return Fixed(pool, stock).page(Embedded(rows=set(stock.traces)), source)
 
@@ -74,7 +74,7 @@ def served_page(pool: Pool, stock: Stock, source: str) -> str:
 class Fixed:
     """What a report shows whatever players it has, made once."""
 
-    def __init__(self, pool: Pool, stock: Stock) -> None:
+    def __init__(self, pool: Pool, stock: EpisodeIndex) -> None:
         self._stock = stock
         self._heading = heading(pool)
         self._sections = list(sections(pool, stock))

@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from tsbench.errors import InputError
+from tsbench.core.errors import InputError
 from tsbench.report.analyses.pool import Pool, read_pool
 from tsbench.report.page.episode import EpisodePacker, pack_plate
+from tsbench.report.page.episode_index import EpisodeIndex, index_episodes
 from tsbench.report.page.report import served_page
 from tsbench.report.page.shell import render_page
-from tsbench.report.page.stock import Stock, take_stock
-from tsbench.run.manifest import NAME, read_manifest
-from tsbench.run.reading import is_run
+from tsbench.run.log.manifest import NAME, read_manifest
+from tsbench.run.log.read import is_run
 
 HOST = "127.0.0.1"
 _RUN = re.compile(r"/run/(\d{1,6})/")
@@ -46,7 +46,7 @@ class Opened:
 
     mark: tuple[int, int]
     pool: Pool
-    stock: Stock
+    stock: EpisodeIndex
     page: bytes = b""
     roads: dict[str, bytes] = field(default_factory=dict)
 
@@ -114,7 +114,7 @@ class Library:
         opened = self._opened.get(number)
         if opened is None or opened.mark != mark:
             pool = read_pool([path], allow_partial=True)
-            opened = self._opened[number] = Opened(mark, pool, take_stock(pool))
+            opened = self._opened[number] = Opened(mark, pool, index_episodes(pool))
         return opened
 
 

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescap
 from markupsafe import Markup
 
 import tsbench
-from tsbench.report.style import ATTRIBUTION, STYLE
+from tsbench.report.drawing.style import ATTRIBUTION, STYLE
 
 _PACKAGE = "tsbench.report.page"
 BASE_SCRIPTS = ("core.js", "table.js", "bev.js")

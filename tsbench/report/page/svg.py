@@ -11,7 +11,7 @@ from lxml import etree
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, house_style
+from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, house_style
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"

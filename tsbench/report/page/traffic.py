@@ -11,14 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsbench.geometry.polyline import Array
-from tsbench.report.analyses.calibration import calibration
-from tsbench.report.analyses.model import Analysis
-from tsbench.report.analyses.pool import Pool
-from tsbench.report.page.stock import Stock
-from tsbench.run.contract import contract_hash
-from tsbench.run.trace import Trace, read_trace
-from tsbench.scenarios.calibration import (
+from tsbench.dataset.scenes.calibration import (
     MOVING_MPS,
     SPEEDS_EVERY_TICKS,
     SPEEDS_OVER_S,
@@ -27,6 +20,13 @@ from tsbench.scenarios.calibration import (
     grid_speeds,
     sample_rows,
 )
+from tsbench.episode.trace import Trace, read_trace
+from tsbench.geometry.polyline import Array
+from tsbench.report.analyses.calibration import calibration
+from tsbench.report.analyses.model import Analysis
+from tsbench.report.analyses.pool import Pool
+from tsbench.report.page.episode_index import EpisodeIndex
+from tsbench.run.contract import contract_hash
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -36,7 +36,7 @@ _EPISODES = 40
 _BACKGROUND = "bg_"
 
 
-def traffic(pool: Pool, stock: Stock) -> Analysis | None:
+def traffic(pool: Pool, stock: EpisodeIndex) -> Analysis | None:
     """The calibration of a pool's traffic; None where it cannot be told.
 
     That is so for scenarios that are not those of this tsbench, without certificates, or without traced traffic.

@@ -1,0 +1,67 @@
+"""The committed certificates are of the committed rows, and a sample of them is proved again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from simworld import simulation
+
+from tsbench.core.paths import data_root
+from tsbench.dataset.certify.certifier import Certifier
+from tsbench.dataset.certify.recertify import draw_sample
+from tsbench.dataset.scenes.verify import verify_certificates
+from tsbench.scenarios.certificates import Certificate, bases, certificates_path, read_certificates
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[ScenarioSpec]:
+    return [row for split in SPLITS for row in read_table(table_path(split))]
+
+
+@pytest.fixture(scope="module")
+def proofs() -> dict[str, Certificate]:
+    return {c.scenario_id: c for c in read_certificates(certificates_path())}
+
+
+@pytest.fixture(scope="module")
+def prover() -> Certifier:
+    return Certifier(simulation(), data_root() / "scenarios")
+
+
+def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:
+    assert verify_certificates(rows, None) == []
+
+
+def test_a_changed_row_has_no_certificate_any_more(rows: list[ScenarioSpec]) -> None:
+    first = rows[0]
+    ((name, problem),) = verify_certificates([replace(first, additional_sha256="0" * 64)], None)
+    assert name == first.scenario_id
+    assert "its certificate is of another row, rule or SUMO" in problem
+    ((_, problem),) = verify_certificates([replace(first, scenario_id="new")], None)
+    assert "has no certificate" in problem
+
+
+def test_the_basis_is_the_row_its_signs_and_nothing_else(rows: list[ScenarioSpec]) -> None:
+    catalog = load_catalog()
+    limit = next(row for row in rows if row.sign_code == "3.24")
+    other = replace(catalog.sign("3.25"), group="routing")
+    changed = replace(catalog, signs={**catalog.signs, "3.25": other})
+    assert bases([limit], changed) != bases([limit], catalog)
+    stop = next(row for row in rows if row.sign_code == "2.5")
+    assert bases([stop], changed) == bases([stop], catalog)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("type_id", [kind.id for kind in load_catalog().types])
+def test_a_sample_comes_out_as_it_was_certified(
+    type_id: str, rows: list[ScenarioSpec], proofs: dict[str, Certificate], prover: Certifier
+) -> None:
+    """Whatever code made them, and on whatever processor: this one finds the same."""
+    (row,) = draw_sample([row for row in rows if row.scenario_type == type_id], 1)
+    new = prover.again(row, proofs[row.scenario_id])
+    assert proofs[row.scenario_id].differences(new) == []
+    assert (new.reproduced, new.basis) == (True, proofs[row.scenario_id].basis)

@@ -1,0 +1,74 @@
+"""The extremes in the committed scenes: who obeys nothing is caught, who does nothing never gets there."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+
+import pytest
+
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.result import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.base import Control, Observation
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+world = importlib.import_module("simworld")
+
+LAWLESS = "tsbench.dataset.certify.lawless:Lawless"
+MAPS_EACH = 10
+# Standing before the plate is what the sign of a closed road asks for.
+STANDING_IS_RIGHT = "blocked_road"
+
+
+def parked(observation: Observation) -> Control:
+    """A planner that always brakes."""
+    return Control(-6.0, 0.0)
+
+
+def rows_of_each_type() -> dict[str, list[ScenarioSpec]]:
+    """One variant, another one each time, of some maps of every type in the test table."""
+    found: dict[str, dict[str, ScenarioSpec]] = {}
+    for row in read_table(table_path("test")):
+        maps = found.setdefault(row.scenario_type, {})
+        if row.map_id not in maps and len(maps) < MAPS_EACH and row.variant == len(maps) % 10:
+            maps[row.map_id] = row
+    return {name: list(maps.values()) for name, maps in found.items()}
+
+
+ROWS = rows_of_each_type()
+
+
+@pytest.fixture(scope="module")
+def drive() -> Callable[[str, ScenarioSpec], EpisodeResult]:
+    runners: dict[str, EpisodeRunner] = {}
+
+    def run(planner: str, row: ScenarioSpec) -> EpisodeResult:
+        if planner not in runners:
+            runners[planner] = EpisodeRunner(planner, planner, simulation=world.simulation())
+        return runners[planner].run(row)
+
+    return run
+
+
+@pytest.mark.parametrize("type_id", sorted(ROWS))
+def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
+    results = [drive(LAWLESS, row) for row in ROWS[type_id]]
+    assert not [r.error for r in results if r.error]
+    caught = [r.facts is not None and not r.facts.target.compliant for r in results]
+    assert len(caught) >= 5
+    # 95 % of all rows; of ten, one may be among the rest.
+    assert sum(caught) >= len(caught) - 1
+
+
+@pytest.mark.parametrize("type_id", sorted(ROWS))
+def test_a_parked_car_never_arrives(type_id: str, drive) -> None:
+    for row in ROWS[type_id][:2]:
+        result = drive(f"{__file__}:parked", row)
+        assert result.error == ""
+        if type_id == STANDING_IS_RIGHT:
+            assert result.outcome in (Outcome.ARRIVED, Outcome.TIMEOUT)
+        else:
+            # Somebody may run into it, or it leaves the road where that bends; it reaches nothing.
+            assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.OFF_ROAD)

@@ -1,0 +1,316 @@
+"""Crosswalk scenes on roads made by hand: the network, the arrangement, and whole sites that are driven."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pool_builders import corridor
+from simworld import CALM, LIMIT, simulation
+from stop_policy import HANG_S
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.crosswalk_net import bend_speed, kerb_to_kerb, to_crossing
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.scenes import map_scenarios as site_module
+from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.episode.result import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.report.drawing.initial_state import staged_bodies
+from tsbench.report.drawing.style import STYLE
+from tsbench.report.video.render import scene_picture
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
+
+BEND = ((0.0, 0.0), (60.0, 0.0), (110.0, 12.0), (230.0, 14.0))
+LINES = {
+    "two_way": (((0.0, 0.0), (240.0, 0.0)), 2, 1),
+    "one_way": (((0.0, 0.0), (0.0, 240.0)), 3, 0),
+    "bent": (BEND, 1, 1),
+    "lane": (((0.0, 0.0), (-170.0, 170.0)), 1, 0),
+}
+
+
+def road(name: str) -> tuple[PoolRow, PlainNet]:
+    """A pool row and its crop: lanes in the ego's direction, and in the other one."""
+    shape, lanes, back = LINES[name]
+    nodes = (PlainNode("a", *shape[0]), PlainNode("b", *shape[-1]))
+    edges = [PlainEdge("road", "a", "b", lanes, LIMIT, 9, shape, type="highway.secondary")]
+    if back:
+        edges.append(PlainEdge("back", "b", "a", back, LIMIT, 9, shape[::-1], type="highway.secondary"))
+    row = corridor(lanes=lanes, length=240.0, speed=LIMIT, opposite="back" if back else None)
+    return row, PlainNet(nodes, tuple(edges), ())
+
+
+@cache
+def recipe() -> Recipe:
+    return load_recipe("crosswalk", load_catalog())
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    folder, built = tmp_path_factory.mktemp("crosswalk"), {}
+    for name in LINES:
+        row, plain = road(name)
+        build_net(placement_of(recipe()).prepare(row, plain, recipe()), folder / f"{name}.net.xml.gz")
+        built[name] = read_network(folder / f"{name}.net.xml.gz")
+    return built
+
+
+def arrange(
+    networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1, speed: float = 7.75
+) -> Arrangement:
+    network, variant = networks[name], Variant(1, 90.0, 4.0, speed, 0, layout)
+    rng = np.random.default_rng(seed)
+    task = SceneTask(road(name)[0], network, LaneGraph(network), recipe(), variant, (CALM,) * 12, rng)
+    return placement_of(recipe()).arrange(task)
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
+    networks: dict[str, RoadNetwork], name: str
+) -> None:
+    network, (_, lanes, back) = networks[name], LINES[name]
+    (crossing,) = network.crossings.values()
+    assert crossing.width == 4.0
+    assert sorted(crossing.edges) == sorted(["road.0"] + (["back.1"] if back else []))
+    width = network.edge_lanes("road.0")[0].width
+    assert crossing.line.length == pytest.approx((lanes + back) * width, abs=0.2)
+    for edge, count in (("road.0", lanes), ("road.1", lanes), ("back.0", back), ("back.1", back)):
+        if count:
+            assert [i.permits("passenger") for i in network.edge_lanes(edge)] == [True] * count
+    for lane in network.edge_lanes("road.0"):
+        # Cars wait for who crosses: SUMO's "m".
+        (link,) = network.outgoing[lane.index]
+        assert link.state == "m"
+        assert network.lanes[link.to_lane].id == f"road.1_{lane.order}"
+        assert 0.0 <= to_crossing(lane, crossing) <= 3.0
+    for side in ("right", "left"):
+        (path,) = network.edge_lanes(f"road.path_{side}")
+        assert path.permits("pedestrian")
+        assert not path.permits("passenger")
+        kerb = kerb_to_kerb(crossing, network.edge_lanes("road.0")[0], side).points[0]
+        beside = network.edge_lanes("road.0")[0].line.project(*path.line.points[0])[1]
+        assert (beside < 0.0) == (side == "right")
+        assert math.dist(path.line.points[-1], kerb) < 3.0
+
+
+@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("layout", range(6))
+def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: str, layout: int) -> None:
+    preset = recipe().choices["presets"][layout % 5]
+    network = networks[name]
+    (crossing,) = network.crossings.values()
+    first = network.edge_lanes("road.0")[0]
+    for seed in range(8):
+        a = arrange(networks, name, layout, seed)
+        assert a.walkers is not None
+        persons = [e for e in a.extra if e.tag == "person"]
+        assert tuple(p.get("id") for p in persons) == a.walkers.persons
+        assert len(persons) == preset["count"]
+        times, sides = [], []
+        for person, speed in zip(persons, a.walkers.speeds, strict=True):
+            way = str(person[1].get("edges")).split()
+            sides.append(way[0].rsplit("_", 1)[1])
+            assert way == [f"road.path_{s}" for s in (sides[-1], "left" if sides[-1] == "right" else "right")]
+            line = network.edge_lanes(way[0])[0].line
+            kerb = kerb_to_kerb(crossing, first, sides[-1]).points[0]
+            at = float(person.get("departPos", "nan"))
+            assert 0.0 <= at < line.length
+            times.append((math.dist(line.points[0], kerb) - at) / speed)
+            assert 1.0 <= speed <= 1.4
+            assert float(person[1].get("speed", "nan")) == pytest.approx(speed, abs=0.001)
+        assert times[0] * a.walkers.speeds[0] == pytest.approx(recipe().number("wait_from_kerb_m"), abs=0.01)
+        if "gap_s" in preset:
+            assert np.diff(times) == pytest.approx([preset["gap_s"]] * (len(times) - 1), abs=0.01)
+            assert len(set(sides)) == 1
+        else:
+            assert all(x != y for x, y in pairwise(sides))
+            gaps = [preset["gap_share"] * crossing.line.length / v for v in a.walkers.speeds[:-1]]
+            assert np.diff(times) == pytest.approx(gaps, abs=0.01)
+
+
+@pytest.mark.parametrize("name", LINES)
+@pytest.mark.parametrize("seed", range(6))
+def test_the_first_is_on_the_road_when_the_ego_is_there(
+    networks: dict[str, RoadNetwork], name: str, seed: int
+) -> None:
+    network = networks[name]
+    a = arrange(networks, name, seed, seed)
+    (crossing,), (sign,) = network.crossings.values(), a.signs
+    assert a.walkers is not None
+    assert sign.params == CrosswalkParams(crossing.id, "road.1")
+    lane = network.lane(a.start.lane)
+    assert a.walkers.line_lane == lane.id
+    ahead = to_crossing(lane, crossing)
+    assert a.walkers.ego_zone_m == pytest.approx(ahead)
+    front = a.start.s + EGO_LENGTH_M / 2
+    assert lane.line.length + ahead - front == pytest.approx(60.0, abs=1e-6)
+    side = str(a.extra[1][1].get("edges")).split()[0].rsplit("_", 1)[1]
+    over = kerb_to_kerb(crossing, lane, side)
+    gone = a.walkers.lead_time_s * a.walkers.speeds[0] - recipe().number("wait_from_kerb_m")
+    strip = over.project(*lane.line.point_at(lane.line.length + ahead))[0] - EGO_WIDTH_M / 2
+    assert gone >= min(recipe().number("meet_past_kerb_m"), crossing.line.length) - 1e-6
+    assert (
+        gone
+        <= max(strip - recipe().number("meet_before_strip_m"), recipe().number("meet_past_kerb_m")) + 1e-6
+    )
+    # In the plain scene they set off when an ego that nobody holds up would make them.
+    waits = {float(e[0].get("duration", "nan")) for e in a.extra if e.tag == "person"}
+    assert len(waits) == 1
+    assert 0.0 <= waits.pop() < 20.0
+
+
+def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNetwork]) -> None:
+    def allowed(name: str) -> float:
+        lane = networks[name].lane("road.0_0")
+        onward = networks[name].lanes[networks[name].outgoing[lane.index][0].to_lane]
+        return bend_speed(lane, onward, 50.0, 2.2)
+
+    assert allowed("two_way") > 30.0
+    # 13.5 degrees at one corner within 6 m: a radius of 25 m.
+    assert allowed("bent") == pytest.approx(math.sqrt(2.2 * 6.0 / math.atan2(12.0, 50.0)), rel=0.15)
+    a = arrange(networks, "bent")
+    assert a.walkers is not None
+    assert a.walkers.ego_cruise_mps == pytest.approx(allowed("bent"), abs=0.01)
+
+
+def test_what_cannot_carry_it() -> None:
+    placement = placement_of(recipe())
+    row, plain = road("one_way")
+    wide = replace(plain, edges=(replace(plain.edges[0], num_lanes=4),))
+    with pytest.raises(UnfitMapError, match="4 lanes"):
+        placement.prepare(row, wide, recipe())
+    short = replace(plain, edges=(replace(plain.edges[0], shape=((0.0, 0.0), (0.0, 120.0))),))
+    with pytest.raises(UnfitMapError, match="the corridor is 120 m long"):
+        placement.prepare(row, short, recipe())
+    row, plain = road("two_way")
+    broad = replace(plain, edges=(plain.edges[0], replace(plain.edges[1], num_lanes=4)))
+    with pytest.raises(UnfitMapError, match="more lanes in the other direction"):
+        placement.prepare(row, broad, recipe())
+
+
+def build(name: str, root: Path, monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]) -> MapScenarios:
+    row, crop = road(name)
+
+    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
+        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
+
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
+    monkeypatch.setattr(site_module, "variants_of", some)
+    return SiteBuilder(recipe(), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_site_is_sound_and_tells_who_yields(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site = build(name, tmp_path, monkeypatch, (0, 1, 2))
+    assert site.reason == ""
+    loader = SceneLoader(SceneFolder(tmp_path))
+    for row in site.rows:
+        scene, roads = loader.load(row)
+        assert list(lint_scene(scene, roads.graph)) == []
+        assert scene.walkers is not None
+        results = {}
+        for planner in ("idm", "idm-e"):
+            runner = EpisodeRunner(
+                planner, planner, simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
+            )
+            results[planner] = runner.run(row)
+        for result in results.values():
+            assert result.error == ""
+            assert result.facts is not None
+            assert result.facts.target.engaged
+        assert not verdict(results["idm"])
+        assert verdict(results["idm-e"])
+        assert results["idm-e"].outcome.value == "arrived"
+    again = build(name, tmp_path / "again", monkeypatch, (0, 1, 2))
+    assert again == site
+
+
+def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row = build("two_way", tmp_path, monkeypatch, (0,)).rows[0]
+    scene, _ = SceneLoader(SceneFolder(tmp_path)).load(row)
+    assert scene.walkers is not None
+    walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
+    assert set(walkers) == set(scene.walkers.persons)
+    # Where the first tick of an episode sees them.
+    runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
+    facts = runner.run(row).facts
+    assert facts is not None
+    first = facts.snapshots[0].actors
+    seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
+    for name, place in walkers.items():
+        assert math.dist(seen[name][:2], place) < 0.3
+    page = scene_picture(scene, "title").reshape(-1, 3)
+    assert (page == STYLE.pedestrian).all(axis=1).any()
+    unruled = tuple(replace(sign, params=None) for sign in scene.signs)
+    plain = replace(scene, network=replace(scene.network, crossings={}), signs=unruled)
+    bare = scene_picture(plain, "title").reshape(-1, 3)
+    assert (page == STYLE.marking).all(axis=1).sum() > 1.2 * (bare == STYLE.marking).all(axis=1).sum()
+
+
+def verdict(result: EpisodeResult) -> bool:
+    assert result.facts is not None
+    return result.facts.target.compliant
+
+
+CHILD = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[1:3]
+from test_crosswalk_scenes import digest
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+nan = float("nan")
+print(digest(eval(sys.argv[4]), Path(sys.argv[3]), Simulation()))
+"""
+
+
+def digest(row: object, root: Path, sim: Simulation) -> str:
+    """What `idm-e` and everybody around it did, to the last bit."""
+    runner = EpisodeRunner("idm-e", "idm-e", simulation=sim, loader=SceneLoader(SceneFolder(root)))
+    facts = runner.run(row).facts  # type: ignore[arg-type]
+    assert facts is not None
+    found = hashlib.sha256()
+    people = 0
+    for s in facts.snapshots:
+        found.update(repr(s.ego).encode() + s.actors.pose.tobytes() + s.actors.speed.tobytes())
+        people += int(np.count_nonzero(s.actors.kind == ActorKind.PEDESTRIAN))
+    assert people > 50
+    return found.hexdigest()
+
+
+def test_an_episode_with_people_is_the_same_in_two_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = build("two_way", tmp_path, monkeypatch, (1,)).rows[0]
+    here = [digest(row, tmp_path, simulation()) for _ in range(2)]
+    paths = [str(p) for p in (Path(__file__).parent, Path(__file__).parents[1] / "sim")]
+    child = subprocess.run(
+        [sys.executable, "-c", CHILD, *paths, str(tmp_path), repr(row)],
+        capture_output=True, text=True, check=True, timeout=HANG_S,
+        env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    assert {*here, child.stdout.split()[-1]} == {here[0]}

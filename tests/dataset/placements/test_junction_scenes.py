@@ -1,0 +1,261 @@
+"""Who has priority at a junction, how its scenes are laid out, and that SUMO's right of way says the same."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pool_builders import crossroads
+from simworld import CALM, cross_plain
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.junction_arms import bending_arms, through_arms
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.dataset.scenes.variants import Variant
+from tsbench.geometry.overlap import conflict_zone
+from tsbench.roads.junction_paths import junction_path
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import Connection, RoadNetwork, read_network
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+TYPES = ("yield", "stop", "secondary_road", "main_road")
+LAYOUTS = range(6)
+
+
+def tee() -> tuple[PoolRow, PlainNet]:
+    """The crossroads without its northern arm."""
+    row, crop = crossroads("j-made-t"), cross_plain()
+    fields = {**row.fields, "arms": [a for a in row.fields["arms"] if a["in_edge"] != "n_in"]}
+    row = crossroads("j-made-t", arms=fields["arms"], through=[[0, 1]])
+    return replace(row, shape="T"), replace(
+        crop,
+        nodes=tuple(n for n in crop.nodes if n.id != "n"),
+        edges=tuple(e for e in crop.edges if e.id not in ("n_in", "n_out")),
+    )
+
+
+MAPS = {"X": (crossroads(), cross_plain()), "T": tee()}
+Key = tuple[str, str]
+KEYS: list[Key] = [(t, shape) for t in TYPES for shape in MAPS]
+
+
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]:
+    """Each map as each type's placement prepares it."""
+    folder, built = tmp_path_factory.mktemp("junctions"), {}
+    for type_id, shape in KEYS:
+        recipe, (row, crop) = recipe_of(type_id), MAPS[shape]
+        net = folder / f"{type_id}{shape}.net.xml.gz"
+        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
+        built[type_id, shape] = read_network(net)
+    return built
+
+
+def arrange(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
+    recipe, network = recipe_of(key[0]), networks[key]
+    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
+    rng = np.random.default_rng(seed)
+    task = SceneTask(MAPS[key[1]][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return placement_of(recipe).arrange(task)
+
+
+def paths(network: RoadNetwork, a: Arrangement) -> tuple[Connection, Connection]:
+    """The ego's connection and the convoy's."""
+    convoy = a.convoy
+    assert convoy is not None
+
+    def link(lane: str, edge: str) -> Connection:
+        own = network.outgoing[network.lane_index[lane]]
+        return next(c for c in own if network.lanes[c.to_lane].edge == edge)
+
+    return link(a.start.lane, a.destination.edge), link(convoy.lane, convoy.edges[1])
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("key", KEYS)
+def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
+    networks: dict[Key, RoadNetwork], key: Key, layout: int
+) -> None:
+    network, recipe = networks[key], recipe_of(key[0])
+    a = arrange(networks, key, layout)
+    convoy, target = a.convoy, a.signs[0]
+    assert convoy is not None
+    lane = network.lane(a.start.lane)
+    front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert front == pytest.approx(recipe.number("ego_before_line_m"))
+    assert target.params.approach == lane.edge
+    assert convoy.edges[0] in target.params.main_in
+    ego, foe = paths(network, a)
+    assert (ego.state in "ms", foe.state) == (True, "M")
+    assert set(foe.via) & ego.yields_to
+    assert not set(ego.via) & foe.yields_to
+    own, other = junction_path(network, ego), junction_path(network, foe)
+    zone = conflict_zone(own.onto_exit(15.0), EGO_WIDTH_M, other.onto_exit(15.0), other.width)
+    assert zone is not None
+    assert convoy.ego_zone_m == pytest.approx(zone.a_in)
+    foe_lane = network.lane(convoy.lane)
+    assert convoy.zone_m == pytest.approx(foe_lane.line.length + zone.b_in)
+    back = foe_lane.line.length - convoy.places[0]
+    assert recipe.number("convoy_nearest_m") - 1e-6 <= back <= recipe.number("convoy_farthest_m") + 1e-6
+    step = convoy.drivers[0].length + recipe.number("convoy_gap_m")
+    assert all(p - q == pytest.approx(step) for p, q in pairwise(convoy.places))
+    assert 1 <= len(convoy.places) <= recipe.number("convoy_most")
+    assert convoy.edges[0] in a.quiet_edges
+    # Nobody is between the ego and its line.
+    assert (lane.id, a.start.s, lane.line.length) in a.blocked
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, RoadNetwork], key: Key) -> None:
+    """All pairs of paths, not only the convoy's: where they conflict, those of `main_in` never wait for the ego's."""
+    network = networks[key]
+    params = arrange(networks, key, 0).signs[0].params
+    egos = [c for i in network.edges[params.approach].lanes for c in network.outgoing[i]]
+    foes = [c for e in params.main_in for i in network.edges[e].lanes for c in network.outgoing[i]]
+    assert any(set(f.via) & c.yields_to for c in egos for f in foes)
+    assert not any(set(c.via) & f.yields_to for c in egos for f in foes)
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_layouts_differ(networks: dict[Key, RoadNetwork], key: Key) -> None:
+    scenes = [arrange(networks, key, layout) for layout in LAYOUTS]
+    seen = {(a.destination.edge, a.convoy.edges) for a in scenes if a.convoy is not None}
+    # Where a T's main road bends, the ego meets the other main arm on one of its ways only.
+    assert len(seen) >= {"X": 4, "T": 3}[key[1]] - (key == ("main_road", "T"))
+
+
+def test_the_main_road_is_the_through_pair_of_the_higher_class() -> None:
+    arms = through_arms(crossroads(), 60.0)
+    assert set(arms.prior_in) == {"w_in", "e_in"}
+    assert (arms.ego_in, arms.minor_in, arms.bends) == ("s_in", ("n_in",), False)
+    assert arms.main == {"w_in", "w_out", "e_in", "e_out"}
+    with pytest.raises(UnfitMapError, match="the secondary arm is 142 m long"):
+        through_arms(crossroads(), 150.0)
+    with pytest.raises(UnfitMapError, match="no two arms go straight on"):
+        through_arms(crossroads(through=[]), 60.0)
+
+
+def test_a_main_road_that_bends_has_its_other_arm_on_the_right() -> None:
+    right_of = {"s_in": "e_in", "e_in": "n_in", "n_in": "w_in", "w_in": "s_in"}
+    seen = set()
+    for k in range(60):
+        arms = bending_arms(crossroads(f"j-{k}"), 60.0)
+        assert arms.prior_in == (right_of[arms.ego_in],)
+        assert set(arms.minor_in) == set(right_of) - {arms.ego_in, *arms.prior_in}
+        seen.add(arms.ego_in)
+    assert seen == set(right_of)  # all four bends are of the same classes here
+    assert {bending_arms(replace(tee()[0], map_id=f"j-{k}"), 60.0).ego_in for k in range(60)} == {
+        "s_in",
+        "w_in",
+    }
+    with pytest.raises(UnfitMapError, match="no arm of 150 m has an arm to its right"):
+        bending_arms(crossroads(), 150.0)
+
+
+def test_a_main_road_bends_along_its_higher_class() -> None:
+    arms = crossroads().fields["arms"]
+    for one, other in (("s", "e"), ("w", "s")):
+        better = [{**a, "class": "primary"} if a["in_edge"][0] in one + other else a for a in arms]
+        chosen = bending_arms(crossroads(arms=better), 60.0)
+        assert (chosen.ego_in, chosen.prior_in) == (f"{one}_in", (f"{other}_in",))
+
+
+def test_plates_of_a_secondary_road_face_the_main_arms(networks: dict[Key, RoadNetwork]) -> None:
+    for layout in LAYOUTS:
+        a = arrange(networks, ("secondary_road", "X"), layout)
+        assert {s.code for s in a.signs} == {"2.3.1"}
+        a = arrange(networks, ("secondary_road", "T"), layout)
+        # The side road comes from the south: from the right for those who drive east, from the left for the others.
+        assert {s.edge: s.code for s in a.signs} == {"w_in": "2.3.2", "e_in": "2.3.3"}
+        assert a.convoy is not None
+        assert a.signs[0].edge == a.convoy.edges[0]
+        assert [s.role for s in a.signs] == ["target", "context"]
+        assert a.signs[1].params is None
+        heading = {"w_in": 0.0, "e_in": math.pi}[a.signs[0].edge]
+        assert math.cos(a.signs[0].heading - heading) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("type_id", "code"), [("yield", "2.4"), ("stop", "2.5"), ("main_road", "2.1")])
+def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], type_id: str, code: str) -> None:
+    recipe = recipe_of(type_id)
+    for shape in MAPS:
+        a = arrange(networks, (type_id, shape), 0)
+        end = networks[type_id, shape].lane(a.start.lane).line.length
+        sign = a.signs[0]
+        assert (sign.code, sign.edge) == (code, sign.params.approach)
+        assert sign.position_m == pytest.approx(end - recipe.number("plate_before_line_m"))
+
+
+def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
+    networks: dict[Key, RoadNetwork],
+) -> None:
+    a = arrange(networks, ("main_road", "X"), 0)
+    target, *others = a.signs
+    told = {s.edge: s.code for s in others}
+    [main_in] = target.params.main_in
+    assert told.pop(main_in) == "2.1"
+    assert set(told.values()) == {"2.4"}
+    assert len(told) == 2
+    assert all(s.params is None and s.role == "context" for s in others)
+
+
+def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNetwork]) -> None:
+    share = recipe_of("main_road").number("waiting_share")
+    scenes = [arrange(networks, ("main_road", "X"), 0, seed) for seed in range(120)]
+    waiting = [a.extra for a in scenes if a.extra]
+    assert len(waiting) / len(scenes) == pytest.approx(share, abs=0.12)
+    for _, vehicle in waiting:
+        edge = str(vehicle[0].get("edges")).split()[0]
+        assert edge not in (scenes[0].signs[0].edge, *scenes[0].signs[0].params.main_in)
+    assert not any(arrange(networks, ("yield", "X"), 0, seed).extra for seed in range(20))
+
+
+def test_nobody_turns_off_the_main_road_where_it_has_to_wait(networks: dict[Key, RoadNetwork]) -> None:
+    assert arrange(networks, ("yield", "X"), 0).avoid_turns == {("w_in", "n_out"), ("e_in", "s_out")}
+    assert arrange(networks, ("yield", "T"), 0).avoid_turns == {("e_in", "s_out")}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNetwork], layout: int) -> None:
+    for type_id in TYPES:
+        network, a = networks[type_id, "X"], arrange(networks, (type_id, "X"), layout)
+        ego, _ = paths(network, a)
+        first = {*a.signs[0].params.main_in, a.start.lane[:-2]}
+        minor = {e for e in ("w_in", "e_in", "s_in", "n_in") if e not in first}
+        before = {
+            (e, network.lanes[c.to_lane].edge)
+            for e in minor
+            for i in network.edges[e].lanes
+            for c in network.outgoing[i]
+            if set(c.via) & ego.yields_to
+        }
+        if type_id == "main_road":
+            # The plates give none of them priority: what SUMO sees otherwise, nobody does.
+            assert before <= a.avoid_turns
+        else:
+            assert a.quiet_edges - set(a.signs[0].params.main_in) == {e for e, _ in before}
+
+
+def test_all_minor_arms_stop_at_a_stop(networks: dict[Key, RoadNetwork]) -> None:
+    network = networks["stop", "X"]
+    states = {e: {c.state for c in network.outgoing[network.edges[e].lanes[0]]} for e in ("s_in", "n_in")}
+    assert states == {"s_in": {"s"}, "n_in": {"s"}}
+
+
+def test_right_of_way_of_a_bend_goes_by_edges() -> None:
+    recipe, (row, crop) = recipe_of("main_road"), MAPS["X"]
+    prepared = placement_of(recipe).prepare(row, crop, recipe)
+    assert {n.right_of_way for n in prepared.nodes if n.id == "x"} == {"edgePriority"}
+    assert {n.right_of_way for n in prepared.nodes if n.id != "x"} == {""}

@@ -1,0 +1,245 @@
+"""Detours and closed roads: how their scenes are laid out, what traffic makes of them, how an episode ends there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+from pool_builders import corridor, crossroads
+from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.scenes import map_scenarios as site_module
+from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.map_scenarios import SiteBuilder
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.episode.outcome import Contact, Outcome
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import Trace, read_trace, write_trace
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.run.log.record import Row
+from tsbench.run.log.score import score
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene_file import read_additional
+from tsbench.sim.world import EGO_LENGTH_M
+from tsbench.tools.rescore import Judge
+
+LAYOUTS = range(6)
+# The obstacle's lane, of three from the right.
+DETOURS = {"detour_right": 2, "detour_left": 0, "detour_either": 1}
+ROAD: tuple[PoolRow, PlainNet] = (corridor(speed=LIMIT), road_plain())
+MAPS = {**dict.fromkeys(DETOURS, ROAD), "blocked_road": (crossroads(), cross_plain())}
+
+
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    """Each type's map as its placement prepares it."""
+    folder, built = tmp_path_factory.mktemp("obstacles"), {}
+    for type_id, (row, crop) in MAPS.items():
+        recipe, net = recipe_of(type_id), folder / f"{type_id}.net.xml.gz"
+        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
+        built[type_id] = read_network(net)
+    return built
+
+
+def arrange(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    variant, rng = Variant(1, 90.0, 4.0, 7.75, 0, layout), np.random.default_rng(layout)
+    task = SceneTask(MAPS[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return placement_of(recipe).arrange(task)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("type_id", DETOURS)
+def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> None:
+    network, recipe = networks[type_id], recipe_of(type_id)
+    a = arrange(networks, type_id, layout)
+    (thing,) = a.obstacles
+    order = DETOURS[type_id]
+    assert thing.lane == a.start.lane == f"road_{order}"
+    lane = network.lane(thing.lane)
+    # A lane for cars on every side that the plate allows.
+    sides = load_catalog().sign(recipe.type.codes[0]).rule.options["allowed_sides"]
+    assert all(getattr(lane, side) >= 0 for side in sides)
+    s, d = lane.line.project(thing.x, thing.y)
+    assert d == pytest.approx(0.0, abs=0.01)
+    ahead = s - thing.length / 2 - a.start.s - EGO_LENGTH_M / 2
+    assert ahead == pytest.approx(recipe.number("ego_before_obstacle_m"), abs=0.01)
+    sign = a.signs[0]
+    assert (sign.code, sign.lane, sign.params.obstacle) == (recipe.type.codes[0], order, thing.id)
+    assert sign.position_m == pytest.approx(s - thing.length / 2)
+    assert a.destination.s > s + thing.length / 2 + 20.0
+    # No car stands between the ego and the obstacle, in it, or with its tail in it.
+    ((name, begin, end),) = a.blocked
+    assert (name, begin) == (thing.lane, a.start.s)
+    assert end > s + thing.length / 2 + 8.5
+    shapes = recipe.choices["obstacles"]
+    assert thing.shape == shapes[layout % len(shapes)]["shape"]
+
+
+def test_a_road_of_one_lane_takes_no_detour() -> None:
+    for type_id, lanes in (("detour_right", 1), ("detour_left", 1), ("detour_either", 2)):
+        recipe = recipe_of(type_id)
+        with pytest.raises(UnfitMapError, match=f"{lanes} lanes"):
+            placement_of(recipe).prepare(corridor(lanes=lanes), road_plain(lanes=lanes), recipe)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
+    network, recipe = networks["blocked_road"], recipe_of("blocked_road")
+    graph, a = LaneGraph(network), arrange(networks, "blocked_road", layout)
+    lane, sign = network.lane(a.start.lane), a.signs[0]
+    assert lane.edge in ("w_in", "e_in")
+    front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert front == pytest.approx(recipe.number("ego_before_line_m"))
+    closed = sign.edge
+    assert a.route_hint == (lane.edge, closed)
+    assert (sign.code, sign.position_m) == ("3.2", recipe.number("plate_after_junction_m"))
+    # Plate, barrier on every lane, destination, in this order.
+    assert {b.lane for b in a.obstacles} == {network.lanes[i].id for i in network.edges[closed].lanes}
+    for barrier in a.obstacles:
+        s, d = network.lane(barrier.lane).line.project(barrier.x, barrier.y)
+        assert d == pytest.approx(0.0, abs=0.01)
+        assert s - barrier.length / 2 - sign.position_m == pytest.approx(
+            recipe.number("barrier_behind_plate_m")
+        )
+        assert a.destination.s - 5.0 > s + barrier.length / 2
+    # Nobody else drives into the closed arm or out of it, and every other arm still has somewhere to go.
+    assert a.closed_edges == {closed, closed.replace("out", "in")}
+    assert a.avoid_turns == {(e, closed) for e in network.edges if closed in graph.successors(e)}
+    for arm in "wesn":
+        if f"{arm}_in" not in a.closed_edges:
+            assert set(graph.successors(f"{arm}_in")) - {closed}
+
+
+def test_the_closed_exit_varies(networks: dict[str, RoadNetwork]) -> None:
+    hints = {arrange(networks, "blocked_road", layout).route_hint for layout in LAYOUTS}
+    assert len(hints) == 6
+
+
+def test_an_exit_that_is_short_or_the_only_one_is_not_closed(
+    networks: dict[str, RoadNetwork], tmp_path: Path
+) -> None:
+    recipe, (row, crop) = recipe_of("blocked_road"), MAPS["blocked_road"]
+    short = replace(recipe, numbers={**recipe.numbers, "least_exit_m": 500})
+    # A main road with nothing but a one-way street into it: who drives along it can't leave it.
+    arms = [
+        {**a, "out_edge": a["out_edge"] if a["in_edge"] != "s_in" else ""}
+        for a in row.fields["arms"]
+        if a["in_edge"] != "n_in"
+    ]
+    edges = tuple(e for e in crop.edges if e.id not in ("n_in", "n_out", "s_out"))
+    street = replace(crop, edges=edges, nodes=tuple(n for n in crop.nodes if n.id != "n"))
+    lonely = crossroads(arms=arms, through=[[0, 1]])
+    net = tmp_path / "street.net.xml.gz"
+    build_net(placement_of(recipe).prepare(lonely, street, recipe), net)
+    for one, network, numbers in (
+        (row, networks["blocked_road"], short),
+        (lonely, read_network(net), recipe),
+    ):
+        task = SceneTask(
+            one, network, LaneGraph(network), numbers, variants_of("t", "m")[1], (CALM,),
+            np.random.default_rng(1),
+        )  # fmt: skip
+        with pytest.raises(
+            UnfitMapError, match="no way from the main road into an exit that could be closed"
+        ):
+            placement_of(numbers).arrange(task)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[ScenarioSpec, ...]]]:
+    """Variants 0 and 1 of every type here, by type, from the hand-made maps."""
+    root, rows = tmp_path_factory.mktemp("sites"), {}
+    with pytest.MonkeyPatch.context() as patch:
+        for type_id, (row, crop) in MAPS.items():
+            patch.setattr(site_module, "plain_crop", lambda *_, crop=crop: crop)
+            patch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
+            made = SiteBuilder(recipe_of(type_id), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+            assert made.reason == ""
+            rows[type_id] = made.rows
+    return root, rows
+
+
+def routes_of(root: etree._Element) -> list[list[str]]:
+    """The ways of the background cars."""
+    cars = [v for v in root.iterfind("vehicle") if str(v.attrib["id"]).startswith("bg_")]
+    return [str(v.find("route").attrib["edges"]).split() for v in cars]  # type: ignore[union-attr]
+
+
+def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
+    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]],
+) -> None:
+    root, rows = site
+    for type_id, specs in rows.items():
+        for spec in specs:
+            scene, roads = SceneLoader(SceneFolder(root)).load(spec)
+            assert list(lint_scene(scene, roads.graph)) == []
+            if type_id == "blocked_road" and spec.variant:
+                closed = {scene.target_sign.edge, scene.target_sign.edge.replace("out", "in")}
+                ways = routes_of(read_additional(scene.additional.path, scene.additional.content))
+                assert len(ways) > 5
+                assert not [way for way in ways if closed & set(way)]
+
+
+def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
+    """An episode's trace, and its row and events as a run records them."""
+    loader = SceneLoader(SceneFolder(root))
+    result = EpisodeRunner(planner, planner, simulation=simulation(), loader=loader).run(spec)
+    assert result.facts is not None, result.error
+    row, events = score(spec, planner, False, result.facts)
+    write_trace(folder / "trace.parquet", result)
+    return read_trace(folder / "trace.parquet"), row, events
+
+
+@pytest.mark.parametrize("type_id", MAPS)
+@pytest.mark.parametrize("variant", [0, 1])
+def test_the_expert_obeys_and_the_sign_blind_driver_does_not_arrive(
+    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]], type_id: str, variant: int, tmp_path: Path
+) -> None:
+    root, rows = site
+    spec = rows[type_id][variant]
+    _, calm, _ = drive(root, spec, "idm-e", tmp_path)
+    assert (calm["outcome"], calm["scd"], calm["sign_engaged"]) == ("arrived", True, True)
+    assert calm["route_completion"] == 100.0
+    _, blind, _ = drive(root, spec, "idm", tmp_path)
+    assert (blind["scd"], blind["sign_engaged"]) == (False, True)
+    if type_id == "blocked_road":
+        assert blind["violation_clause"] == "entered_closed_road"
+
+
+def test_a_held_stop_is_judged_alike_from_the_trace(
+    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, rows = site
+    spec = rows["blocked_road"][1]
+    trace, row, events = drive(root, spec, "idm-e", tmp_path)
+    # Three seconds still, and not a tick longer than it takes.
+    speeds = [s.ego.speed for s in trace.snapshots]
+    assert max(speeds[-31:]) <= 0.5 < speeds[-32]
+    judge = Judge(load_catalog())
+    monkeypatch.setattr(judge, "_loader", SceneLoader(SceneFolder(root)))
+    key = ("idm-e", spec.scenario_id)
+    assert list(judge.compare(trace, key, row, events)) == []
+    # A trace that is cut off before the stop is complete, or says more than happened, does not pass.
+    parked = replace(trace, snapshots=trace.snapshots[:-1])
+    assert any(line.startswith("outcome is arrived") for line in judge.compare(parked, key, row, events))
+    hit = replace(trace, outcome=Outcome.COLLISION, contact=Contact(3, "vehicle", "bg_000", True))
+    wrong = {**row, "outcome": "collision"}
+    assert any("judged again arrived" in line for line in judge.compare(hit, key, wrong, events))

@@ -1,0 +1,328 @@
+"""How the four types are arranged on maps made by hand, and whole sites built from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pool_builders import corridor, crossroads, dual_path
+from simworld import CALM, LIMIT, cross_plain, edge, plain, road_plain, simulation
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.speed_zone import posted_limit
+from tsbench.dataset.scenes import map_scenarios as site_module
+from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.geometry.angles import wrap
+from tsbench.geometry.polyline import Polyline
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.certificates import Certificate
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ZoneParams
+from tsbench.sim.world import EGO_LENGTH_M
+
+LAYOUTS = range(6)
+
+
+def left_block() -> PlainNet:
+    """From a to b, then left to c and d, or straight on and round by u and v, which is longer."""
+    places = {"a": (50, 0), "b": (150, 0), "c": (150, 70), "d": (90, 70), "u": (210, 0), "v": (210, 70)}
+    n = {k: PlainNode(k, float(x), float(y)) for k, (x, y) in places.items()}
+    pairs = ["ab", "bc", "cd", "bu", "uv", "vc"]
+    edges = [edge(n[p[0]], n[p[1]]) for p in pairs] + [edge(n[p[1]], n[p[0]]) for p in pairs]
+    return plain(list(n.values()), edges)
+
+
+LEFT = dual_path(
+    signed_edge="ab", start_edge="ab", junction="b", destination_edge="cd", compliant_m=230.0, short=["bc", "cd"],
+    compliant=["bu", "uv", "vc", "cd"],
+)  # fmt: skip
+LEFT = replace(LEFT, slot="l_s", shape="T")
+MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
+    "yield": (crossroads(), cross_plain()),
+    "speed_limit": (corridor(speed=LIMIT), road_plain()),
+    "detour_right": (corridor(speed=LIMIT), road_plain()),
+    "no_turn_left": (LEFT, left_block()),
+}
+
+
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    """Each type's map as its placement prepares it."""
+    folder, built = tmp_path_factory.mktemp("arranged"), {}
+    for type_id, (row, crop) in MAPS.items():
+        recipe = recipe_of(type_id)
+        net = folder / f"{type_id}.net.xml.gz"
+        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
+        built[type_id] = read_network(net)
+    return built
+
+
+def arrange(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    row = MAPS[type_id][0]
+    rng = np.random.default_rng(seed)
+    task = SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return placement_of(recipe).arrange(task)
+
+
+VARIANT = st.builds(
+    Variant, st.just(1), st.sampled_from([90.0, 120.0]), st.sampled_from([0.0, 4.0]),
+    st.sampled_from([3.61, 7.75, 11.05]), st.integers(0, 2), st.sampled_from(LAYOUTS),
+)  # fmt: skip
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.sampled_from(sorted(MAPS)), VARIANT, st.integers(0, 1000))
+def test_what_holds_for_every_scene(
+    networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int
+) -> None:
+    a, network = arrange(networks, type_id, variant, seed), networks[type_id]
+    graph, start = LaneGraph(network), network.lane(a.start.lane)
+    kind = load_catalog().type(type_id)
+    # Exactly one plate is what the scenario is about; navigation leads to the destination, whatever it says.
+    target = next(s for s in a.signs if s.id == a.target)
+    assert (target.code in kind.codes, target.role) == (True, "target")
+    assert a.route_hint == graph.route(start.edge, a.destination.edge)
+    assert graph.path(a.route_hint, start.index, a.start.s, a.destination) is not None
+    assert EGO_LENGTH_M / 2 <= a.start.s <= start.line.length - EGO_LENGTH_M / 2
+    assert 0.0 <= a.start.speed <= start.speed + 1e-9
+    assert 0.0 < a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length
+    assert a.route_length > 0.0
+    for sign in a.signs:
+        lane = network.edge_lanes(sign.edge)[max(sign.lane, 0)]
+        s, d = lane.line.project(sign.x, sign.y)
+        assert s == pytest.approx(sign.position_m, abs=0.01)
+        assert wrap(sign.heading - lane.line.heading_at(s)) == pytest.approx(0.0, abs=1e-6)
+        if sign.lane < 0:
+            assert d == pytest.approx(-lane.width / 2 - 1.2, abs=0.01)
+    # The same draw gives the same scene.
+    assert arrange(networks, type_id, variant, seed).signs == a.signs
+    assert arrange(networks, type_id, variant, seed).start == a.start
+
+
+@pytest.mark.parametrize("initial", [3.61, 7.75, 11.05])
+@pytest.mark.parametrize("seed", range(5))
+def test_speed_limit(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
+    network, recipe = networks["speed_limit"], recipe_of("speed_limit")
+    a = arrange(networks, "speed_limit", Variant(1, 90.0, 4.0, initial, 0, seed), seed)
+    plate, end = a.signs
+    assert (plate.code, end.code, end.ends) == ("3.24", "3.25", plate.id)
+    v = float(plate.value or 0.0) / 3.6
+    assert plate.value in recipe.choices["limits_kmh"]
+    assert v * 3.6 + recipe.number("below_road_kmh") <= LIMIT * 3.6 + 0.5
+    assert (plate.edge, end.edge, plate.position_m, end.position_m) == ("road.1", "road.2", 0.0, 0.0)
+    assert plate.params == ZoneParams(("road.1", "road.2"))
+    v0 = a.start.speed
+    assert v0 >= min(v + recipe.number("least_excess_mps"), LIMIT) - 1e-9
+    assert v0 <= v + recipe.number("most_excess_kmh") / 3.6 + 1e-9
+    # Who brakes with 3.5 m/s2 after half a second is at the limit at the plate.
+    first = network.lane(a.start.lane)
+    way = first.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert way >= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5)
+    assert way <= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5) + 3.0 + recipe.number("jitter_m") + 0.01
+    # The network keeps the road's own limit; what the plate says to others is an element of SUMO.
+    assert {lane.speed for lane in network.lanes if not lane.internal} == {LIMIT}
+    others = a.extra[0]
+    assert others.tag == "variableSpeedSign"
+    assert others.get("lanes", "").split() == ["road.1_0", "road.1_1", "road.1_2"]
+    assert float(others[0].get("speed", "0")) == pytest.approx(v, abs=0.001)
+    obeying = sum(f == 1.0 for f in a.speed_factors) / len(a.speed_factors)
+    assert recipe.number("obey_least") - 0.01 <= obeying <= recipe.number("obey_most") + 0.1
+    assert network.edges["road.1"].length >= recipe.number("zone_m") - 1.0
+
+
+def test_posted_limits_come_in_equal_shares() -> None:
+    limits = [posted_limit(corridor(f"c-{k}"), "speed_limit", [20, 30, 40], 20) for k in range(900)]
+    assert all(limits.count(v) == pytest.approx(300, abs=60) for v in (20, 30, 40))
+    with pytest.raises(UnfitMapError, match="the road's own limit is 20 km/h"):
+        posted_limit(corridor(speed=20 / 3.6), "speed_limit", [20, 30, 40], 20)
+
+
+BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(5.0, 160.0), min_size=1, max_size=3, unique=True))
+def test_a_cut_edge_is_the_same_road(cuts: list[float]) -> None:
+    cuts = sorted(c for k, c in enumerate(sorted(cuts)) if k == 0 or c - sorted(cuts)[k - 1] > 1.0)
+    nodes = (PlainNode("a", 0.0, 0.0), PlainNode("b", 160.0, 30.0))
+    other = PlainEdge("back", "b", "a", 1, LIMIT, 5, ((160.0, 30.0), (0.0, 0.0)))
+    net, parts = split_edge(PlainNet(nodes, (BENT, other), ()), "e", cuts)
+    whole = Polyline(BENT.shape)
+    assert parts == tuple(f"e.{k}" for k in range(len(cuts) + 1))
+    by_id = {e.id: e for e in net.edges}
+    assert "e" not in by_id
+    assert by_id["back"] == other
+    chain = [by_id[p] for p in parts]
+    assert (chain[0].source, chain[-1].target) == ("a", "b")
+    assert all(x.target == y.source for x, y in pairwise(chain))
+    places = {n.id: (n.x, n.y) for n in net.nodes}
+    for part, (begin, end) in zip(chain, pairwise([0.0, *cuts, whole.length]), strict=True):
+        line = Polyline(part.shape)
+        assert line.length == pytest.approx(end - begin)
+        assert part.shape[0] == pytest.approx(whole.point_at(begin))
+        assert part.shape[-1] == pytest.approx(whole.point_at(end))
+        assert places[part.source] == pytest.approx(part.shape[0])
+        assert (part.num_lanes, part.speed, part.priority) == (2, LIMIT, 5)
+    links = {(c.source, c.target, c.from_lane, c.to_lane) for c in net.connections}
+    assert links == {(p, q, i, i) for p, q in pairwise(parts) for i in range(2)}
+
+
+def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) -> None:
+    network = networks["speed_limit"]
+    for part, following in (("road.0", "road.1"), ("road.1", "road.2")):
+        for a, b in zip(network.edge_lanes(part), network.edge_lanes(following), strict=True):
+            assert a.line.points[-1] == pytest.approx(b.line.points[0], abs=0.2)
+            assert [c.to_lane for c in network.outgoing[a.index]] == [b.index]
+    assert sum(network.edges[f"road.{k}"].length for k in range(3)) == pytest.approx(300.0, abs=0.5)
+
+
+class Recorder:
+    """Proves nothing: every row is called solved and tempting; `asked` holds what the builder measured."""
+
+    def __init__(
+        self,
+        verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True),
+        broken: Callable[[int], bool] = lambda _: True,
+    ) -> None:
+        self.verdicts, self.broken = verdicts, broken
+        self.attempt = -1
+
+    def prove(
+        self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
+    ) -> Certificate:
+        solved, tempting = self.verdicts(spec, attempt)
+        self.attempt = attempt
+        return Certificate(
+            spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, tempted,
+            "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
+        )  # fmt: skip
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        assert (planner, spec.scenario_type) == ("reckless", "yield")
+        return self.broken(self.attempt)
+
+
+def build(
+    type_id: str,
+    root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    numbers: tuple[int, ...],
+    prover: Recorder | None = None,
+    breaker: str = "",
+) -> MapScenarios:
+    """A site of some of its variants, from the hand-made crop."""
+    row, crop = MAPS[type_id]
+
+    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
+        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
+
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
+    monkeypatch.setattr(site_module, "variants_of", some)
+    recipe = replace(recipe_of(type_id), breaker=breaker)
+    builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
+    return builder.build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("type_id", sorted(MAPS))
+def test_a_site_is_sound_dense_as_asked_and_the_same_again(
+    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
+    assert one.reason == ""
+    assert [r.variant for r in one.rows] == [0, 1]
+    loader = SceneLoader(SceneFolder(tmp_path / "one"))
+    for row, certificate in zip(one.rows, one.certificates, strict=True):
+        density = certificate.realised_density
+        scene, roads = loader.load(row)
+        assert list(lint_scene(scene, roads.graph)) == []
+        assert (row.scenario_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
+        assert row.initial_speed == scene.start.speed
+        assert (scene.convoy is not None) == (type_id == "yield")
+        assert (len(scene.obstacles) > 0) == (type_id == "detour_right")
+        if row.density:
+            assert density == pytest.approx(row.density / 0.3, rel=0.25)
+        else:
+            assert density == 0.0
+        assert math.isfinite(row.route_length)
+    folder = tmp_path / "one" / "scenes" / type_id
+    assert sorted(p.name for p in folder.rglob("*.gz")) == [
+        "net.net.xml.gz",
+        "v0.add.xml.gz",
+        "v1.add.xml.gz",
+    ]
+    two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
+    assert two == one  # the rows hold the hashes of the files
+
+
+def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(MAPS, "speed_limit", (corridor(length=100.0, speed=LIMIT), road_plain(100.0)))
+    site = build("speed_limit", tmp_path, monkeypatch, (0,))
+    assert site.rows == ()
+    assert site.reason == "the corridor is 100 m long"
+    assert not list(tmp_path.rglob("*.gz"))
+
+
+def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build(
+        "yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True))
+    )
+    assert [c.attempt for c in site.certificates] == [0, 2]
+    # The files are those of the draw that was kept, and another draw is another scene.
+    loader = SceneLoader(SceneFolder(tmp_path))
+    for row, certificate in zip(site.rows, site.certificates, strict=True):
+        loader.load(row)
+        assert certificate.digest == row.additional_sha256
+    first = build("yield", tmp_path / "first", monkeypatch, (0, 1))
+    assert first.rows[0] == site.rows[0]
+    assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
+    assert first.rows[1].seed != site.rows[1].seed
+
+
+def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
+    assert site.rows == ()
+    assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
+
+
+def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
+    SceneLoader(SceneFolder(tmp_path)).load(site.rows[1])
+    dull = build("yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)))
+    assert dull.reason == "2 variants do not tempt idm"
+
+
+def test_a_draw_that_its_breaker_does_not_break_is_drawn_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = Recorder(broken=lambda attempt: attempt == 2)
+    site = build("yield", tmp_path, monkeypatch, (0,), late, breaker="reckless")
+    assert [c.attempt for c in site.certificates] == [2]
+    # Where none of the draws shows it, the first that is solved and tempts is as good as any.
+    never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
+    site = build("yield", tmp_path / "never", monkeypatch, (0,), never, breaker="reckless")
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

@@ -1,0 +1,248 @@
+"""How the four types of reserved lanes are arranged on a straight and a bent road made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pool_builders import corridor
+from simworld import CALM, LIMIT, road_plain, simulation
+
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.contraflow import contra_id, turn_leftmost
+from tsbench.dataset.placements.lane_users import way_from_standstill
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.scenes import map_scenarios as site_module
+from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.map_scenarios import SiteBuilder
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.world import EGO_LENGTH_M
+
+SAME, AGAINST = ("bus_lane", "bike_lane"), ("bus_lane_road", "bike_lane_road")
+TYPES = (*SAME, *AGAINST)
+LAYOUTS = range(6)
+ROW = corridor(speed=LIMIT, length=250.0)
+WIDTH = 3.2
+
+
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+def users_of(type_id: str) -> str:
+    return "bus" if type_id.startswith("bus") else "bicycle"
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    folder, built = tmp_path_factory.mktemp("reserved"), {}
+    for type_id in TYPES:
+        recipe = recipe_of(type_id)
+        net = folder / f"{type_id}.net.xml.gz"
+        build_net(placement_of(recipe).prepare(ROW, road_plain(250.0), recipe), net)
+        built[type_id] = read_network(net)
+    return built
+
+
+def arrange(
+    networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
+) -> Arrangement:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
+    task = SceneTask(
+        ROW, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
+    )
+    return placement_of(recipe).arrange(task)
+
+
+@pytest.mark.parametrize("type_id", TYPES)
+@pytest.mark.parametrize("seed", range(6))
+def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
+    networks: dict[str, RoadNetwork], type_id: str, seed: int
+) -> None:
+    network, recipe = networks[type_id], recipe_of(type_id)
+    a = arrange(networks, type_id, seed, seed=seed)
+    (sign,) = a.signs
+    lane = network.lane(a.start.lane)
+    assert lane.edge == "road.0" == sign.params.approach
+    assert lane.order == (0 if type_id in SAME else len(network.edges["road.0"].lanes) - 1)
+    before = lane.line.length - a.start.s - EGO_LENGTH_M / 2
+    assert recipe.number("run_up_least_m") <= before <= recipe.number("run_up_most_m")
+    assert (sign.edge, sign.position_m, sign.params.zone_edges) == ("road.1", 0.0, ("road.1",))
+    reserved = network.lane(*sign.params.lanes)
+    assert recipe.number("zone_least_m") - 5.0 <= reserved.line.length <= recipe.number("zone_most_m")
+    # The net says the same as the plate: its users may, cars may not; the lanes beside are for cars.
+    assert reserved.permits(users_of(type_id))
+    assert not reserved.permits("passenger")
+    others = [i for i in network.edge_lanes("road.1") if i.id != reserved.id]
+    assert others
+    assert all(i.permits("passenger") for i in others)
+    assert (lane.id, a.start.s, lane.line.length) in a.blocked
+    assert a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length - 7.0
+
+
+@pytest.mark.parametrize("type_id", TYPES)
+def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetwork], type_id: str) -> None:
+    network, a = networks[type_id], arrange(networks, type_id)
+    graph, start = LaneGraph(network), network.lane(a.start.lane)
+    assert a.route_hint == graph.route(start.edge, a.destination.edge)
+    path = graph.path(a.route_hint, start.index, a.start.s, a.destination)
+    assert path is not None
+    reserved = network.lane(*a.signs[0].params.lanes)
+    assert reserved.index in {p.lane for p in path.pieces}
+    # It keeps to one line: never as much as a metre to either side.
+    offsets = [start.line.project(*p)[1] for p in path.line.points.tolist()]
+    assert max(map(abs, offsets)) < 0.1
+    # An obedient way exists.
+    other = LaneGraph(network, closed={reserved.index})
+    assert other.path(a.route_hint, start.index, a.start.s, a.destination) is not None
+
+
+@pytest.mark.parametrize("type_id", SAME)
+def test_behind_the_zone_the_lane_is_everybodys(networks: dict[str, RoadNetwork], type_id: str) -> None:
+    network, a = networks[type_id], arrange(networks, type_id)
+    reserved = network.lane("road.1_0")
+    assert a.signs[0].params.lanes == (reserved.id,)
+    assert network.lane("road.2_0").permits("passenger")
+    assert [network.lanes[c.to_lane].id for c in network.outgoing[reserved.index]] == ["road.2_0"]
+    assert a.destination.edge == "road.2"
+
+
+@pytest.mark.parametrize("type_id", AGAINST)
+def test_the_leftmost_lane_is_an_edge_of_its_own_the_other_way_round(
+    networks: dict[str, RoadNetwork], type_id: str
+) -> None:
+    network = networks[type_id]
+    contra, zone, first = contra_id("road"), network.edges["road.1"], network.edges["road.0"]
+    turned = network.edges[contra]
+    assert (turned.source, turned.target) == (zone.target, zone.source)
+    assert (len(first.lanes), len(zone.lanes), len(turned.lanes)) == (3, 2, 1)
+    lane, leftmost = network.edge_lanes(contra)[0], network.edge_lanes("road.0")[-1]
+    assert lane.line.points[0][0] > lane.line.points[-1][0]
+    assert {round(y, 2) for _, y in lane.line.points.tolist()} == {-WIDTH / 2}
+    assert leftmost.line.points[-1][1] == pytest.approx(-WIDTH / 2, abs=0.01)
+    assert network.outgoing[leftmost.index] == ()
+    for a, b in zip(network.edge_lanes("road.0"), network.edge_lanes("road.1"), strict=False):
+        assert b.line.points[0][1] == pytest.approx(a.line.points[-1][1], abs=0.01)
+        assert [c.to_lane for c in network.outgoing[a.index]] == [b.index]
+
+
+@pytest.mark.parametrize("spread", ["right", "center"])
+def test_a_bent_road_stays_where_it_was(tmp_path: Path, spread: str) -> None:
+    """Whatever its shape is drawn along, each lane lies where it lay before it was turned."""
+    shape = ((0.0, 0.0), (60.0, 0.0), (110.0, 14.0), (160.0, 38.0))
+    nodes = (PlainNode("a", 0.0, 0.0), PlainNode("b", 160.0, 38.0))
+    edge = PlainEdge("e", "a", "b", 3, LIMIT, 5, shape, width=3.5, spread=spread)
+    whole, rebuilt = (
+        PlainNet(nodes, (edge,), ()),
+        turn_leftmost(PlainNet(nodes, (edge,), ()), "e", "e.contra", "bus"),
+    )
+    build_net(whole, tmp_path / "whole.net.xml")
+    build_net(rebuilt, tmp_path / "turned.net.xml")
+    before, after = read_network(tmp_path / "whole.net.xml"), read_network(tmp_path / "turned.net.xml")
+    now = [*after.edge_lanes("e"), *after.edge_lanes("e.contra")]
+    for old, new in zip(before.edge_lanes("e"), now, strict=True):
+        assert new.width == old.width == 3.5
+        for x, y in new.line.resampled(5.0).points.tolist():
+            assert abs(old.line.project(x, y)[1]) < 0.05
+
+
+@pytest.mark.parametrize("type_id", TYPES)
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("speed", [3.61, 7.75, 11.05])
+def test_users_meet_an_ego_that_stays_in_its_lane(
+    networks: dict[str, RoadNetwork], type_id: str, layout: int, speed: float
+) -> None:
+    network, recipe = networks[type_id], recipe_of(type_id)
+    a = arrange(networks, type_id, layout, speed, seed=layout)
+    c = a.convoy
+    assert c is not None
+    lane, user = network.lane(c.lane), c.drivers[0]
+    assert ((c.lane,), c.vclass) == (a.signs[0].params.lanes, users_of(type_id))
+    assert user.speed == recipe.number("user_speed_mps")
+    assert (user.length, user.width) == (recipe.number("user_length_m"), recipe.number("user_width_m"))
+    counts = recipe.choices["users"]
+    assert 1 <= len(c.places) <= counts[layout % len(counts)]
+    assert all(user.length < p < lane.line.length for p in c.places)
+    # From front to front they keep the headway: the model's is that of the gap.
+    assert user.headway + (user.length + user.gap) / user.speed == pytest.approx(
+        recipe.number("user_headway_s")
+    )
+    meet = c.ego_zone_m
+    assert 0.0 < meet <= recipe.number("meet_m")
+    if type_id in SAME:
+        assert c.zone_m == pytest.approx(meet + user.length)
+        assert all(
+            q - p == pytest.approx(user.speed * recipe.number("user_headway_s"))
+            for p, q in pairwise(c.places)
+        )
+        assert c.edges == ("road.1", "road.2")
+    else:
+        assert c.zone_m == pytest.approx(lane.line.length - meet)
+        step = user.length + recipe.number("standing_gap_m")
+        assert all(p - q == pytest.approx(step) for p, q in pairwise(c.places))
+        assert c.edges == (contra_id("road"),)
+    # The lead is not so far away that it would come too late.
+    start = network.lane(a.start.lane)
+    to_line = start.line.length - a.start.s - EGO_LENGTH_M / 2
+    eta = predicted_arrival(to_line, to_line + meet, a.start.speed, start.speed, start.speed)
+    assert c.zone_m - c.places[0] <= way_from_standstill(user, eta)
+    assert (c.line_lane, c.ego_cruise_mps) == (a.start.lane, start.speed)
+
+
+def test_a_ramp_and_then_cruise_speed() -> None:
+    user = replace(CALM, speed=8.0, accel=1.25)
+    assert way_from_standstill(user, 4.0) == pytest.approx(8.0)
+    assert way_from_standstill(user, 8.0) == pytest.approx(32.0)
+    assert way_from_standstill(user, 10.0) == pytest.approx(48.0)
+
+
+@pytest.mark.parametrize(
+    ("type_id", "row", "reason"),
+    [
+        ("bus_lane", corridor(lanes=1), "1 lanes"),
+        ("bike_lane", corridor(length=140.0), "60 m of road before the plate"),
+        ("bus_lane_road", corridor(lanes=1), "1 lanes"),
+        ("bike_lane_road", replace(corridor(), oneway=False), "the road has two directions"),
+        ("bus_lane_road", corridor(length=120.0), "60 m of road before the plate"),
+    ],
+)
+def test_maps_that_cannot_carry_it(type_id: str, row: PoolRow, reason: str) -> None:
+    recipe = recipe_of(type_id)
+    with pytest.raises(UnfitMapError, match=reason):
+        placement_of(recipe).prepare(row, road_plain(row.length_m, max(row.lanes, 2)), recipe)
+
+
+@pytest.mark.parametrize("type_id", TYPES)
+def test_a_site_is_sound_and_its_users_are_there(
+    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
+        return variants_of(kind, map_id)[:2]
+
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: road_plain(250.0))
+    monkeypatch.setattr(site_module, "variants_of", some)
+    site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(ROW, None, "test")  # type: ignore[arg-type]
+    assert site.reason == ""
+    loader = SceneLoader(SceneFolder(tmp_path))
+    for row in site.rows:
+        scene, roads = loader.load(row)
+        assert list(lint_scene(scene, roads.graph)) == []
+        plan = scene.convoy
+        assert plan is not None
+        assert 2.0 < plan.lead_time_s < 15.0
+        # Variant 0 has no traffic, but users all the same.
+        assert len(plan.vehicles) >= 1

@@ -1,0 +1,195 @@
+"""Traces come back as they were written, and nothing else passes for one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+# The hand-made episodes are shared with the tests of the metrics.
+import episode_builders as made
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.episode.trace import (
+    read_trace,
+    trace_path,
+    verdict_from_dict,
+    verdict_to_dict,
+    write_trace,
+)
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.rules.base import Verdict
+
+
+def an_episode(n: int = 50) -> EpisodeFacts:
+    rng = np.random.default_rng(3)
+    egos = [
+        made.ego(10 + 0.1 * k * 1.01, speed=1.01, acceleration=float(rng.normal()), yaw_rate=-0.0)
+        for k in range(n)
+    ]
+    late = made.straight(n, 30.0, -1.6, 0.0, 7.0)
+    late[:20] = np.nan
+    tracks = [
+        made.Track("car.1", made.straight(n, 40.0, 1.6, np.pi, 9.0)),
+        made.Track("bus.0", late, made.ActorKind.BUS, (12.0, 2.5)),
+    ]
+    return made.facts(
+        egos, tracks, outcome=Outcome.COLLISION, contact=Contact(n - 1, "vehicle", "bus.0", True),
+        target=made.verdict(made.violation(other="bus.0"), made.violation(9.5), steps=21),
+        others=(made.verdict(engaged=False),),
+    )  # fmt: skip
+
+
+def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    episode = an_episode()
+    result = made.result(episode, error="none")
+    path = trace_path(tmp_path, "idm", result.spec.scenario_id)
+    write_trace(path, result)
+    trace = read_trace(path)
+    made.same_snapshots(episode.snapshots, trace.snapshots)
+    assert trace.commands.tobytes() == result.commands.tobytes()
+    assert repr(trace.spec) == repr(result.spec)  # repr, for the row holds a NaN
+    assert (trace.planner, trace.outcome, trace.error) == ("idm", Outcome.COLLISION, "none")
+    assert trace.contact == episode.contact
+    assert (trace.target, trace.others) == (episode.target, episode.others)
+    assert trace.start_remaining_m == episode.start_remaining_m
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+
+
+def test_the_facts_are_found_again(tmp_path: Path) -> None:
+    episode = an_episode()
+    write_trace(tmp_path / "t.parquet", made.result(episode))
+    again = read_trace(tmp_path / "t.parquet").facts(LaneGraph(episode.scene.network), episode.scene)
+    assert (again.route.s, again.route.d, again.route.remaining) == (
+        episode.route.s, episode.route.d, episode.route.remaining,
+    )  # fmt: skip
+    assert (again.outcome, again.contact, again.target) == (episode.outcome, episode.contact, episode.target)
+
+
+def test_the_same_episode_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_trace(tmp_path / name, made.result(an_episode()))
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+@pytest.mark.parametrize("commands", [0, 1, 2])
+def test_an_episode_of_one_tick_without_anyone(tmp_path: Path, commands: int) -> None:
+    episode = made.facts([made.ego(10.0), made.ego(10.0)])
+    given_commands = np.ones((commands, 2))
+    write_trace(tmp_path / "t", made.result(episode, commands=given_commands))
+    trace = read_trace(tmp_path / "t")
+    made.same_snapshots(episode.snapshots, trace.snapshots)
+    assert np.array_equal(trace.commands, given_commands)
+
+
+def test_no_tick_no_trace(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="without a tick"):
+        write_trace(tmp_path / "t", made.result(None))
+    assert not list(tmp_path.iterdir())
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(allow_nan=False, width=64), min_size=11, max_size=11), st.integers(-1, 9))
+def test_every_float_survives(
+    tmp_path_factory: pytest.TempPathFactory, numbers: list[float], lane: int
+) -> None:
+    path = tmp_path_factory.mktemp("t") / "t"
+    base = an_episode(2)
+    odd = made.ego(*numbers[:4], acceleration=numbers[4], steering=numbers[5], yaw_rate=numbers[6], lane=lane,
+                   s=numbers[7], d=numbers[8])  # fmt: skip
+    episode = EpisodeFacts(
+        base.scene, made.snapshots([odd]), base.route, numbers[9], base.outcome, None,
+        made.verdict(made.violation(value=numbers[10])), (),
+    )  # fmt: skip
+    write_trace(path, made.result(episode))
+    trace = read_trace(path)
+    assert repr(trace.snapshots[0].ego) == repr(odd)
+    assert repr(trace.start_remaining_m) == repr(numbers[9])
+    assert trace.target == episode.target
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.7, 0.999])
+def test_a_truncated_trace_is_named(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    with pytest.raises(InputError, match=r"t\.parquet: .*trace") as caught:
+        read_trace(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_flipped_bit_is_seen(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 8] ^= 4
+    path.write_bytes(whole)
+    with pytest.raises(InputError, match=r"t\.parquet"):
+        read_trace(path)
+
+
+def test_foreign_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such trace"):
+        read_trace(tmp_path / "missing.parquet")
+    (tmp_path / "text").write_text("step,time\n0,0.0\n")
+    with pytest.raises(InputError, match="cannot be read as a trace"):
+        read_trace(tmp_path / "text")
+    pq.write_table(pa.table({"step": [0]}), tmp_path / "other")
+    with pytest.raises(InputError, match="no trace of tsbench"):
+        read_trace(tmp_path / "other")
+
+
+def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    with pq.ParquetFile(path) as file:
+        head, table = json.loads(file.metadata.metadata[b"tsbench.trace"]), file.read()
+    change(head)
+    with pq.ParquetWriter(path, table.schema) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"tsbench.trace": json.dumps(head)})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda h: h.update(schema=99), "schema 99"),
+        (lambda h: h.pop("target"), "target"),
+        (lambda h: h["scenario"].pop("seed"), "seed"),
+        (lambda h: h.update(outcome="fine"), "fine"),
+        (lambda h: h["actors"]["id"].pop(), "malformed"),
+        (lambda h: h["target"]["violations"].append({"rule": "speed"}), "Violation"),
+    ],
+)
+def test_other_metadata(tmp_path: Path, change: Callable[[dict[str, Any]], object], words: str) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    edited(path, change)
+    with pytest.raises(InputError, match=words) as caught:
+        read_trace(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_names_make_safe_files(tmp_path: Path) -> None:
+    paths = [trace_path(tmp_path, name, "s/1") for name in ("idm", "..", "../../etc", "my.py:Planner", "Ж")]
+    assert len(set(paths)) == len(paths)
+    for path in paths:
+        assert path.resolve().parent.parent == (tmp_path / "traces").resolve()
+        assert path.name == "s%2F1.parquet"
+    assert paths[0].parent.name == "idm"
+
+
+def test_verdicts_as_plain_values() -> None:
+    verdict = made.verdict(made.violation(end_s=float("inf"), other="car.1"), engaged=True, steps=4)
+    plain = verdict_to_dict(verdict)
+    assert verdict_from_dict(json.loads(json.dumps(plain, allow_nan=False))) == verdict
+    with pytest.raises(ValueError, match="Verdict"):
+        verdict_from_dict({"violations": [], "engaged": True})
+    assert verdict_from_dict({**plain, "violations": []}) == Verdict("plate", True, (), 4)

@@ -1,0 +1,74 @@
+"""A run with traces for the tests of pages: 48 episodes, four of which can be played."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import episode_builders as made
+import numpy as np
+import run_builders
+
+from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.trace import trace_path, write_trace
+from tsbench.report.page.episode import EpisodePacker
+from tsbench.roads.lane_graph import LaneGraph
+
+HOSTILE = '<img src=x onerror="document.title=1">&amp;.py:Mine'
+SENTENCE = "The ego drove <b>54.1 km/h</b> & more."
+PLANNERS = ("idm", HOSTILE)
+TRACED = ("speed_limit-m0-v0", "speed_limit-m1-v0")
+
+
+def an_episode(violated: bool = True) -> EpisodeFacts:
+    """6 s: the ego drives at 10 m/s, a car comes towards it, a bus is out of sight for a second."""
+    egos = [made.ego(60.0 + k, speed=10.0) for k in range(61)]
+    bus = made.straight(61, 80.0, -1.6, 0.0, 8.0)
+    bus[20:30] = np.nan
+    others = [
+        made.Track("car", made.straight(61, 125.0, 1.6, math.pi, 5.0)),
+        made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5)),
+        made.Track("walker", made.straight(61, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)),
+    ]
+    event = made.violation(3.0, x=90.0, y=-4.8, sentence=SENTENCE)
+    target = made.verdict(event) if violated else made.verdict()
+    return made.facts(egos, others, outcome=Outcome.ARRIVED, target=target)
+
+
+def put_trace(run: Path, planner: str, scenario: str, violated: bool = True) -> Path:
+    """Write a trace; the record says what it says."""
+    spec = replace(made.spec(scenario), map_id="map-1-0")
+    path = trace_path(run, planner, scenario)
+    write_trace(path, made.result(an_episode(violated), planner, spec=spec))
+    return path
+
+
+def make_run(folder: Path, planners: tuple[str, ...] = PLANNERS, **other: Any) -> Path:
+    """The run: each planner violated the first traced scenario and solved the second."""
+    broken = run_builders.lost("over_limit") | {"violations": 1, "violation_time_s": 3.0}
+    changes = {"speed_limit_m0_v0": broken, "speed_limit_m1_v0": {"violations": 0}}
+    rows = [row for name in planners for row in run_builders.episodes(name, **changes)]
+    event = asdict(made.violation(3.0, sentence=SENTENCE))
+    events = [
+        {"planner": name, "scenario_id": TRACED[0], "number": 0, "target": True, **event} for name in planners
+    ]
+    run = run_builders.make_run(folder, rows, events=events, **other)
+    for name in planners:
+        for scenario in TRACED:
+            put_trace(run, name, scenario, violated=scenario == TRACED[0])
+    return run
+
+
+class Loader:
+    """Every scene is the handmade one."""
+
+    def load(self, spec: object) -> tuple[object, object]:
+        scene = made.scene()
+        return scene, SimpleNamespace(graph=LaneGraph(scene.network))
+
+
+def packer() -> EpisodePacker:
+    return EpisodePacker(Loader())

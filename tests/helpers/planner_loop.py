@@ -1,0 +1,191 @@
+"""A closed loop without SUMO: bicycle, navigator, lane locator, and scripted road users."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tsbench.geometry.polyline import Polyline
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.localization import LaneLocator
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.rules.base import Verdict
+from tsbench.rules.registry import make_monitor
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.ego import Motion, advance
+from tsbench.sim.navigation import Navigator
+from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+DATA = Path(__file__).parents[1] / "planners" / "data"
+
+
+def load(name: str) -> RoadNetwork:
+    return read_network(DATA / f"{name}.net.xml")
+
+
+@dataclass
+class Body:
+    """A road user on a chain of lanes, or on a track of its own; `speed(t, world)`: its speed, `front`: its place."""
+
+    id: str
+    lanes: tuple[str, ...]
+    front: float
+    speed: Callable[[float, World], float]
+    route: tuple[str, ...] = ()
+    kind: ActorKind = ActorKind.CAR
+    length: float = 4.5
+    width: float = 1.8
+    now: float = 0.0
+    track: Polyline | None = None
+
+
+@dataclass
+class World:
+    """One episode: what stands still, who drives, and the record of the ego."""
+
+    network: RoadNetwork
+    start_lane: str
+    start_s: float
+    start_speed: float
+    destination: Destination
+    bodies: list[Body] = field(default_factory=list)
+    obstacles: tuple[Obstacle, ...] = ()
+    signs: tuple[SignView, ...] = ()
+    privilege: Privilege | None = None
+    time: float = 0.0
+    states: list[EgoState] = field(default_factory=list)
+    offsets: list[float] = field(default_factory=list)
+    controls: list[Control] = field(default_factory=list)
+    poses: list[dict[str, tuple[float, float, float]]] = field(default_factory=list)
+    lateral: dict[str, float] = field(default_factory=dict)
+    snapshots: list[WorldSnapshot] = field(default_factory=list)
+    arrived: bool = False
+
+    def __post_init__(self) -> None:
+        self.graph = LaneGraph(self.network)
+        self.table = ActorTable()
+        for body in self.bodies:
+            self.table.add(body.id, body.kind, body.length, body.width, body.route)
+
+    @property
+    def ego(self) -> EgoState:
+        return self.states[-1]
+
+    def run(self, planner: Planner, seconds: float) -> World:
+        """Drive until arrival or the end of the time."""
+        locator, navigator = LaneLocator(self.network), Navigator(self.graph, self.destination)
+        lane = self.network.lane(self.start_lane)
+        x, y = lane.line.point_at(self.start_s)
+        motion = Motion(x, y, lane.line.heading_at(self.start_s), self.start_speed)
+        planner.reset(PlannerContext(1, self.network, self.graph, self.destination, DT_S, self.privilege))
+        last = lane.index
+        for step in range(round(seconds / DT_S)):
+            self.time = step * DT_S
+            last, s, d, on_road = locator.locate(motion.x, motion.y, motion.heading, last)
+            ego = EgoState(
+                motion.x, motion.y, motion.heading, motion.speed, motion.acceleration, motion.steering,
+                motion.yaw_rate, last, s, d, on_road,
+            )  # fmt: skip
+            self.states.append(ego)
+            actors = self._actors()
+            self.snapshots.append(WorldSnapshot(step, self.time, ego, actors))
+            route = navigator.update(ego)
+            self.offsets.append(route.d)
+            on_edge = last >= 0 and self.network.lanes[last].edge == self.destination.edge
+            if on_edge and abs(s - self.destination.s) <= 5.0:
+                self.arrived = True
+                return self
+            history = np.array([[ego.x, ego.y, ego.heading, ego.speed]])
+            observation = Observation(
+                step, self.time, ego, history, route, actors, self.signs, self.obstacles
+            )
+            command = planner.act(observation)
+            assert isinstance(command, Control)
+            assert math.isfinite(command.acceleration)
+            assert math.isfinite(command.steering)
+            self.controls.append(command)
+            motion = advance(motion, command.acceleration, command.steering)
+        return self
+
+    def _actors(self) -> Actors:
+        rows, poses, lanes, places = [], [], [], []
+        for body in sorted(self.bodies, key=lambda b: b.id):
+            body.now = body.speed(self.time, self)
+            body.front += body.now * DT_S
+            index, line, s = self._place(body)
+            heading = line.heading_at(s)
+            px, py = line.point_at(s, self.lateral.get(body.id, 0.0))
+            half = body.length / 2
+            rows.append(self.table.rows[body.id])
+            poses.append((px - half * math.cos(heading), py - half * math.sin(heading), heading))
+            lanes.append(index)
+            places.append(s)
+        self.poses.append({self.table.ids[r]: p for r, p in zip(rows, poses, strict=True)})
+        return Actors(
+            self.table,
+            np.array(rows, dtype=np.int32),
+            np.array(poses, dtype=np.float64).reshape(-1, 3),
+            np.array([b.now for b in sorted(self.bodies, key=lambda b: b.id)], dtype=np.float64),
+            np.array(lanes, dtype=np.int32),
+            np.array(places, dtype=np.float64),
+        )
+
+    def _place(self, body: Body) -> tuple[int, Polyline, float]:
+        s = body.front
+        if body.track is not None:
+            return -1, body.track, s
+        for lane_id in body.lanes:
+            lane = self.network.lane(lane_id)
+            if s <= lane.line.length or lane_id == body.lanes[-1]:
+                return lane.index, lane.line, s
+            s -= lane.line.length
+        raise AssertionError
+
+
+def constant(speed: float) -> Callable[[float, World], float]:
+    return lambda _t, _w: speed
+
+
+def cones(lane, s: float) -> tuple[Obstacle, ...]:
+    """Four cones 1.5 m apart, centred on a lane at arc length s."""
+    result = []
+    for k in range(4):
+        at = s + (k - 1.5) * 1.5
+        x, y = lane.line.point_at(at)
+        result.append(Obstacle(f"cone{k}", "cones", x, y, lane.line.heading_at(at), 0.4, 0.4, lane.id))
+    return tuple(result)
+
+
+def front_of(ego: EgoState) -> float:
+    """Arc length of the ego's front on its lane."""
+    return ego.s + EGO_LENGTH_M / 2
+
+
+def ids(network: RoadNetwork, source: str, target: str) -> Sequence[str]:
+    """Lane ids from an edge's lane 0 through the junction onto the next edge."""
+    graph = LaneGraph(network)
+    connection = graph.connections(source, target)[0]
+    chain = (connection.from_lane, *connection.via, connection.to_lane)
+    return [network.lanes[i].id for i in chain]
+
+
+def verdict(world: World) -> Verdict:
+    """What the rule's own monitor says of a finished episode."""
+    assert world.privilege is not None
+    sign = world.privilege.sign
+    scene = Scene(
+        SceneFile(Path("test.net.xml"), b""), SceneFile(Path("test.add.xml"), b""),
+        world.network, (sign,), sign.id, world.obstacles,
+        EgoStart(world.start_lane, world.start_s, world.start_speed), world.destination, None, 600, 1,
+    )  # fmt: skip
+    monitor = make_monitor(sign, load_catalog(), scene)
+    for snapshot in world.snapshots:
+        monitor.update(snapshot)
+    return monitor.finish()

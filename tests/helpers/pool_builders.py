@@ -1,0 +1,45 @@
+"""Rows of a pool that does not exist."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from tsbench.scenarios.map_pool import PoolRow
+
+
+def row(
+    name: str, family: str = "corridor", shape: str = "straight", *, east: float = 0.0, north: float = 0.0,
+    half: float = 60.0, slot: str = "", lanes: int = 2, length: float = 220.0, speed: float = 16.67,
+    tagged: bool = True, junctions: tuple[str, ...] = (), source: str = "made", **detail: Any,
+) -> PoolRow:  # fmt: skip
+    return PoolRow(
+        map_id=name, family=family, shape=shape, slot=slot, lat=55.7, lon=37.6, source=source, well_tagged=tagged,
+        osm_ids=(1,), junction_ids=junctions, east=east, north=north, half_w=half, half_h=half, lanes=lanes,
+        lane_bucket=min(lanes, 3), oneway=True, curvature=1.0, length_m=length, speed_mps=speed,
+        road_class="secondary", detail=json.dumps(detail),
+    )  # fmt: skip
+
+
+def corridor(name: str = "c-made-1", **more: Any) -> PoolRow:
+    """The straight road of three lanes, as a corridor."""
+    return row(name, **{"lanes": 3, "length": 300.0, "edge": "road", **more})
+
+
+def crossroads(name: str = "j-made-1", **more: Any) -> PoolRow:
+    """The crossroads `cross` as a junction map: west-east of the higher class."""
+    arms = [
+        {"in_edge": f"{k}_in", "out_edge": f"{k}_out", "heading_deg": heading, "length_m": 142.0, "lanes_in": 1,
+         "lanes_out": 1, "class": "secondary" if k in "we" else "residential"}
+        for k, heading in {"w": 180.0, "e": 0.0, "s": -90.0, "n": 90.0}.items()
+    ]  # fmt: skip
+    return row(name, "junction", "X", **{"node": "x", "arms": arms, "through": [[0, 1], [2, 3]], **more})
+
+
+def dual_path(name: str = "d-made-1", **more: Any) -> PoolRow:
+    """The block as a dual path: left at a and round by d, c, b, or straight on; to b-u."""
+    detail = {
+        "signed_edge": "ta", "start_edge": "ta", "junction": "a", "destination_edge": "bu", "compliant_m": 440.0,
+        "short": ["ab", "bu"], "compliant": ["ad", "dc", "cb", "bu"],
+    }  # fmt: skip
+    return row(name, "dual_path", "X", slot="s_l", **{**detail, **more})

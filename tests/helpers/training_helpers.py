@@ -1,0 +1,37 @@
+"""What tests of trainings share: weights that have learned nothing, and a training that is broken off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from tsbench.learn.imitation.trainer import Trainer
+from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.weights import save_weights
+
+
+def fresh_weights(folder: Path, name: str, kind: Callable[[str], Plant2Network]) -> Path:
+    """Save a `mini` network as it begins; returns the folder."""
+    torch.manual_seed(1)
+    arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
+    save_weights(name, folder, arrays, {"size": "mini"})
+    return folder
+
+
+def break_off(monkeypatch: pytest.MonkeyPatch, training: Callable[[], object]) -> None:
+    """Run a training that is interrupted in its fourth window."""
+    window, calls = Trainer._window, []
+
+    def breaks(self: Trainer, *arguments: object) -> None:
+        calls.append(arguments)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        window(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Trainer, "_window", breaks)
+    with pytest.raises(KeyboardInterrupt):
+        training()
+    monkeypatch.setattr(Trainer, "_window", window)

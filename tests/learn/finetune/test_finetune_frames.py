@@ -1,0 +1,124 @@
+"""Frames of obedient drives: what plant2-ft sees in use, signs included, and only of drives that succeeded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from training_helpers import fresh_weights
+
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.finetune.frames import LessonSource, RecordedDrive, TakeoverDrive, succeeded
+from tsbench.learn.finetune.targets import LessonSampling
+from tsbench.learn.imitation.drives import Drivers, PlannerDrive
+from tsbench.learn.imitation.frames import observations
+from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.experts.expert import IdmExpert
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.network_ft import Plant2FtNetwork
+from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.signs import VOCABULARY
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
+
+SOURCE = LessonSource(LessonSampling())
+
+
+class Recording(EpisodeRunner):
+    """`idm-e` with commands as they are stored."""
+
+    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
+        super().__init__("idm-e", "idm-e", simulation=simulation, loader=loader)
+        self.rounded = QuantisedPlanner(IdmExpert)
+        self._planner = self.rounded
+
+
+@pytest.fixture(scope="module")
+def row() -> ScenarioSpec:
+    return next(r for r in read_table(table_path("test")) if r.scenario_type == "stop" and r.variant == 0)
+
+
+@pytest.fixture(scope="module")
+def drivers() -> Iterator[Drivers]:
+    made = Drivers()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def student(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fresh_weights(tmp_path_factory.mktemp("student"), "plant2-ft", Plant2FtNetwork)
+
+
+def words(frames: at.Records) -> list[str]:
+    return [VOCABULARY[state - 1] if state else "" for state in frames["sign_state"].tolist()]
+
+
+def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:
+    recording = drivers.kept("recording", Recording)
+    result = recording.run(row)
+    assert result.facts is not None
+    ego, others = fingerprints(result.facts.snapshots)
+    recorded = Recorded(
+        scenario_id=row.scenario_id, planner="idm-e", attempt=0, part="train", rank=1, quality=None, comfort=None,
+        commands=steps_of(result.commands), intents=tuple(recording.rounded.intents), ego=ego, others=others,
+    )  # fmt: skip
+    drive = RecordedDrive(row, recorded)
+    driven = drive.run(drivers)
+    assert driven is not None
+    assert succeeded(driven.facts)
+    frames = SOURCE.frames(driven, drivers, np.random.default_rng(0))
+    own = frames[::2]
+
+    planner = Plant2Ft(lambda records: np.zeros(len(records), dtype=at.PLAN))
+    scene = driven.facts.scene
+    planner.reset(PlannerContext(0, scene.network, driven.roads.graph, scene.destination, DT_S))
+    shown = {}
+    for o in observations(driven.facts, driven.roads):
+        planner.act(o)
+        shown[planner.encode(o)[0].tobytes()] = o.step
+    fields = list(at.SIGN_TOKENS.names or ())
+    seen = np.zeros(len(own), dtype=at.SIGN_TOKENS)
+    for name in fields:
+        seen[name] = own[name]
+    steps = [shown[frame.tobytes()] for frame in seen]
+    assert steps == sorted(steps)
+
+    # Before the stop the sign asks for one; after it what is left is giving way.
+    states = words(own)
+    turn = states.index("2.4")
+    assert set(states[:turn]) == {"2.5"}
+    assert set(states[turn:]) == {"2.4"}
+    assert own["speed"][turn - 1] < 0.4
+    assert own["decides"].mean() > 0.5
+    assert np.array_equal(own["speed"], frames["speed"][1::2])
+
+
+def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Drivers) -> None:
+    driven = PlannerDrive(row, "idm").run(drivers)
+    assert driven is not None
+    assert not succeeded(driven.facts)
+    assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
+
+
+def test_the_expert_takes_over_from_where_the_student_got_to(
+    row: ScenarioSpec, drivers: Drivers, student: Path
+) -> None:
+    drive = TakeoverDrive(row, "idm-e", 8, student, "0")
+    first, second = drive.run(drivers), drive.run(drivers)
+    assert first is not None
+    assert second is not None
+    assert fingerprints(first.facts.snapshots) == fingerprints(second.facts.snapshots)
+    alone = PlannerDrive(row, "idm-e").run(drivers)
+    assert alone is not None
+    egos = [(d.facts.snapshots[8].ego.x, d.facts.snapshots[8].ego.speed) for d in (first, alone)]
+    assert egos[0] != egos[1]
+    assert first.since == 8
+    late = TakeoverDrive(row, "idm-e", 10_000, student, "0").run(drivers)
+    assert late is None

@@ -1,0 +1,167 @@
+"""Training of `plant2`: losses, the choice of episodes, and going on after a break."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from training_helpers import break_off
+
+from tsbench.core.errors import InputError
+from tsbench.learn.imitation.frames import FRAME
+from tsbench.learn.imitation.frames_store import ImitationSource, plan_hash
+from tsbench.learn.imitation.loss import losses, total, two_hot
+from tsbench.learn.imitation.recipe import Recipe, drives_of, kept_for_validation, validation_rows
+from tsbench.learn.imitation.skill import Skill
+from tsbench.learn.imitation.task import Imitation, batches_of, rate_at, trainer
+from tsbench.learn.imitation.task import task as imitation
+from tsbench.learn.imitation.trainer import Place, train, trimmed
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.weights import load_weights
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[ScenarioSpec]:
+    return read_table(table_path("test"))
+
+
+def made_up(count: int, seed: int = 0) -> at.Records:
+    """Frames of straight driving at the limit."""
+    rng = np.random.default_rng(seed)
+    frames: at.Records = np.zeros(count, dtype=FRAME)
+    for k in range(count):
+        n = int(rng.integers(0, 12))
+        frames["kinds"][k, :n] = at.CAR
+        frames["objects"][k, :n] = rng.normal(size=(n, at.OBJECT_FEATURES))
+    frames["limits"] = rng.uniform(0.5, 1.5, (count, 1))
+    frames["path"][..., 0] = np.arange(1, 21)
+    frames["route"] = frames["path"] / at.POSITION_SCALE_M
+    frames["path_known"] = 1
+    frames["speed"] = frames["limits"][:, 0] * at.SPEED_SCALE_MPS
+    return frames
+
+
+def test_two_hot_means_the_speed_and_tells_crawling_from_standing() -> None:
+    speed = torch.tensor([0.0, 0.4, 1.0, 3.0, 9.5, 18.0, 22.0])
+    target = two_hot(speed)
+    assert torch.allclose(target.sum(1), torch.ones(7))
+    assert torch.allclose(target @ torch.tensor(at.SPEEDS), speed.clamp(max=18.0), atol=1e-5)
+    assert (target > 0).sum(1).max() <= 2
+    assert target[0, 0] == 1.0
+    assert target[1, 1] == pytest.approx(0.4)
+
+
+def test_unknown_targets_do_not_count() -> None:
+    frames = made_up(8)
+    frames["path_known"][:, 10:] = 0
+    torch.manual_seed(0)
+    net = Plant2Network("mini").eval()
+    batch = trimmed(frames)
+    before = losses(net(batch), batch)
+    frames["path"][:, 10:] = 99.0
+    changed = trimmed(frames)
+    after = losses(net(changed), changed)
+    assert all(torch.equal(before[name], after[name]) for name in before)
+    assert total(before).item() > 0.0
+
+
+def test_each_frame_is_in_one_batch_at_most_and_neighbours_are_alike() -> None:
+    frames = made_up(1000)
+    batches = batches_of(frames, np.random.default_rng(0).permutation(1000), 64)
+    rows = np.concatenate(batches)
+    assert len(rows) == len(set(rows.tolist())) == 15 * 64
+    spread = [int(np.ptp(np.count_nonzero(frames["kinds"][b], axis=1))) for b in batches]
+    assert np.mean(spread) < 2.0
+
+
+def test_rate_rises_then_falls_to_nothing() -> None:
+    recipe = Recipe()
+    rates = [rate_at(share, recipe.rate, recipe.warm_up) for share in np.linspace(0.0, 1.0, 101)]
+    assert max(rates) == pytest.approx(recipe.rate, rel=0.01)
+    assert rates[0] < 0.02 * recipe.rate
+    assert rates[-1] < 1e-9
+
+
+def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
+    recipe = Recipe(episodes=600, validation=40)
+    drives = drives_of(rows, recipe)
+    chosen = validation_rows(rows, 40, 0)
+    assert len(drives) == 600
+    assert len({d.spec.scenario_id for d in drives}) == 600
+    assert not {d.spec.map_id for d in drives} & {r.map_id for r in chosen}
+    assert all(kept_for_validation(r) for r in chosen)
+    types = [d.spec.scenario_type for d in drives]
+    assert max(types.count(t) for t in set(types)) - min(types.count(t) for t in set(types)) <= 1
+    assert drives_of(rows[::-1], recipe) == drives
+    two = drives_of(rows, replace(recipe, drivers=("idm", "idm-s3")))
+    assert [d.driver for d in two[:4]] == ["idm", "idm-s3", "idm", "idm-s3"]
+
+
+def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> tuple[Recipe, Place]:
+    """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
+    monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
+    told = iter(SKILLS)
+    monkeypatch.setattr(imitation, "measure", lambda *_: next(told))
+    recipe = Recipe(episodes=40, epochs=3, batch=16, validation=4)
+    folder = (
+        out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(2):
+        np.save(folder / f"chunk-{number:05d}.npy", made_up(64, number))
+    return recipe, Place(out, "cpu", 1, 10**9)
+
+
+@pytest.mark.own_process
+def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
+) -> None:
+    said: list[str] = []
+    recipe, place = prepared(tmp_path / "whole", monkeypatch, rows)
+    whole = train(Imitation(recipe, rows), place, said.append)
+    assert whole.training["epoch"] == 2
+    assert whole.training["validation_skill"]["arrived"] == 0.9
+    assert any("best so far" in line for line in said)
+    curve = (tmp_path / "whole" / "curve.jsonl").read_text().splitlines()
+    assert [json.loads(line)["arrived"] for line in curve] == [0.5, 0.9, 0.7]
+
+    recipe, place = prepared(tmp_path / "broken", monkeypatch, rows)
+    task = Imitation(recipe, rows)
+    break_off(monkeypatch, lambda: train(task, place, said.append))
+    again = train(task, place, said.append)
+    ours, theirs = (load_weights("plant2", tmp_path / name) for name in ("broken", "whole"))
+    assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
+    assert again.training["sittings"] == 2
+
+
+@pytest.mark.own_process
+def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> None:
+    recipe, place = prepared(tmp_path, monkeypatch, rows)
+    said: list[str] = []
+    train(Imitation(replace(recipe, rate=2e-3), rows), place, said.append)
+    speeds = [float(line.split("speed ")[1].split()[0]) for line in said if "window" in line]
+    assert speeds[-1] < 0.8 * speeds[0]
+
+
+@pytest.mark.own_process
+def test_another_training_is_not_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
+) -> None:
+    recipe, place = prepared(tmp_path, monkeypatch, rows)
+    train(Imitation(recipe, rows), place, lambda _: None)
+    with pytest.raises(InputError, match="of a training with batch 16, not 32"):
+        train(Imitation(replace(recipe, batch=32), rows), place, lambda _: None)
+    with pytest.raises(InputError, match="of a training with plan"):
+        train(Imitation(recipe, rows[: len(rows) // 2]), place, lambda _: None)
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"no")
+    with pytest.raises(InputError, match="no checkpoint of this training"):
+        train(Imitation(recipe, rows), place, lambda _: None)

@@ -1,0 +1,200 @@
+"""Tries of one expert on one scenario, and a small collection driven, broken off and continued."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_lot
+from tsbench.learn.oracle.runner import OracleRunner, record_of, unpack
+from tsbench.learn.oracle.select import select
+from tsbench.learn.oracle.stats import verify
+from tsbench.learn.oracle.store import read_tries
+from tsbench.learn.oracle.trajectories import retry_seed
+from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.experts.expert import IdmExpert
+from tsbench.planners.registry import names
+from tsbench.run.execution.inference_client import InferenceServer
+from tsbench.run.plan import Request
+from tsbench.run.progress import ProgressWatcher
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.sumo import Simulation
+
+
+class Lost(IdmExpert):
+    """Leaves the road, always by the same way."""
+
+    def act(self, observation: Observation) -> Control:
+        """Full lock."""
+        super().act(observation)
+        return Control(1.0, 0.6)
+
+
+class Moody(IdmExpert):
+    """Leaves the road, unless its driver is a good one."""
+
+    def reset(self, context: PlannerContext) -> None:
+        """Draw the driver: one in three is good."""
+        super().reset(context)
+        self._good, self._lock = context.seed % 3 == 0, 0.4 + (context.seed % 1000) / 5000
+
+    def act(self, observation: Observation) -> Control:
+        """What the driver does."""
+        control = super().act(observation)
+        return control if self._good else Control(1.0, self._lock)
+
+
+class Never(Moody):
+    """Leaves the road, by another way each time."""
+
+    def reset(self, context: PlannerContext) -> None:
+        """No good driver is ever drawn."""
+        super().reset(context)
+        self._good = False
+
+
+@pytest.fixture(scope="module")
+def table() -> list[ScenarioSpec]:
+    return read_table(table_path("train"))
+
+
+@pytest.fixture(scope="module")
+def rows(table: list[ScenarioSpec]) -> list[ScenarioSpec]:
+    """Short scenes of one type."""
+    return [r for r in table if r.scenario_type == "bus_lane_road"][:6]
+
+
+@pytest.fixture(scope="module")
+def sumo() -> Iterator[Simulation]:
+    simulation = Simulation()
+    yield simulation
+    simulation.close()
+
+
+def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
+    return OracleRunner(
+        f"{__file__}:{name}", name, most=most, probe=asdict(rows[0]), simulation=sumo, loader=SceneLoader()
+    )
+
+
+def seed_of_episode(row: ScenarioSpec) -> int:
+    return int(np.random.SeedSequence(row.seed, spawn_key=(0x9A,)).generate_state(1)[0])
+
+
+def test_a_failed_expert_draws_another_driver_until_one_succeeds(
+    sumo: Simulation, rows: list[ScenarioSpec]
+) -> None:
+    """Every try is recorded; the commands are those of the success."""
+    driven = runner("Moody", sumo, rows, most=20)
+    attempts = []
+    for row in rows[1:]:
+        wanted = next(k for k in range(20) if retry_seed(seed_of_episode(row), k) % 3 == 0)
+        record = record_of(driven.run(row), privileged=True)
+        tries = record.row["tries"]
+        assert [t["scd"] for t in tries] == [False] * wanted + [True]
+        assert [t["attempt"] for t in tries] == list(range(wanted + 1))
+        assert len({t["ego"] for t in tries}) == wanted + 1
+        assert len(unpack(record.row["commands"])) == tries[-1]["steps"]
+        assert record.row["outcome"] == "arrived"
+        attempts.append(wanted)
+    assert max(attempts) > 0
+
+
+@pytest.mark.parametrize(("name", "tries"), [("Lost", 1), ("Never", 3)])
+def test_only_another_driver_is_worth_another_try(
+    sumo: Simulation, rows: list[ScenarioSpec], name: str, tries: int
+) -> None:
+    """Who draws nothing from the seed would drive the same again; who does ends at the bound."""
+    record = record_of(runner(name, sumo, rows, most=3).run(rows[1]), privileged=True)
+    assert [t["scd"] for t in record.row["tries"]] == [False] * tries
+    assert record.row["commands"] is None
+    assert record.row["intents"] is None
+    assert record.row["tries"][0]["outcome"] != "arrived"
+    assert record.row["tries"][0]["comfort"] is not None
+
+
+def test_experts_are_those_that_are_registered() -> None:
+    """Whoever is added to the registry as an expert takes part."""
+    assert set(experts()) == {name for name in names() if name.endswith("-e")}
+
+
+def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
+    """So many of each, whichever the order; fewer are a part of more."""
+    table = [r for r in table if r.scenario_type in ("yield", "bus_lane")][:600]
+    four, six = chosen(table, 4), chosen(table, 6)
+    assert {r.scenario_id for r in four} < {r.scenario_id for r in six}
+    assert {r.scenario_id for r in chosen(table[::-1], 4)} == {r.scenario_id for r in four}
+    maps = {(r.scenario_type, r.map_id) for r in table}
+    assert len(four) == 4 * len(maps)
+    assert chosen(table, 10) == table
+    assert len({r.variant for r in four}) == 10
+    # Three experts with four variants each drive all ten between them.
+    lots = [first_lot(name) for name in ("ppo-e", "carl-e", "plant2-e")]
+    assert sorted(lots) == [0, 3, 6]
+    assert {r.scenario_id for lot in lots for r in chosen(table, 4, lot)} == {r.scenario_id for r in table}
+
+
+def collected(out: Path, workers: int) -> list[str]:
+    """Two experts on two scenarios; what was said meanwhile."""
+    said = io.StringIO()
+    request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
+    found = collect(
+        CollectOptions(request, out, workers=workers), ProgressWatcher(Console(file=said, width=200))
+    )
+    assert found.complete
+    assert [(t.asked, t.solved, t.drives, t.errors) for t in found.experts.values()] == [(2, 2, 2, 0)] * 2
+    return said.getvalue().splitlines()
+
+
+def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
+    """A journal that ends in the middle of a line, then other workers: the same bytes, and every drive replays."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert collected(whole, workers=1) == []
+    journal = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    broken.mkdir()
+    manifest = (whole / "run.json").read_text()
+    (broken / "run.json").write_text(manifest.replace('"complete"', '"running"'))
+    (broken / "journal.jsonl").write_bytes(b"".join(journal[:2]) + journal[2][:-40])
+    told = collected(broken, workers=2)
+    assert any("1 torn or changed" in line for line in told)
+    assert "note: continuing: 1 of 4 episodes are already there" in told
+    assert (broken / "tries.parquet").read_bytes() == (whole / "tries.parquet").read_bytes()
+    for folder in (whole, broken):
+        found = select(folder, tmp_path / f"{folder.name}.parquet", allow_partial=False)
+        assert (found.scenarios, found.covered, found.drives) == (2, 2, 2)
+    assert (tmp_path / "whole.parquet").read_bytes() == (tmp_path / "broken.parquet").read_bytes()
+    assert {t["kind"] for t in read_tries(whole)} == {"rules"}
+    assert verify(tmp_path / "whole.parquet", "train", None) == 2
+
+
+def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One worker has a network of its own, two ask the inference process: the same lines."""
+    served = []
+
+    class Seen(InferenceServer):
+        def __init__(self, device: str) -> None:
+            super().__init__(device)
+            served.append(device)
+
+    monkeypatch.setattr("tsbench.run.execution.inference_client.InferenceServer", Seen)
+    expert = f"{Path(__file__).with_name('served_expert.py')}:ServedExpert"
+    request = Request((expert,), "train", ("bus_lane_road",), limit=2)
+    lines = []
+    for workers, servers in ((1, []), (2, ["cpu"])):
+        out = tmp_path / str(workers)
+        said = ProgressWatcher(Console(file=io.StringIO(), width=200))
+        assert (
+            collect(CollectOptions(request, out, workers=workers), said).experts["ServedExpert"].solved == 2
+        )
+        assert served == servers
+        # The first line says what the journal is of, the others stand in the order in which they came.
+        lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))
+    assert lines[0] == lines[1]

@@ -1,0 +1,44 @@
+"""Drives of the released oracle, one at least of each type and expert: what was recorded is still what is driven.
+
+`data/oracle.parquet` holds the drives of `scenarios/oracle.parquet` that come first by lot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tsbench.learn.oracle.collect import experts
+from tsbench.learn.oracle.trajectories import Recorded, Replayer, read_trajectories
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+
+TABLE = Path(__file__).parent / "data" / "oracle.parquet"
+DRIVES = read_trajectories(TABLE)
+
+
+@pytest.fixture(scope="module")
+def replayer() -> Iterator[Replayer]:
+    simulation = Simulation()
+    yield Replayer(simulation, SceneLoader())
+    simulation.close()
+
+
+def test_all_types_and_experts_are_in_it(rows: list[ScenarioSpec]) -> None:
+    known = {row.scenario_id: row for row in rows}
+    assert {known[d.scenario_id].scenario_type for d in DRIVES} == {row.scenario_type for row in rows}
+    assert {d.planner for d in DRIVES} == set(experts())
+
+
+@pytest.mark.parametrize("recorded", DRIVES, ids=lambda d: f"{d.scenario_id}-{d.planner}")
+def test_a_drive_is_replayed_as_it_was_recorded(
+    recorded: Recorded, rows: list[ScenarioSpec], replayer: Replayer
+) -> None:
+    """Else the replay is refused, and says what differs."""
+    row = next(row for row in rows if row.scenario_id == recorded.scenario_id)
+    facts = replayer.replay(recorded, row)
+    assert facts.target.compliant
+    assert facts.outcome == "arrived"

@@ -1,0 +1,88 @@
+"""Tables and figures of analyses that are put into Markdown pages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.report.analyses.pages import refresh
+
+MAIN = """**Main table**
+
+| planner | figure | n | SCD all | DS % |
+|---|---|---:|---:|---:|
+| idm | strict | 580 | 3.3 (2.9–3.4) | 70.0 (60.0–80.0) |
+| a\\_b | strict | 580 | 0.0 | – |
+
+A note.
+Contract `00ff`.
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "analyses"
+    made.mkdir()
+    (made / "main.md").write_text(MAIN, encoding="utf-8")
+    (made / "main.png").write_bytes(b"picture")
+    return made
+
+
+def page(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "page.md"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_what_stands_between_the_marks_is_written_anew_and_nothing_else(tmp_path: Path, folder: Path) -> None:
+    text = (
+        "# Title\n<!-- analysis main | columns planner, SCD all | contract -->\nold\n<!-- end -->\nProse.\n"
+        "<!-- analysis main | bare -->\n<!-- end -->\n"
+    )
+    path = page(tmp_path, text)
+    assert refresh(path, folder) == [path]
+    assert path.read_text(encoding="utf-8") == (
+        "# Title\n<!-- analysis main | columns planner, SCD all | contract -->\n"
+        "| planner | SCD all |\n|---|---:|\n| idm | 3.3 (2.9–3.4) |\n| a\\_b | 0.0 |\n\nContract `00ff`.\n"
+        "<!-- end -->\nProse.\n<!-- analysis main | bare -->\n"
+        "| planner | SCD all | DS % |\n|---|---:|---:|\n| idm | 3.3 | 70.0 |\n| a\\_b | 0.0 | – |\n<!-- end -->\n"
+    )
+    before = path.read_bytes()
+    refresh(path, folder)
+    assert path.read_bytes() == before
+
+
+def test_a_figure_is_copied_to_where_the_page_shows_it(tmp_path: Path, folder: Path) -> None:
+    path = page(tmp_path, "<!-- figure main -->\n![All](images/all.png)\n")
+    assert refresh(path, folder) == [path, tmp_path / "images" / "all.png"]
+    assert (tmp_path / "images" / "all.png").read_bytes() == b"picture"
+    assert path.read_text(encoding="utf-8") == "<!-- figure main -->\n![All](images/all.png)\n"
+
+
+def test_a_contract_that_is_not_named_is_refused(tmp_path: Path, folder: Path) -> None:
+    told = (folder / "main.md").read_text(encoding="utf-8")
+    (folder / "main.md").write_text(told[: told.index("Contract")], encoding="utf-8")
+    with pytest.raises(InputError, match="names no contract"):
+        refresh(page(tmp_path, "<!-- analysis main | contract -->\n<!-- end -->"), folder)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("no marks", "page.md"),
+        ("<!-- analysis main -->\n", "<!-- end -->"),
+        ("<!-- analysis types -->\n<!-- end -->", "types.md"),
+        ("<!-- analysis main | columns speed -->\n<!-- end -->", "'speed'"),
+        ("<!-- analysis main | short -->\n<!-- end -->", "'short'"),
+        ("<!-- figure types -->\n![x](x.png)", "types.png"),
+    ],
+)
+def test_what_is_not_there_is_refused_and_the_page_left_alone(
+    text: str, names: str, tmp_path: Path, folder: Path
+) -> None:
+    path = page(tmp_path, text)
+    with pytest.raises(InputError, match=names):
+        refresh(path, folder)
+    assert path.read_text(encoding="utf-8") == text

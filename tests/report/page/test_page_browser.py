@@ -1,0 +1,202 @@
+"""The page in headless Chromium: opened from disk, filtered, played with the keyboard, on a phone, in the dark."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+import page_runs
+import pytest
+from page_runs import HOSTILE, SENTENCE, TRACED
+from stop_policy import HANG_S
+
+from tsbench.report.page import embed as embedding
+from tsbench.report.page import server as serving
+from tsbench.report.page.report import write_report
+from tsbench.report.page.server import make_server
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+DESKTOP, PHONE = (1400, 900), (390, 844)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return page_runs.make_run(tmp_path_factory.mktemp("browsed") / "run")
+
+
+@pytest.fixture(scope="module")
+def report(run: Path) -> Path:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(embedding, "_packer", page_runs.packer)
+        return write_report(
+            [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
+        ).path
+
+
+@contextmanager
+def opened(
+    browser: Browser, url: str, size: tuple[int, int] = DESKTOP, scheme: str = "light"
+) -> Iterator[Page]:
+    """A page that may ask only for itself and its own server; errors in it fail the test."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+    page = context.new_page()
+    page.set_default_timeout(1_000 * HANG_S)
+    problems: list[str] = []
+    asked: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(url)
+    page.wait_for_selector("#episode-table tbody tr")
+    yield page
+    context.close()
+    assert problems == []
+    home = url.split("#")[0]
+    allowed = ("data:", home if home.startswith("file:") else "http://127.0.0.1")
+    assert [u for u in asked if not u.startswith(allowed)] == []
+
+
+def until(page: Page, expression: str) -> None:
+    """Wait for an expression; Playwright's own way needs eval, which the page's policy forbids."""
+    for _ in range(int(HANG_S / 0.1)):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"never: {expression}")
+
+
+# All colours of a canvas, as "r,g,b".
+COLOURS = """id => {
+  const canvas = document.getElementById(id), seen = new Set();
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  for (let k = 0; k < data.length; k += 4) seen.add(`${data[k]},${data[k + 1]},${data[k + 2]}`);
+  return [...seen];
+}"""
+
+
+def until_drawn(page: Page, canvas: str, colours: set[str]) -> None:
+    """Wait for colours on a canvas."""
+    for _ in range(int(HANG_S / 0.1)):
+        if colours <= set(page.evaluate(COLOURS, canvas)):
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"never on {canvas}: {colours - set(page.evaluate(COLOURS, canvas))}")
+
+
+def rows(page: Page) -> int:
+    return page.locator("#episode-table tbody tr").count()
+
+
+def test_it_opens_from_disk_and_names_are_text(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report.as_uri()) as page:
+        assert page.title().startswith("idm, <img src=x")
+        assert page.locator("main img[src='x']").count() == 0
+        assert page.locator("#summary tbody th", has_text=HOSTILE).count() >= 1
+        assert page.locator("figure svg").count() >= 2
+        assert "96 of 96 episodes" in page.inner_text("#episode-table .count")
+        page.select_option("#episode-table-planner", HOSTILE)
+        assert "48 of 96 episodes" in page.inner_text("#episode-table .count")
+        page.select_option("#episode-table-violation_clause", "over_limit")
+        assert rows(page) == 1
+        assert SENTENCE in page.inner_text("#episode-table tbody")
+        page.fill("#episode-table-map_id", "map-9")
+        assert rows(page) == 0
+        page.click("#episode-table button:text('clear')")
+        page.click("#episode-table th[data-name='violation_time_s'] button")
+        page.click("#episode-table th[data-name='violation_time_s'] button")
+        assert (
+            page.get_attribute("#episode-table th[data-name='violation_time_s']", "aria-sort") == "descending"
+        )
+        assert "over_limit" in page.inner_text("#episode-table tbody tr:first-child")
+
+
+def test_a_cell_of_the_heat_map_filters(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report.as_uri()) as page:
+        page.click("#types td.share a >> nth=0")
+        assert "24 of 96 episodes" in page.inner_text("#episode-table .count")
+
+
+def test_the_player_by_keyboard(chromium: Browser, report: Path) -> None:
+    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=1.0"
+    with opened(chromium, report.as_uri() + link) as page:
+        until(page, "tsb.player.episode !== null")
+        assert page.evaluate("tsb.player.tick") == pytest.approx(10)
+        # What was packed is where it was: the ego drives at 10 m/s from x = 60 m.
+        assert page.evaluate("tsb.player.episode.track.x[40]") == pytest.approx(100.0, abs=0.03)
+        assert page.evaluate("tsb.player.episode.parts.length") == 4
+        page.keyboard.press("ArrowRight")
+        assert page.evaluate("tsb.player.tick") == pytest.approx(11)
+        page.keyboard.press("Shift+ArrowRight")
+        assert page.evaluate("tsb.player.tick") == pytest.approx(21)
+        page.keyboard.press("v")
+        assert page.evaluate("tsb.player.tick") == pytest.approx(30)
+        assert "3.0 s · 36 km/h" in page.inner_text("#player-clock")
+        told = page.inner_text("#player-verdict")
+        assert SENTENCE in told
+        assert "54.1 km/h" in told
+        assert "41.0 km/h" in told
+        page.keyboard.press("Home")
+        page.keyboard.press(" ")
+        assert page.evaluate("tsb.player.playing") is True
+        until(page, "tsb.player.tick > 3")
+        page.keyboard.press(" ")
+        assert page.evaluate("tsb.player.playing") is False
+        page.keyboard.press("End")
+        assert page.evaluate("tsb.player.tick") == 60
+        page.keyboard.press("n")
+        until(page, f"tsb.player.episode?.scenario === '{TRACED[1]}'")
+        assert "obeyed the sign" in page.inner_text("#player-verdict")
+        page.keyboard.press("Escape")
+        assert not page.locator("#player").is_visible()
+
+
+def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: Path) -> None:
+    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
+    with opened(chromium, report.as_uri() + link) as page:
+        until(page, "tsb.player.episode !== null")
+        # Ego, asphalt, violation, the oncoming car: colours of report/drawing/style.py.
+        until_drawn(page, "player-view", {"255,112,32", "86,91,99", "228,30,45", "160,200,235"})
+        until_drawn(page, "player-line", {"192,21,37"})  # the violation on the time line
+
+
+def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
+    link = f"#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
+    with opened(chromium, report.as_uri() + link, PHONE, "dark") as page:
+        until(page, "tsb.player.episode !== null")
+        assert HOSTILE in page.inner_text("#player-title")
+        box = page.locator("#player").bounding_box()
+        assert box is not None
+        assert box["width"] <= 390
+        page.click("#player-close")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert dark == "rgb(20, 23, 27)"
+        page.click("#theme")
+        assert page.evaluate("document.documentElement.dataset.theme") == "light"
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(251, 251, 249)"
+
+
+def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(serving, "EpisodePacker", page_runs.packer)
+        server = make_server([run], 0)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    url = (
+        f"http://127.0.0.1:{server.server_address[1]}/run/0/#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
+    )
+    try:
+        with opened(chromium, url) as page:
+            until(page, "tsb.player.episode !== null")
+            assert SENTENCE in page.inner_text("#player-verdict")
+            until(page, "[...document.querySelectorAll('#player-plate')].every(i => i.naturalWidth > 0)")
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()

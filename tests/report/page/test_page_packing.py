@@ -1,0 +1,126 @@
+"""What goes into a page comes out again: as the page's script unpacks it, written here a second time."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import page_runs
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.episode.trace import read_trace
+from tsbench.report.page.packing import deltas, pack, pack_table
+
+
+def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    data = gzip.decompress(content)
+    (size,) = struct.unpack("<I", data[:4])
+    header, at, arrays = json.loads(data[4 : 4 + size]), 4 + size, {}
+    for name, kind, length in header["arrays"]:
+        if kind == "i8":
+            arrays[name] = np.frombuffer(data, np.int8, length, at)
+            at += length
+        else:
+            low = np.frombuffer(data, np.uint8, length, at).astype(np.int16)
+            high = np.frombuffer(data, np.int8, length, at + length).astype(np.int16)
+            arrays[name], at = low | high << 8, at + 2 * length
+    assert at == len(data)
+    return header, arrays
+
+
+def summed(second: np.ndarray, lengths: list[int]) -> np.ndarray:
+    values, at = [], 0
+    for length in lengths:
+        value = step = 0
+        for k in range(length):
+            if k == 0:
+                value = int(second[at])
+            else:
+                step = int(second[at]) if k == 1 else step + int(second[at])
+                value += step
+            values.append(value)
+            at += 1
+    return np.array(values)
+
+
+def test_arrays_come_back() -> None:
+    rng = np.random.default_rng(5)
+    wide = rng.integers(-32768, 32767, 99).astype(np.int16)
+    small = rng.integers(-128, 127, 7).astype(np.int8)
+    header, arrays = unpack(pack({"a": "ü", "n": None}, {"wide": wide, "none": wide[:0], "small": small}))
+    assert (header["a"], header["n"]) == ("ü", None)
+    assert (arrays["wide"] == wide).all()
+    assert (arrays["small"] == small).all()
+    assert len(arrays["none"]) == 0
+    assert pack({"a": 1}) == pack({"a": 1})
+    with pytest.raises(ValueError, match="float64"):
+        pack({}, {"x": np.zeros(3)})
+
+
+@pytest.mark.parametrize("lengths", [[5], [1, 1, 1], [2, 7, 1, 3]])
+def test_second_differences_start_anew_in_each_piece(lengths: list[int]) -> None:
+    rng = np.random.default_rng(len(lengths))
+    values = rng.integers(-3000, 3000, sum(lengths))
+    starts = np.cumsum([0, *lengths[:-1]])
+    assert (summed(deltas(values, starts), lengths) == values).all()
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(ValueError, match="16 bits"):
+        deltas(np.array([0, 40_000, 0]), np.array([0]))
+
+
+def test_a_table_keeps_its_texts_once() -> None:
+    columns = ({"name": "a", "label": "a", "kind": "text"}, {"name": "n", "label": "n", "kind": "number"})
+    header, _ = unpack(pack_table(columns, {"a": ["x", "y", "x"], "n": [1.0, None, 2.5]}))
+    assert header["rows"] == 3
+    assert header["values"] == {"a": {"distinct": ["x", "y"], "at": [0, 1, 0]}, "n": [1.0, None, 2.5]}
+    with pytest.raises(ValueError, match="rows"):
+        pack_table(columns, {"a": ["x"], "n": []})
+
+
+def test_an_episode_comes_back_within_its_units(tmp_path: Path) -> None:
+    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0")
+    packed = page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0"))
+    header, arrays = unpack(packed.episode)
+    trace, units = read_trace(path), header["units"]
+    ego = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
+    for k, axis in enumerate("xy"):
+        found = summed(arrays[f"ego_{axis}"], [header["ticks"]]) * units["m"] + header["middle"][k]
+        assert np.abs(found - ego[:, k]).max() <= units["m"] / 2 + 1e-9
+    assert (summed(arrays["ego_v"], [61]) * units["mps"]).tolist() == pytest.approx([10.0] * 61)
+    lengths = [piece[2] for piece in header["pieces"]]
+    x = summed(arrays["actor_x"], lengths) * units["m"] + header["middle"][0]
+    h = summed(arrays["actor_h"], lengths) * units["rad"]
+    at = 0
+    for actor, first, count in header["pieces"]:
+        for k in range(count):
+            seen = trace.snapshots[first + k].actors
+            (row,) = np.flatnonzero(seen.index == actor)
+            assert x[at + k] == pytest.approx(seen.pose[row, 0], abs=units["m"])
+            assert np.cos(h[at + k] - seen.pose[row, 2]) > 0.999
+        at += count
+    names = [actor[:2] for actor in header["actors"]]
+    assert names == [["car", "car"], ["convoy_0", "convoy"], ["walker", "pedestrian"]]
+    # The bus is out of sight for a second: two pieces.
+    assert sorted(piece[0] for piece in header["pieces"]) == [0, 1, 1, 2]
+    (event,) = header["events"]
+    assert event["sentence"] == page_runs.SENTENCE
+    assert (event["value"], event["threshold"], event["unit"], event["target"]) == (54.1, 41.0, "km/h", True)
+    assert header["scene"]["areas"]
+    assert packed.plates == ("3.24|40",)
+    assert unpack(packed.roads)[0]["drawing"]["areas"]
+
+
+def test_a_trace_of_another_episode_is_refused(tmp_path: Path) -> None:
+    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0")
+    with pytest.raises(InputError, match="is the trace of idm speed_limit-m0-v0"):
+        page_runs.packer().pack(path, ("other", "speed_limit-m0-v0"))
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(InputError, match="cannot be read as a trace"):
+        page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0"))

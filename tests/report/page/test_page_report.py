@@ -1,0 +1,175 @@
+"""`tsbench report`: figures of the summary, text that stays text, players within the bound, clear answers."""
+
+from __future__ import annotations
+
+import json
+import re
+from html import unescape
+from pathlib import Path
+
+import page_runs
+import pytest
+import run_builders
+from page_runs import HOSTILE, TRACED
+
+from tsbench.cli import main
+from tsbench.episode.trace import trace_path
+from tsbench.report.analyses.pool import read_pool
+from tsbench.report.page import embed as embedding
+from tsbench.report.page.content import heading
+from tsbench.report.page.embed import embed
+from tsbench.report.page.episode_index import index_episodes
+from tsbench.report.page.report import NAME, Written, write_report
+
+
+@pytest.fixture(autouse=True)
+def handmade_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(embedding, "_packer", page_runs.packer)
+
+
+def write(run: Path, partial: bool = False) -> tuple[Written, str]:
+    done = write_report(
+        [run], None, allow_partial=partial, max_mb=20.0, workers=1, progress=lambda done, of: None
+    )
+    return done, done.path.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Written, str]:
+    """A run, one of its traces torn and one of an episode that it has not, and its page."""
+    run = page_runs.make_run(tmp_path_factory.mktemp("reported") / "run")
+    torn = trace_path(run, "idm", TRACED[1])
+    torn.write_bytes(torn.read_bytes()[:400])
+    page_runs.put_trace(run, "idm", "speed_limit-nowhere-v0")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(embedding, "_packer", page_runs.packer)
+        return run, *write(run)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(["report", *map(str, arguments)])
+    told = capsys.readouterr()
+    assert ended.value.code == 2, told
+    (line,) = told.err.strip().splitlines()
+    assert line.startswith("error: ")
+    return line
+
+
+def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]) -> None:
+    run, done, page = reported
+    assert done.path == run / NAME
+    assert (done.players, done.traced, done.episodes) == (3, 4, 96)
+    assert done.size == done.path.stat().st_size
+    summary = read_pool([run], False).summary
+    text = unescape(re.sub(r"<[^>]+>", " ", page))
+    for planner in summary.planners:
+        e = planner.overall.strict
+        assert e is not None
+        assert f"{e.value:.1f}" in text
+        assert f"{e.low:.1f}–{e.high:.1f}" in text
+    assert run_builders.CONTRACT in text
+    assert "PARTIAL" not in text
+    for head in ("Summary", "How sure", "By type", "Planners compared", "Failures", "Episodes"):
+        assert f"<h2>{head}</h2>" in page
+
+
+def test_the_page_asks_nobody_for_anything(reported: tuple[Path, Written, str]) -> None:
+    page = reported[2]
+    outside = re.findall(r'(?:src|href|url|action)\s*[=(]\s*["\']?([a-z]+://[^"\')\s]+)', page)
+    assert [u for u in outside if not u.startswith("http://www.w3.org/")] == []
+    assert "default-src &#39;none&#39;" in page
+    assert "connect-src" not in page
+
+
+def test_hostile_names_are_text(reported: tuple[Path, Written, str]) -> None:
+    page = reported[2]
+    assert HOSTILE not in page
+    assert "<img src=x" not in page
+    assert "&lt;img src=x onerror=" in page
+    assert "<b>54.1" not in page
+
+
+def test_bad_traces_are_told_and_the_rest_is_shown(reported: tuple[Path, Written, str]) -> None:
+    _, done, page = reported
+    stray, broken = done.notes
+    assert "1 traces without their episode, not shown: traces/idm/speed_limit-nowhere-v0.parquet" in stray
+    assert broken.startswith("1 traces cannot be played: ")
+    assert "cannot be read as a trace" in broken
+    assert stray in unescape(page)
+    assert broken in unescape(page)
+
+
+def test_the_command_writes_the_same_bytes_again(
+    reported: tuple[Path, Written, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, _, page = reported
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(run), "--workers", "1", "--out", str(tmp_path / "new" / "again.html")])
+    told = capsys.readouterr()
+    assert ended.value.code == 0, told
+    assert f"report    {tmp_path / 'new' / 'again.html'}" in told.out
+    assert "players   3 of 4 traced episodes, 96 in all, " in told.out
+    assert told.err.count("note: ") == 2
+    assert (tmp_path / "new" / "again.html").read_text(encoding="utf-8") == page
+
+
+def test_missing_records_come_first_in_the_title(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = page_runs.make_run(tmp_path / "run", asked=50)
+    assert "continue the run, or pass --allow-partial" in refused(capsys, run)
+    assert not (run / NAME).exists()
+    _, page = write(run, partial=True)
+    assert "<title>PARTIAL, 4 episodes missing: " in page
+    assert re.search(r'<h1 class="partial">PARTIAL, 4 episodes missing', page)
+    assert "Records are missing" in page
+
+
+def test_players_are_left_out_until_they_fit(tmp_path: Path) -> None:
+    stock = index_episodes(read_pool([page_runs.make_run(tmp_path / "run")], False))
+    whole = embed(stock, 10**6, 1, lambda done, of: None)
+    assert (len(whole.rows), whole.notes) == (4, [])
+    some = embed(stock, whole.size - 500, 1, lambda done, of: None)
+    assert some.size <= whole.size - 500
+    assert 2 <= len(some.rows) < 4
+    # Each planner's first episode is its violation.
+    assert {0, 48} <= some.rows
+    (note,) = some.notes
+    assert note.startswith(f"{len(some.rows)} of 4 traced episodes can be played here (violations first")
+
+
+def test_a_bound_that_cannot_be_kept(
+    reported: tuple[Path, Written, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, reported[0], "--max-mb", "0.1", "--out", tmp_path / "x.html")
+    assert "without any player the page has 0." in line
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
+    runs = [page_runs.make_run(tmp_path / name, (name,)) for name in ("idm", "mine")]
+    pool = read_pool(runs, False)
+    stock = index_episodes(pool)
+    assert "idm, mine: 2 of 29 types" in heading(pool)["title"]
+    assert (len(stock.rows), len(stock.traces), stock.notes) == (96, 4, ())
+    assert {path.parents[2].name for path in stock.traces.values()} == {"idm", "mine"}
+
+
+def test_what_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = page_runs.make_run(tmp_path / "run")
+    other = page_runs.make_run(tmp_path / "other", ("mine",), contract="ab" * 32)
+    assert "has contract" in refused(capsys, run, other)
+    fewer = run_builders.make_run(tmp_path / "fewer", run_builders.episodes("mine", maps=5))
+    assert "have different scenarios" in refused(capsys, run, fewer)
+    again = page_runs.make_run(tmp_path / "again", ("idm",))
+    assert "give it once only" in refused(capsys, run, again)
+    assert "no run folder" in refused(capsys, tmp_path / "nothing")
+    old = page_runs.make_run(tmp_path / "old")
+    manifest = json.loads((old / "run.json").read_text())
+    (old / "run.json").write_text(json.dumps(manifest | {"schema_version": 0}))
+    assert "schema version 0, this tsbench reads" in refused(capsys, old)
+    for name in ("episodes.parquet", "violations.parquet"):
+        torn = page_runs.make_run(tmp_path / f"torn-{name}")
+        (torn / name).write_bytes((torn / name).read_bytes()[:-20])
+        assert name in refused(capsys, torn)
+    (tmp_path / "file").write_text("")
+    assert "file" in refused(capsys, run, "--out", tmp_path / "file" / "x.html")

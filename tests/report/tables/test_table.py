@@ -1,0 +1,131 @@
+"""The tables: right figures, readable at 100 columns, hostile names are only text."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+from table_builders import random_rows, records, row
+
+from tsbench.metrics.aggregate import Summary, summarise
+from tsbench.report.analyses import markdown
+from tsbench.report.analyses.run_tables import run_tables
+from tsbench.report.analyses.shown import print_analysis
+
+HOSTILE = "[red]<b>my.py:Planner|x[/red]"
+
+
+def made(planners: tuple[str, ...] = ("idm",), errors: float = 0.0, extra: int = 0) -> Summary:
+    rows = random_rows(planners, errors=errors)
+    asked = dict.fromkeys(planners, 144 + extra)
+    return summarise(records(rows), contract_hash="4f" * 32, asked=asked, allow_partial=bool(extra))
+
+
+def printed(summary: Summary, width: int = 100) -> str:
+    file = io.StringIO()
+    for table in run_tables(summary):
+        print_analysis(table, Console(file=file, width=width, color_system=None))
+    return file.getvalue()
+
+
+def to_markdown(summary: Summary) -> str:
+    return "\n".join(markdown.to_markdown(table) for table in run_tables(summary))
+
+
+def test_it_fits_and_says_what_it_rests_on() -> None:
+    text = printed(made(("idm", "idm-e", "plant2-ft")))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    assert "6 of 29 types" in text
+    assert "contract " + "4f" * 32 in text
+    assert " 144 " in text
+    assert "type05" in text
+    assert "PARTIAL" not in text
+
+
+def test_figures_are_those_of_the_summary() -> None:
+    summary = made()
+    overall = summary.planners[0].overall.strict
+    assert overall is not None
+    text = printed(summary)
+    assert f"{overall.value:.1f}" in text
+    assert f"{overall.low:.1f}–{overall.high:.1f}" in text
+    kind = summary.planners[0].types["type03"].strict
+    assert kind is not None
+    assert f"| {kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f}) | {kind.n} | 8 |" in to_markdown(summary)
+
+
+def test_errors_add_the_completed_figure() -> None:
+    assert "  completed " not in printed(made())
+    text = printed(made(errors=0.1))
+    assert "  completed " in text
+    assert "sim_error" in text
+    assert "errors/" in text
+
+
+def test_no_figure_stands_without_what_it_rests_on() -> None:
+    summary = made(errors=0.1)
+    p = summary.planners[0]
+    lines = to_markdown(summary).splitlines()
+    completed = p.overall.completed
+    row = f"| idm | completed | {completed.n} | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
+    assert any(line.startswith(row) for line in lines)
+    fewer = {kind: figure.completed for kind, figure in p.types.items() if figure.completed.n < 24}
+    assert fewer
+    for kind, completed in fewer.items():
+        strict, below = (line for line in lines if f"| {kind} |" in line)
+        assert strict.endswith("| 24 | 8 |")
+        assert f"| completed | {completed.value:.1f} " in below
+        assert below.endswith(f"| {completed.n} | {completed.clusters} |")
+    assert "| completed |" not in to_markdown(made())
+
+
+def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
+    rows = [row(map_id=f"m{k}") for k in range(8)] + [row("idm-e", map_id=f"m{k}") for k in range(6)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 8, "idm-e": 8}, allow_partial=True)
+    (line,) = (line for line in to_markdown(summary).splitlines() if "| yield |" in line)
+    cells = [cell.strip() for cell in line.split("|")]
+    assert (cells[5], cells[7], cells[8]) == ("8", "6", "6–8")
+
+
+def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
+    rows = [row(map_id=f"m{k}", efficiency=90.0 if k < 6 else None) for k in range(8)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 8})
+    assert "idm: of 8 completed episodes these metrics apply to fewer: efficiency 6" in printed(summary)
+
+
+def test_partial_figures_say_so_first() -> None:
+    summary = made(extra=5)
+    assert printed(summary).lstrip().startswith("PARTIAL, 5 episodes missing")
+    assert "PARTIAL" in to_markdown(summary)
+
+
+def test_few_maps_say_why_there_is_no_interval() -> None:
+    rows = [row(map_id=f"m{k}", scd=k == 0) for k in range(3)]
+    summary = summarise(records(rows), contract_hash="c", asked={"idm": 3})
+    assert "no interval for the overall SCD: only 3 maps, fewer than 5" in printed(summary)
+
+
+def test_many_planners_still_fit() -> None:
+    text = printed(made(tuple(f"planner-{k:02d}" for k in range(16))))
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
+    assert text.count("planner-15") == 3  # in both parts of the main table, and over its column by type
+
+
+def test_hostile_names_are_text() -> None:
+    summary = made((HOSTILE,))
+    text = printed(summary)
+    assert "[red]<b>" in text
+    line = next(line for line in to_markdown(summary).splitlines() if "my.py" in line)
+    assert "&#124;x" in line
+
+
+def test_markdown_is_a_table() -> None:
+    lines = to_markdown(made(("idm", "idm-e"))).splitlines()
+    table = [line for line in lines if line.startswith("|")]
+    heads = [k for k, line in enumerate(table) if line.startswith("|---")]
+    assert (heads[0], len(heads)) == (1, 2)  # the main table, and the one by type
+    for part in (table[: heads[1] - 1], table[heads[1] - 1 :]):
+        assert len({line.count("|") for line in part}) == 1
+    # Head, rule, and for each planner its own figures and the published ones.
+    assert len(table[: heads[1] - 1]) == 6
+    assert any(line.startswith("Contract `") for line in lines)

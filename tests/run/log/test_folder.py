@@ -1,0 +1,159 @@
+"""Run folders that cannot be used: one clear line, nothing touched."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from run_helpers import Bench
+from stop_policy import HANG_S
+
+RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4"]
+
+
+def test_a_folder_with_other_things(bench: Bench) -> None:
+    (bench.folder / "mine").mkdir()
+    (bench.folder / "mine" / "thesis.txt").write_text("dear")
+    done = bench.run(*RUN, "--out", "mine", expect=2)
+    assert done.stderr == "error: mine: is neither empty nor a run folder; choose another with --out\n"
+    assert [p.name for p in (bench.folder / "mine").iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"contract": "x", "schema_version": 99}'])
+def test_a_manifest_that_is_none(bench: Bench, content: str) -> None:
+    (bench.folder / "run").mkdir()
+    (bench.folder / "run" / "run.json").write_text(content)
+    done = bench.run(*RUN, "--out", "run", expect=2)
+    assert done.stderr.startswith("error: run/run.json: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_that_cannot_be_made(bench: Bench) -> None:
+    (bench.folder / "file").write_text("")
+    done = bench.run(*RUN, "--out", "file/run", expect=2)
+    assert done.stderr.startswith("error: file/run: ")
+    done = bench.run(*RUN, "--out", "/proc/run", expect=2)
+    assert done.stderr.startswith("error: /proc/run: ")
+
+
+def test_a_read_only_folder(bench: Bench) -> None:
+    folder = bench.folder / "locked"
+    folder.mkdir()
+    folder.chmod(0o555)
+    if _writable(folder):
+        pytest.skip("this user writes where it may not (root)")
+    done = bench.run(*RUN, "--out", "locked", expect=2)
+    assert "Permission denied; choose another folder with --out" in done.stderr
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        (folder / "x").touch()
+    except PermissionError:
+        return False
+    (folder / "x").unlink()
+    return True
+
+
+def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
+    """No file may grow beyond 20 kB here: the journal reaches that after some episodes."""
+    run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "none", "--workers", "1"]
+    process = subprocess.run(
+        bench.command(*run, "--out", "full"), cwd=bench.folder, env=bench.env, text=True, capture_output=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=HANG_S, check=False,
+    )  # fmt: skip
+    assert process.returncode == 2
+    assert process.stderr.count("\n") == 1
+    assert "journal.jsonl: File too large; finished episodes are kept" in process.stderr
+    done = bench.run(*run, "--out", "full")
+    assert "of 40 episodes are already there" in done.stderr
+    bench.run(*run, "--out", "undisturbed")
+    for name in ("episodes.parquet", "violations.parquet"):
+        assert (bench.folder / "full" / name).read_bytes() == (
+            bench.folder / "undisturbed" / name
+        ).read_bytes()
+
+
+@pytest.fixture
+def disk(bench: Bench) -> Iterator[Path]:
+    """A disk of 400 kB; skipped where mounting is not permitted."""
+    folder = bench.folder / "disk"
+    folder.mkdir()
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=400k", "none", str(folder)], capture_output=True, check=False
+    )
+    if made.returncode:
+        pytest.skip("this user may not mount anything")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def remount(disk: Path, options: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{options}", str(disk)], check=True)
+
+
+def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Bench, disk: Path) -> None:
+    run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "all", "--workers", "2"]
+    process = bench.start(*run, "--out", "disk/run")
+    out, err = process.communicate(timeout=HANG_S)
+    assert process.returncode == 2, (out, err)
+    assert err.count("\n") == 1
+    assert "No space left on device; finished episodes are kept: free some space and run the same" in err
+    there = (disk / "run" / "journal.jsonl").read_bytes().count(b"\n") - 1
+    assert there > 0
+    remount(disk, "size=20m")
+    done = bench.run(*run, "--out", "disk/run")
+    assert f"continuing: {there} of 40 episodes are already there" in done.stderr
+    bench.run(*run, "--out", "undisturbed")
+    for name in ("episodes.parquet", "violations.parquet"):
+        assert (disk / "run" / name).read_bytes() == (bench.folder / "undisturbed" / name).read_bytes()
+
+
+def test_a_read_only_disk(bench: Bench, disk: Path) -> None:
+    process = bench.start_paused(2, *RUN, "--out", "disk/run")
+    process.kill()
+    process.communicate()
+    before = {path: path.read_bytes() for path in (disk / "run").iterdir() if path.is_file()}
+    remount(disk, "ro")
+    for out in ("disk/run", "disk/new"):
+        done = bench.run(*RUN, "--out", out, expect=2)
+        assert done.stderr.startswith("error: ")
+        assert "Read-only file system; choose another folder with --out" in done.stderr
+        assert done.stderr.count("\n") == 1
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_default_folder_and_manifest(bench: Bench) -> None:
+    done = bench.run(*RUN)
+    (folder,) = (bench.folder / "runs").iterdir()
+    assert folder.name.startswith("Good-test-limit-4-")
+    assert sorted(p.name for p in folder.iterdir() if p.suffix) == [
+        "episodes.parquet", "run.json", "summary.json", "summary.md", "timing.parquet", "violations.parquet",
+    ]  # fmt: skip
+    assert f"records   runs/{folder.name}/episodes.parquet" in done.stdout
+
+
+def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
+    run = ["run", "--planner", "fake_planners:Slow", "--split", "test", "--workers", "1", "--out", "run"]
+    process = bench.start_paused(5, *run, "--allow-partial")
+    process.send_signal(signal.SIGINT)
+    bench.go()
+    out, _ = process.communicate(timeout=HANG_S)
+    assert process.returncode == 130
+    assert "PARTIAL" in out
+    journal, texts = bench.folder / "run" / "journal.jsonl", ("summary.json", "summary.md")
+    assert all("PARTIAL" in (bench.folder / "run" / name).read_text() for name in texts)
+
+    # Continued and interrupted again: the figures of before are not those of the tables that stand there now.
+    process = bench.start_paused(len(journal.read_bytes().splitlines()) + 1, *run)
+    process.send_signal(signal.SIGINT)
+    bench.go()
+    out, _ = process.communicate(timeout=HANG_S)
+    assert process.returncode == 130
+    assert "PARTIAL" not in out
+    assert "summary.md" not in out
+    assert not any((bench.folder / "run" / name).exists() for name in texts)

@@ -1,0 +1,129 @@
+"""What stands in a run's manifest about a planner's code."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.core.provenance import closure
+from tsbench.run.contract import code_files
+from tsbench.run.planner_info import describe
+
+MINE = """
+import neighbour
+from kit import limits
+from tsbench import Control
+
+WEIGHTS = "net.npz"
+
+def drive(o):
+    return Control(neighbour.ACCELERATION, limits.STEERING)
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A planner with a module, a package and a file of weights beside it."""
+    folder = tmp_path / "mine"
+    (folder / "kit").mkdir(parents=True)
+    (folder / "planner.py").write_text(MINE)
+    (folder / "neighbour.py").write_text("ACCELERATION = 0.0\n")
+    (folder / "kit" / "__init__.py").write_text("")
+    (folder / "kit" / "limits.py").write_text("from .more import STEERING\n")
+    (folder / "kit" / "more.py").write_text("STEERING = 0.0\n")
+    (folder / "net.npz").write_bytes(b"numbers")
+    (folder / "notes.py").write_text("nobody imports this\n")
+    return folder
+
+
+def test_our_own_planners_are_hashed_with_all_that_they_use() -> None:
+    one, expert = describe("idm"), describe("idm-e")
+    # The expert has guards, which idm does not use, and they draw their style from a table.
+    assert one["code_sha256"] != expert["code_sha256"]
+    files = closure(["tsbench.planners.experts.expert"], code_files())
+    assert {"tsbench/planners/experts/rules/detour.py", "tsbench/sim/nuplan.py"} <= set(files)
+    assert "tsbench/sim/nuplan.py: scenarios/nuplan_statistics.json" in files
+    assert not set(files) & set(code_files())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "same"),
+    [
+        ("planner.py", f"# remark\n{MINE}", True),
+        ("planner.py", MINE.replace("o)", "o, p=1)"), False),
+        ("neighbour.py", "ACCELERATION = 1.0\n", False),
+        ("kit/__init__.py", "import math\n", False),
+        ("kit/more.py", "STEERING = 0.1\n", False),
+        ("kit/more.py", '"""Now with words."""\n\nSTEERING = 0.0  # rad\n', True),
+        ("net.npz", "other numbers", False),
+        ("notes.py", "NOTHING = 1\n", True),
+    ],
+)
+def test_a_planner_of_ones_own_is_its_file_with_all_that_lies_beside_it(
+    mine: Path, name: str, text: str, same: bool
+) -> None:
+    spec = f"{mine / 'planner.py'}:drive"
+    before = describe(spec)["code_sha256"]
+    (mine / name).write_text(text)
+    assert (describe(spec)["code_sha256"] == before) is same
+
+
+def test_weights_that_are_named_from_the_folder_of_the_run(
+    mine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    spec = f"{mine / 'planner.py'}:drive"
+    (mine / "net.npz").unlink()
+    codes = [describe(spec)["code_sha256"]]
+    for content in (b"one", b"two"):
+        (tmp_path / "net.npz").write_bytes(content)
+        codes.append(describe(spec)["code_sha256"])
+    assert len(set(codes)) == 3
+
+
+def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(mine.parent))
+    (mine / "planner.py").write_text(
+        MINE.replace("import neighbour", "from mine import neighbour").replace("from kit", "from mine.kit")
+    )
+    before = describe("mine.planner:drive")["code_sha256"]
+    (mine / "kit" / "more.py").write_text("STEERING = 0.2\n")
+    assert describe("mine.planner:drive")["code_sha256"] != before
+    assert json.dumps(describe("mine.planner:drive"))
+
+
+@pytest.mark.parametrize(
+    ("code", "command"),
+    [
+        ("import stable_baselines3.no_such", "pip install 'tsbench[learn]'"),
+        ("import no_such_package.part", "pip install no-such-package"),
+        ("def __init__(self): import tensorboard.no_such", "pip install 'tsbench[learn]'"),
+        ("def __init__(self): import no_such_package", "pip install no-such-package"),
+    ],
+)
+def test_what_a_planner_lacks_is_named_with_what_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, command: str
+) -> None:
+    for package in ("stable_baselines3", "tensorboard"):
+        # As where the extra is not installed.
+        monkeypatch.setitem(sys.modules, package, None)
+    lines = [f"    {code}"] if code.startswith("def") else []
+    text = "" if lines else f"{code}\n"
+    text += "\n".join(["class P:", *lines, "    def reset(self, context): ...", "    def act(self, o): ..."])
+    (tmp_path / "lacking.py").write_text(text)
+    with pytest.raises(InputError) as told:
+        describe(f"{tmp_path / 'lacking.py'}:P")
+    assert command in str(told.value)
+    assert "lacking.py" in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_planner_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    text = "class P:\n    def __init__(self): raise SystemExit('no licence')\n"
+    (tmp_path / "unmade.py").write_text(f"{text}    def reset(self, c): ...\n    def act(self, o): ...\n")
+    with pytest.raises(InputError, match=r"cannot be made: SystemExit: no licence .*unmade\.py, line 2"):
+        describe(f"{tmp_path / 'unmade.py'}:P")

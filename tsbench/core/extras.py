@@ -1,0 +1,53 @@
+"""Packages that not every installation has: the extras of pyproject.toml, by the modules that only they bring."""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+from tsbench.core.errors import InputError
+
+EXTRA_OF = {
+    "jinja2": "report",
+    "markupsafe": "report",
+    "matplotlib": "report",
+    "PIL": "report",
+    "resvg_py": "report",
+    "statsmodels": "report",
+    "imageio_ffmpeg": "video",
+    "osmium": "make",
+    "osmnx": "make",
+    "sumo": "make",
+    "gymnasium": "learn",
+    "greenlet": "learn",
+    "stable_baselines3": "learn",
+    "tensorboard": "learn",
+    "torch": "learn",
+    "ray": "ray",
+    "foxglove": "mcap",
+}
+# Packages that are not called as what is imported from them.
+_PACKAGES = {"commonroad": "commonroad-io", "cv2": "opencv-python-headless", "yaml": "pyyaml"}
+
+
+def install_command(module: str) -> str:
+    """What installs a missing module: the extra of tsbench that has it, or the package of its name."""
+    top = module.partition(".")[0]
+    package = _PACKAGES.get(top, top.replace("_", "-"))
+    return f"pip install 'tsbench[{EXTRA_OF[top]}]'" if top in EXTRA_OF else f"pip install {package}"
+
+
+def missing_extra(problem: ModuleNotFoundError) -> InputError | None:
+    """What to tell the user where the module that is missing is one of an extra; None for any other module."""
+    name = (problem.name or "").partition(".")[0]
+    if name not in EXTRA_OF:
+        return None
+    return InputError(f"this needs {name}, which is not installed: {install_command(name)}")
+
+
+def load(module: str) -> ModuleType:
+    """Import a module. Raises InputError naming the extra where a package of one is missing."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as problem:
+        raise missing_extra(problem) or problem from None

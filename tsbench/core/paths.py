@@ -1,0 +1,80 @@
+"""Where the data lies: one lookup for what is read, one folder for what is made.
+
+Names are relative to a root, with slashes: `sign_catalog`, `scenarios/test.parquet`, `sumo_nets/pool.parquet`.
+A folder named by TSBENCH_DATA, or else the clone that this package lies in, is the only root. A tsbench that was
+installed from its wheel has three: the package itself (the catalogue), the package `tsbench_data` (what the test split
+needs), and a folder of the user, of this version, for what `tsbench data fetch` brings.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+import platformdirs
+
+import tsbench
+from tsbench.core.errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+@cache
+def data_root() -> Path:
+    """The folder that data is made in: TSBENCH_DATA, or the clone. Raises InputError where there is neither."""
+    root = _own_root()
+    if root is None:
+        raise InputError(
+            "making data needs a folder that holds it all: set TSBENCH_DATA to a clone of the repository"
+        )
+    if not (root / "sign_catalog").is_dir():
+        raise InputError(f"{root}: no sign_catalog/ here (TSBENCH_DATA)")
+    return root
+
+
+def data_file(name: str) -> Path:
+    """A file or folder of data: in the first root that has it, else where `tsbench data fetch` would put it."""
+    places = [root / name for root in _roots()]
+    return next((place for place in places if place.exists()), places[-1])
+
+
+def fetch_hint(part: str) -> str:
+    """The words that say how to get a set of the data (tsbench.data) that is not here."""
+    return f"tsbench data fetch --from DIR|URL {part}"
+
+
+def fetch_root() -> Path:
+    """The root that fetched files go to."""
+    return _roots()[-1]
+
+
+def _own_root() -> Path | None:
+    named = os.environ.get("TSBENCH_DATA")
+    if named:
+        return Path(named)
+    return _PACKAGE.parent if (_PACKAGE.parent / "sign_catalog").is_dir() else None
+
+
+def _roots() -> tuple[Path, ...]:
+    if _own_root() is not None:
+        return (data_root(),)
+    return (_PACKAGE, *_data_package(), platformdirs.user_data_path("tsbench") / tsbench.__version__)
+
+
+@cache
+def _data_package() -> tuple[Path, ...]:
+    """The folder of `tsbench_data` where it is installed; InputError where it is another version's."""
+    try:
+        theirs = version("tsbench-data")
+    except PackageNotFoundError:
+        return ()
+    if theirs != tsbench.__version__:
+        raise InputError(
+            f"tsbench {tsbench.__version__} and tsbench-data {theirs} do not belong together: "
+            f"pip install tsbench-data=={tsbench.__version__}"
+        )
+    spec = find_spec("tsbench_data")
+    return tuple(Path(folder) for folder in (spec.submodule_search_locations or ())) if spec else ()

@@ -1,0 +1,67 @@
+"""Reading text that somebody wrote: one clear line for whatever is wrong with the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tsbench.core.errors import InputError
+
+# Far more than any of ours has.
+_MOST_BYTES = 1 << 26
+_DEEPEST = 50
+
+
+def read_text(path: Path, what: str) -> str:
+    """A file of UTF-8 text. Raises InputError; `what` says what it should be."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
+        if len(content) > _MOST_BYTES:
+            raise InputError(f"{path}: larger than {_MOST_BYTES >> 20} MiB: cannot be a {what}")
+        return content.decode()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file: no {what}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read as a {what} ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read as a {what} (byte {error.start} is not UTF-8)") from None
+
+
+def read_json(path: Path, what: str) -> Any:
+    """The content of a JSON file. Raises InputError; `what` says what it should be."""
+    try:
+        return json.loads(read_text(path, what))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+
+
+def read_yaml(path: Path, what: str, loader: type[yaml.CSafeLoader] = yaml.CSafeLoader) -> Any:
+    """The content of a YAML file. Raises InputError; `what` says what it should be."""
+    text = read_text(path, what)
+    try:
+        _check_depth(path, text)
+        return loader(text).get_single_data()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = getattr(error, "problem", None) or " ".join(str(error).split())
+        raise InputError(f"{path}: {line}{problem or 'not YAML'}") from None
+    except (ValueError, TypeError) as error:
+        # A date that is none, a number without an end, a mapping as a key.
+        raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+
+
+def _check_depth(path: Path, text: str) -> None:
+    """The reader goes down with the content, and ends the process where that is too deep."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > _DEEPEST:
+            raise InputError(f"{path}: more than {_DEEPEST} levels deep")

@@ -1,0 +1,1 @@
+"""What made the data: from an OSM extract to a certified scene. Nothing that runs imports it."""

@@ -1,0 +1,50 @@
+"""The lawless driver: what obeys no sign and looks at nobody must be caught in nearly every scene.
+
+It is what `--planner tsbench.dataset.certify.lawless:Lawless` drives. Source: docs/spec/scenes.md, "Certification".
+Units: m/s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.idm import Idm, IdmParameters
+from tsbench.sim.world import Actors, ActorTable
+
+_MIN_SPEED = "4.6"
+_CRAWL_MPS = 20.0 / 3.6
+_FAST = IdmParameters(speed_factor=1.3, accel=3.0, lateral=3.0)
+_SLOW = replace(_FAST, top_speed=_CRAWL_MPS)
+
+
+class Lawless:
+    """Drives 1.3 times the road's limit along the navigation's way, in its lane, as if it were alone.
+
+    Where the sign asks for a least speed it crawls: a fast driver could not break that.
+    """
+
+    privileged = False
+    sign_access = True
+
+    def __init__(self) -> None:
+        self._driver = Idm(_FAST)
+        self._nobody: Actors
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
+        self._driver = Idm(_FAST)
+        self._driver.reset(context)
+        self._context = context
+        nothing = np.zeros(0)
+        index = np.zeros(0, dtype=np.int32)
+        self._nobody = Actors(ActorTable(1), index, np.zeros((0, 3)), nothing, index, nothing)
+
+    def act(self, observation: Observation) -> Control:
+        """What an IDM driver does who sees neither road users nor obstacles."""
+        if observation.step == 0 and any(s.code == _MIN_SPEED for s in observation.signs):
+            self._driver = Idm(_SLOW)
+            self._driver.reset(self._context)
+        return self._driver.act(replace(observation, actors=self._nobody, obstacles=()))

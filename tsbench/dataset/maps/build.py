@@ -1,0 +1,121 @@
+"""Builds a `PlainNet` to a `.net.xml(.gz)` with netconvert, the same bytes each time."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.dataset.maps.netconvert import run_netconvert
+from tsbench.dataset.maps.paths import netconvert_file
+from tsbench.dataset.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainNet, PlainNode
+
+TIMEOUT_S = 300.0
+# netconvert writes a comment with the time and the temporary paths of the run: no data.
+_HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
+
+
+def build_net(plain: PlainNet, out: Path) -> None:
+    """Build a network; `out` ends in `.net.xml` or `.net.xml.gz`. InputError if netconvert refuses it."""
+    with tempfile.TemporaryDirectory(prefix="tsbench-net-") as folder:
+        prefix = Path(folder) / "plain"
+        arguments = write_plain(plain, prefix)
+        built = Path(folder) / "built.net.xml"
+        run_netconvert([*arguments, "--output-file", str(built)], what=out.name, timeout_s=TIMEOUT_S)
+        data = _HEADER_COMMENT.sub(b"", built.read_bytes(), count=1)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if out.suffix == ".gz" else data)
+
+
+def write_plain(plain: PlainNet, prefix: Path) -> list[str]:
+    """Write `prefix.nod.xml`, `.edg.xml` and, if needed, `.con.xml`; returns netconvert's arguments."""
+    nodes, edges, links = Path(f"{prefix}.nod.xml"), Path(f"{prefix}.edg.xml"), Path(f"{prefix}.con.xml")
+    _write(nodes, "nodes", (_node(node) for node in plain.nodes))
+    rings = (_ring(ring, plain) for ring in plain.roundabouts)
+    _write(edges, "edges", [*(_edge(edge) for edge in plain.edges), *rings])
+    arguments = [
+        *("--configuration-file", str(netconvert_file("crop.netccfg"))),
+        # our own files need no validation: reading the schemas costs 40 ms of 140
+        *("--xml-validation", "never"),
+        *("--type-files", str(netconvert_file("moscow.typ.xml"))),
+        *("--node-files", str(nodes), "--edge-files", str(edges)),
+    ]
+    if plain.connections or plain.crossings:
+        crossings = (_crossing(crossing) for crossing in plain.crossings)
+        _write(links, "connections", [*(_connection(c) for c in plain.connections), *crossings])
+        arguments += ["--connection-files", str(links)]
+    return arguments
+
+
+def _write(path: Path, root: str, elements: Iterable[etree._Element]) -> None:
+    tree = etree.Element(root)
+    tree.extend(list(elements))
+    path.write_bytes(etree.tostring(tree, xml_declaration=True, encoding="UTF-8", pretty_print=True))
+
+
+def _element(tag: str, **attributes: str | float | bool | None) -> etree._Element:
+    """An element of the attributes that are neither None nor empty."""
+    element = etree.Element(tag)
+    for name, value in attributes.items():
+        if isinstance(value, bool):
+            element.set(name, "true" if value else "false")
+        elif value is not None and value != "":
+            element.set(name, str(value))
+    return element
+
+
+def _node(node: PlainNode) -> etree._Element:
+    return _element("node", id=node.id, x=node.x, y=node.y, type=node.type, rightOfWay=node.right_of_way)
+
+
+def _edge(edge: PlainEdge) -> etree._Element:
+    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in edge.shape)
+    element = _element(
+        "edge",
+        **{"id": edge.id, "from": edge.source, "to": edge.target, "type": edge.type, "name": edge.name},
+        numLanes=edge.num_lanes,
+        speed=edge.speed,
+        priority=edge.priority,
+        width=edge.width,
+        spreadType=edge.spread,
+        allow=edge.allow,
+        disallow=edge.disallow,
+        shape=shape,
+    )
+    for lane in edge.lanes:
+        element.append(
+            _element(
+                "lane",
+                index=lane.index,
+                width=lane.width,
+                speed=lane.speed,
+                allow=lane.allow,
+                disallow=lane.disallow,
+            )
+        )
+    return element
+
+
+def _ring(ring: tuple[str, ...], plain: PlainNet) -> etree._Element:
+    source = {edge.id: edge.source for edge in plain.edges}
+    return _element("roundabout", nodes=" ".join(source[edge] for edge in ring), edges=" ".join(ring))
+
+
+def _connection(link: PlainConnection) -> etree._Element:
+    return _element(
+        "connection", **{"from": link.source, "to": link.target}, fromLane=link.from_lane, toLane=link.to_lane
+    )
+
+
+def _crossing(crossing: PlainCrossing) -> etree._Element:
+    return _element(
+        "crossing",
+        node=crossing.node,
+        edges=" ".join(crossing.edges),
+        priority=crossing.priority,
+        width=crossing.width,
+    )

@@ -1,0 +1,171 @@
+"""Quality lint of crops: a few hundred are built as one network of separate parts, then judged singly."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from tsbench.core.errors import InputError
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.families.expectations import Expectations
+from tsbench.dataset.maps.netconvert import sumo_binary, sumo_environment
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.geometry.angles import SUMO_TURNS
+from tsbench.roads.netfile import LaneFacts, read_net_facts
+
+CELL_M = 4000.0
+CELLS_PER_ROW = 24
+MIN_LANE_M = 8.0
+WIDTHS_M = (2.5, 4.6)
+# Lanes are drawn 0.25 m narrower on each side, so that neighbours that touch do not count.
+SHRINK_M = 0.25
+MAX_OVERLAP_M2 = 1.0
+LOAD_TIMEOUT_S = 120.0
+
+
+def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
+    """For each crop why it is refused, or "" if it is sound.
+
+    A crop that netconvert or SUMO cannot take is found by halving the batch.
+    """
+    if not crops:
+        return []
+    with tempfile.TemporaryDirectory(prefix="tsbench-lint-") as folder:
+        net = Path(folder) / "batch.net.xml"
+        try:
+            build_net(_together([plain for plain, _ in crops]), net)
+            failure = "" if loads_in_sumo(net) else "SUMO does not load it"
+        except InputError:
+            failure = "netconvert refuses it"
+        if failure:
+            if len(crops) == 1:
+                return [failure]
+            half = len(crops) // 2
+            return lint_crops(crops[:half]) + lint_crops(crops[half:])
+        facts = read_net_facts(net)
+    lanes: dict[int, list[LaneFacts]] = defaultdict(list)
+    turns: dict[int, dict[tuple[str, str], str]] = defaultdict(dict)
+    for lane in facts.lanes:
+        index, name = _split(lane.edge)
+        lanes[index].append(replace(lane, edge=name))
+    for (source, target), letter in facts.turns.items():
+        index, name = _split(source)
+        turns[index][name, _split(target)[1]] = letter
+    overlapping = _overlaps(
+        [lane for index in range(len(crops)) for lane in lanes[index]], facts_owner(lanes, len(crops))
+    )
+    return [
+        _judge(lanes[index], turns[index], plain, wanted)
+        or ("lanes overlap outside junctions" * (index in overlapping))
+        for index, (plain, wanted) in enumerate(crops)
+    ]
+
+
+def loads_in_sumo(net: Path) -> bool:
+    """Whether SUMO loads a network and makes a step; in a child process, which may die of it."""
+    command = [
+        str(sumo_binary("sumo")),
+        "--net-file",
+        str(net),
+        "--end",
+        "1",
+        "--no-step-log",
+        "--xml-validation",
+        "never",
+    ]
+    try:
+        done = subprocess.run(
+            command, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def facts_owner(lanes: dict[int, list[LaneFacts]], count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """The crop of each lane, in the order of the crops, (lanes,)."""
+    return np.repeat(np.arange(count), [len(lanes[index]) for index in range(count)])
+
+
+def _judge(
+    lanes: list[LaneFacts], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations
+) -> str:
+    built = {lane.edge for lane in lanes}
+    if any(edge.id not in built for edge in plain.edges):
+        return "netconvert dropped an edge"
+    if any(not WIDTHS_M[0] <= lane.width <= WIDTHS_M[1] for lane in lanes):
+        return "implausible lane width"
+    for lane in lanes:
+        least = wanted.min_lane_m.get(lane.edge, 0.0)
+        if lane.length < least:
+            return (
+                "a used lane is shorter than 8 m"
+                if least <= MIN_LANE_M
+                else "too little room before the junction"
+            )
+    if any(link not in turns for link in wanted.links):
+        return "an arm or way cannot be reached"
+    if any(SUMO_TURNS.get(turns[link], "")[:1] != turn for link, turn in wanted.turns.items()):
+        return "SUMO's direction differs from the heading change"
+    return ""
+
+
+def _overlaps(lanes: list[LaneFacts], owner: np.ndarray[tuple[int], np.dtype[np.int64]]) -> set[int]:
+    """Crops in which lanes of different edges lie over each other."""
+    lines = shapely.linestrings(
+        np.concatenate([lane.line for lane in lanes]),
+        indices=np.repeat(np.arange(len(lanes)), [len(lane.line) for lane in lanes]),
+    )
+    half = np.array([lane.width / 2 - SHRINK_M for lane in lanes])
+    bands = shapely.buffer(lines, half, cap_style="flat", join_style="mitre")
+    one, other = shapely.STRtree(bands).query(bands, predicate="intersects")
+    edges = np.array([lane.edge for lane in lanes])
+    pair = (one < other) & (owner[one] == owner[other]) & (edges[one] != edges[other])
+    one, other = one[pair], other[pair]
+    area = shapely.area(shapely.intersection(bands[one], bands[other]))
+    return set(owner[one[area > MAX_OVERLAP_M2]].tolist())
+
+
+def _together(plains: Sequence[PlainNet]) -> PlainNet:
+    """All crops as one network: ids with the crop's number before them, places far enough apart."""
+    if len(plains) == 1:
+        return _moved(plains[0], 0)
+    parts = [_moved(plain, index) for index, plain in enumerate(plains)]
+    return PlainNet(
+        nodes=tuple(node for part in parts for node in part.nodes),
+        edges=tuple(edge for part in parts for edge in part.edges),
+        connections=(),
+        roundabouts=tuple(ring for part in parts for ring in part.roundabouts),
+    )
+
+
+def _moved(plain: PlainNet, index: int) -> PlainNet:
+    dx, dy = (index % CELLS_PER_ROW) * CELL_M, (index // CELLS_PER_ROW) * CELL_M
+    mark = f"{index}~"
+    return replace(
+        plain,
+        nodes=tuple(replace(node, id=mark + node.id, x=node.x + dx, y=node.y + dy) for node in plain.nodes),
+        edges=tuple(
+            replace(
+                edge,
+                id=mark + edge.id,
+                source=mark + edge.source,
+                target=mark + edge.target,
+                shape=tuple((x + dx, y + dy) for x, y in edge.shape),
+            )
+            for edge in plain.edges
+        ),
+        roundabouts=tuple(tuple(mark + edge for edge in ring) for ring in plain.roundabouts),
+    )
+
+
+def _split(name: str) -> tuple[int, str]:
+    index, _, rest = name.partition("~")
+    return int(index), rest

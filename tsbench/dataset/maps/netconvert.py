@@ -1,0 +1,58 @@
+"""Runs SUMO's netconvert from the wheel; the user needs no SUMO_HOME."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+
+
+def sumo_home() -> Path:
+    """Where the wheel with SUMO's programs and their data lies."""
+    import sumo  # an extra: only who makes networks needs it
+
+    return Path(sumo.SUMO_HOME)
+
+
+def sumo_binary(name: str) -> Path:
+    """The path of one of SUMO's programs in the installed wheel."""
+    return sumo_home() / "bin" / name
+
+
+def sumo_environment() -> dict[str, str]:
+    """The environment of a SUMO child process: its own data folders, everything else as it is here."""
+    home = sumo_home()
+    proj = str(home / "data" / "proj")
+    return {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
+
+
+def run_netconvert(arguments: Sequence[str], *, what: str, timeout_s: float) -> str:
+    """Run netconvert and return what it said on stderr; `what` names the input in the error line.
+
+    The binary itself is called: the wheel's console script costs 100 ms of Python start-up on top.
+    """
+    try:
+        done = subprocess.run(
+            [str(sumo_binary("netconvert")), *arguments],
+            env=sumo_environment(),
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=timeout_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as slow:
+        raise InputError(f"{what}: netconvert did not finish within {timeout_s:.0f} s") from slow
+    if done.returncode != 0:
+        raise InputError(f"{what}: netconvert failed ({done.returncode}): {_last_error(done.stderr)}")
+    return done.stderr
+
+
+def _last_error(stderr: str) -> str:
+    """The last two error lines of netconvert's output, on one line."""
+    lines = [line.strip() for line in stderr.splitlines() if line.strip()]
+    errors = [line for line in lines if line.startswith("Error")] or lines
+    return " | ".join(errors[-2:]) if errors else "it said nothing"

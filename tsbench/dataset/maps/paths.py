@@ -1,0 +1,27 @@
+"""Where the map data lives, below the repository's `sumo_nets/`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsbench.core.paths import data_file, data_root
+
+
+def sumo_nets() -> Path:
+    """The folder that map data is made in: extracts, what was made of them, the pool's index."""
+    return data_root() / "sumo_nets"
+
+
+def sources_dir() -> Path:
+    """Default folder of OSM extracts (not committed; `tsbench maps fetch` fills it)."""
+    return sumo_nets() / "sources"
+
+
+def build_dir() -> Path:
+    """Everything that can be made again: parsed networks, harvest progress (not committed)."""
+    return sumo_nets() / "build"
+
+
+def netconvert_file(name: str) -> Path:
+    """A netconvert configuration or type map, e.g. `extract.netccfg`."""
+    return data_file(f"sumo_nets/netconvert/{name}")

@@ -1,0 +1,229 @@
+"""A source network: a whole extract as compact arrays, parsed once and cached under `sumo_nets/build/`."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.core.errors import InputError
+from tsbench.dataset.maps.convert import convert_to_plain
+from tsbench.dataset.maps.osm import SUFFIXES, extract_name, sha256_of
+from tsbench.dataset.maps.paths import build_dir, netconvert_file
+from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_roundabouts
+from tsbench.dataset.maps.utm import Floats
+
+SCHEMA = 1
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class SourceNetwork:
+    """Nodes and directed car edges of one extract; metres in UTM 37 north; all sorted by id.
+
+    `node_xy` (n, 2); `tail`/`head` (m,) node rows; `points` (p, 2) with `first` (m + 1,) offsets per edge;
+    `osm_ids` per edge; `rings`: edge ids of each roundabout; `signals` (s, 2) places of traffic signals.
+    """
+
+    name: str
+    node_ids: list[str]
+    node_xy: Floats
+    edge_ids: list[str]
+    tail: Ints
+    head: Ints
+    lanes: Ints
+    priority: Ints
+    speed: Floats
+    width: Floats
+    road_class: list[str]
+    street: list[str]
+    centred: npt.NDArray[np.bool_]
+    osm_ids: list[list[int]]
+    first: Ints
+    points: Floats
+    rings: list[list[str]]
+    signals: Floats
+
+    @cached_property
+    def node_row(self) -> dict[str, int]:
+        """Row of each node id."""
+        return {name: row for row, name in enumerate(self.node_ids)}
+
+    @cached_property
+    def edge_row(self) -> dict[str, int]:
+        """Row of each edge id."""
+        return {name: row for row, name in enumerate(self.edge_ids)}
+
+    @cached_property
+    def out_edges(self) -> list[list[int]]:
+        """Rows of the edges that leave each node."""
+        return _group(self.tail, len(self.node_ids))
+
+    @cached_property
+    def in_edges(self) -> list[list[int]]:
+        """Rows of the edges that enter each node."""
+        return _group(self.head, len(self.node_ids))
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """Length of each edge's line, (m,) metres."""
+        steps = np.hypot(*np.diff(self.points, axis=0).T)
+        along = np.concatenate([[0.0], np.cumsum(steps)])
+        result: Floats = along[self.first[1:] - 1] - along[self.first[:-1]]
+        return result
+
+    @cached_property
+    def opposite(self) -> Ints:
+        """Row of the edge on the same line the other way, or -1, (m,)."""
+        by_ends: dict[tuple[int, int], list[int]] = {}
+        for row, ends in enumerate(zip(self.tail.tolist(), self.head.tolist(), strict=True)):
+            by_ends.setdefault(ends, []).append(row)
+        result = np.full(len(self.edge_ids), -1, np.int64)
+        for (tail, head), rows in by_ends.items():
+            for row in rows:
+                for other in by_ends.get((head, tail), ()):
+                    if other != row and _same_line(self.line(row), self.line(other)[::-1]):
+                        result[row] = other
+        return result
+
+    def line(self, row: int) -> Floats:
+        """The edge's line from tail to head, (k, 2) metres."""
+        return self.points[self.first[row] : self.first[row + 1]]
+
+
+def _same_line(one: Floats, other: Floats) -> bool:
+    return len(one) == len(other) and bool(np.abs(one - other).max() < 0.5)
+
+
+def _group(keys: Ints, count: int) -> list[list[int]]:
+    groups: list[list[int]] = [[] for _ in range(count)]
+    for row, key in enumerate(keys.tolist()):
+        groups[key].append(row)
+    return groups
+
+
+def find_extract(name: str, osm_dir: Path) -> Path:
+    """The extract called `name` in a folder, whatever its kind."""
+    for suffix in SUFFIXES:
+        path = osm_dir / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    raise InputError(
+        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like); "
+        f"`tsbench maps fetch` gets extracts, or name their folder with --osm"
+    )
+
+
+def list_extracts(osm_dir: Path) -> list[Path]:
+    """All extracts of a folder, sorted by name."""
+    if not osm_dir.is_dir():
+        raise InputError(
+            f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
+        )
+    found = sorted(path for path in osm_dir.iterdir() if path.name.endswith(SUFFIXES))
+    if not found:
+        raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
+    return found
+
+
+def load_source(name: str, osm_dir: Path) -> SourceNetwork:
+    """The network of an extract, from the cache if it was made from the same bytes and configuration."""
+    extract = find_extract(name, osm_dir)
+    key = "-".join(
+        [sha256_of(extract)[:16]]
+        + [sha256_of(netconvert_file(part))[:8] for part in ("extract.netccfg", "moscow.typ.xml")]
+    )
+    cache = build_dir() / "sources" / f"{name}-{SCHEMA}-{key}.parquet"
+    if not cache.is_file():
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        _write(_convert(extract), cache)
+    return _read(cache)
+
+
+def _convert(extract: Path) -> SourceNetwork:
+    with tempfile.TemporaryDirectory(prefix="tsbench-source-") as folder:
+        prefix = Path(folder) / "net"
+        facts = convert_to_plain(extract, prefix)
+        nodes = parse_nodes(Path(f"{prefix}.nod.xml"))
+        edge_file = Path(f"{prefix}.edg.xml")
+        edges = parse_edges(edge_file, nodes)
+        rings = parse_roundabouts(edge_file)
+    if not edges:
+        raise InputError(f"{extract}: netconvert found no road for cars in it")
+    row = {name: index for index, name in enumerate(nodes)}
+    counts = [len(edge.line) for edge in edges]
+    return SourceNetwork(
+        name=extract_name(extract),
+        node_ids=list(nodes),
+        node_xy=np.array(list(nodes.values()), float),
+        edge_ids=[edge.id for edge in edges],
+        tail=np.array([row[edge.tail] for edge in edges]),
+        head=np.array([row[edge.head] for edge in edges]),
+        lanes=np.array([edge.lanes for edge in edges]),
+        priority=np.array([edge.priority for edge in edges]),
+        speed=np.array([edge.speed for edge in edges]),
+        width=np.array([edge.width for edge in edges]),
+        road_class=[edge.road_class for edge in edges],
+        street=[edge.street for edge in edges],
+        centred=np.array([edge.centred for edge in edges]),
+        osm_ids=[edge.osm_ids for edge in edges],
+        first=np.concatenate([[0], np.cumsum(counts)]),
+        points=np.concatenate([np.array(edge.line) for edge in edges]),
+        rings=rings,
+        signals=facts.signals,
+    )
+
+
+_EDGE_COLUMNS = ("tail", "head", "lanes", "priority", "speed", "width", "centred")
+_TEXT_COLUMNS = ("road_class", "street")
+
+
+def _write(source: SourceNetwork, path: Path) -> None:
+    columns: dict[str, Any] = {"id": pa.array(source.edge_ids)}
+    columns |= {name: pa.array(getattr(source, name)) for name in _EDGE_COLUMNS}
+    columns |= {name: pa.array(getattr(source, name)).dictionary_encode() for name in _TEXT_COLUMNS}
+    columns["osm_ids"] = pa.array(source.osm_ids, pa.list_(pa.int64()))
+    offsets = pa.array(source.first * 2, pa.int32())
+    columns["line"] = pa.ListArray.from_arrays(offsets, pa.array(source.points.ravel()))
+    extra = {
+        "schema": SCHEMA,
+        "name": source.name,
+        "nodes": source.node_ids,
+        "node_xy": source.node_xy.tolist(),
+        "rings": source.rings,
+        "signals": source.signals.tolist(),
+    }
+    table = pa.table(columns).replace_schema_metadata({"tsbench": json.dumps(extra)})
+    half = path.with_name(f"{path.name}.{os.getpid()}.part")
+    pq.write_table(table, half, compression="zstd")
+    half.replace(path)
+
+
+def _read(path: Path) -> SourceNetwork:
+    # Not pq.read_table, whose import of pyarrow.dataset alone takes 50 MB.
+    table: Any = pq.ParquetFile(path).read().combine_chunks()
+    extra = json.loads(table.schema.metadata[b"tsbench"])
+    line = table["line"].combine_chunks()
+    columns: dict[str, Any] = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}
+    columns |= {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
+    return SourceNetwork(
+        name=extra["name"],
+        node_ids=extra["nodes"],
+        node_xy=np.array(extra["node_xy"], float).reshape(-1, 2),
+        edge_ids=table["id"].to_pylist(),
+        osm_ids=table["osm_ids"].to_pylist(),
+        first=line.offsets.to_numpy().astype(np.int64) // 2,
+        points=line.values.to_numpy().reshape(-1, 2),
+        rings=extra["rings"],
+        signals=np.array(extra["signals"], float).reshape(-1, 2),
+        **columns,
+    )

@@ -1,0 +1,155 @@
+"""What a placement is. Units: m, s, m/s, rad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from lxml import etree
+
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.scenes.drivers import Driver
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.scenes.variants import Variant
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph, Turn
+from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.plate_params import PlateParams
+from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
+from tsbench.sim.world import EGO_LENGTH_M
+
+PLATE_BESIDE_M = 1.2
+
+
+class UnfitMapError(Exception):
+    """This map can't carry the type; the message is the reason that is kept."""
+
+
+@dataclass(frozen=True)
+class ConvoySetup:
+    """A convoy before its lead was timed. `places`: fronts on `lane` (id), lead first; `edges`: its route.
+
+    lanes: where the cars behind the lead stand on other lanes than it, the lane of each; `edges` then begins with the
+    last one's, and each drives on from its own.
+    The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
+    from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
+    sim.scene.ConvoyPlan.
+    """
+
+    drivers: tuple[Driver, ...]
+    places: tuple[float, ...]
+    lane: str
+    edges: tuple[str, ...]
+    zone_m: float
+    line_lane: str
+    ego_zone_m: float
+    ego_cruise_mps: float
+    ego_turn_mps: float
+    vclass: str = "passenger"
+    lanes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """One scene, decided but not yet written.
+
+    extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
+    quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
+    closed_edges: where nobody else drives at all; no length of theirs counts for the density.
+    speed_factors: of the background drivers, () = all 1. drivers: the background drivers where the plate makes others
+    of them, () = the task's. platoons: edges where cars enter in
+    platoons. walkers: the plan of pedestrians who stand in `extra`.
+    """
+
+    signs: tuple[SignInstance, ...]
+    target: str
+    start: EgoStart
+    destination: Destination
+    route_hint: tuple[str, ...]
+    compliant_hint: tuple[str, ...] = ()
+    route_length: float = float("nan")
+    obstacles: tuple[Obstacle, ...] = ()
+    convoy: ConvoySetup | None = None
+    extra: tuple[etree._Element, ...] = ()
+    avoid_turns: AbstractSet[Turn] = frozenset()
+    quiet_edges: AbstractSet[str] = frozenset()
+    closed_edges: AbstractSet[str] = frozenset()
+    speed_factors: Sequence[float] = field(default_factory=tuple)
+    drivers: tuple[Driver, ...] = ()
+    blocked: tuple[tuple[str, float, float], ...] = ()
+    platoons: AbstractSet[str] = frozenset()
+    walkers: WalkersPlan | None = None
+
+
+@dataclass(frozen=True)
+class SceneTask:
+    """What a placement works with: the map and its finished network, the recipe, the variant, and its draws."""
+
+    row: PoolRow
+    network: RoadNetwork
+    graph: LaneGraph
+    recipe: Recipe
+    variant: Variant
+    drivers: tuple[Driver, ...]
+    rng: np.random.Generator
+
+
+class Placement(Protocol):
+    """How one type is laid out: the network's edits once per map, then one arrangement per variant."""
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crop with what the plates mean to other traffic. Raises UnfitMapError."""
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """One variant's scene. Raises UnfitMapError."""
+
+
+def plate_beside(
+    network: RoadNetwork,
+    code: str,
+    edge: str,
+    s: float,
+    params: PlateParams | None = None,
+    *,
+    number: int = 0,
+    role: str = "target",
+    value: float | None = None,
+    lane: int = ALL_LANES,
+    ends: str | None = None,
+) -> SignInstance:
+    """The scene's plate of that number, with its post right of the rightmost lane at `s` m along an edge."""
+    right = network.edge_lanes(edge)[0]
+    x, y = right.line.point_at(s, -(right.width / 2 + PLATE_BESIDE_M))
+    heading = right.line.heading_at(s)
+    return SignInstance(f"sign_{number}", code, value, edge, lane, s, x, y, heading, role, ends, params)
+
+
+def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:
+    """Lanes of an edge that cars may use, rightmost first."""
+    return tuple(lane for lane in network.edge_lanes(edge) if lane.permits("passenger"))
+
+
+def before_line(lane: Lane, distance: float) -> float:
+    """Arc length of the ego's centre whose front is `distance` before the end of a lane. Raises UnfitMapError."""
+    s = lane.line.length - distance - EGO_LENGTH_M / 2
+    if s < EGO_LENGTH_M / 2:
+        raise UnfitMapError(
+            f"lane {lane.id} of {lane.line.length:.0f} m has no room for the ego {distance:.0f} m before it"
+        )
+    return s
+
+
+def keep_clear(lanes: Sequence[Lane], start: EgoStart) -> tuple[tuple[str, float, float], ...]:
+    """The stretch from the ego to the end of its edge, on all its lanes: the ego is the first at the sign."""
+    return tuple((lane.id, start.s, lane.line.length) for lane in lanes)
+
+
+def require(condition: bool, reason: str) -> None:
+    """Raise UnfitMapError with the reason unless the condition holds."""
+    if not condition:
+        raise UnfitMapError(reason)

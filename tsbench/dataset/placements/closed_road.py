@@ -1,0 +1,107 @@
+"""Closed-road scenes: navigation leads into an exit that 3.2 closes, with barriers behind the plate.
+
+Source: docs/spec/scenes.md, "Closed road". Units: m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    SceneTask,
+    UnfitMapError,
+    before_line,
+    keep_clear,
+    passenger_lanes,
+    plate_beside,
+)
+from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.angles import U_TURN
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.plate_params import ApproachParams
+from tsbench.sim.scene import EgoStart, Obstacle
+
+
+@dataclass(frozen=True)
+class _Way:
+    """Into the closed exit: the ego's lane on its approach, the exit edge, and its arm's edge out of it ("": none)."""
+
+    lane: Lane
+    exit: str
+    back: str
+
+
+class ClosedRoadPlacement:
+    """`blocked_road`: the ego comes on the main road, so that it is the plate that stops it and not the traffic."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The through pair has priority; other traffic learns of the closure from its routes and the barriers."""
+        return with_priorities(row, plain, through_arms(row, 0.0), recipe, minor_stops=False)
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego 60 m before the junction; the plate 10 m into the exit, the barriers and the destination behind."""
+        network, graph, recipe, variant = task.network, task.graph, task.recipe, task.variant
+        ways = _ways(task.row, network, graph, recipe)
+        if not ways:
+            raise UnfitMapError("no way from the main road into an exit that could be closed")
+        way = ways[variant.layout % len(ways)]
+        lane = way.lane
+        start = EgoStart(
+            lane.id,
+            before_line(lane, recipe.number("ego_before_line_m")),
+            min(variant.initial_speed, lane.speed),
+        )
+        plate_s = recipe.number("plate_after_junction_m")
+        near = plate_s + recipe.number("barrier_behind_plate_m")
+        depth = recipe.number("barrier_depth_m")
+        sign = plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge))
+        barriers = tuple(
+            _barrier(k, closed, near + depth / 2, depth, recipe.number("barrier_gap_m"))
+            for k, closed in enumerate(passenger_lanes(network, way.exit))
+        )
+        end_s = near + depth + recipe.number("destination_behind_barrier_m")
+        into = {(e, way.exit) for e in network.edges if way.exit in graph.successors(e)}
+        return Arrangement(
+            signs=(sign,), target=sign.id, start=start, destination=Destination(way.exit, end_s),
+            route_hint=(lane.edge, way.exit), route_length=end_s, obstacles=barriers, avoid_turns=frozenset(into),
+            closed_edges=frozenset({way.exit, way.back} - {""}), platoons=frozenset(network.edges),
+            blocked=keep_clear(passenger_lanes(network, lane.edge), start),
+        )  # fmt: skip
+
+
+def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) -> list[_Way]:
+    """Ways from the main road into each exit that is long enough and that others need not take."""
+    approach_m = recipe.number("ego_before_line_m")
+    least = recipe.number("least_exit_m")
+    back = {a["out_edge"]: a["in_edge"] or "" for a in row.fields["arms"] if a["out_edge"]}
+    entries = [a["in_edge"] for a in row.fields["arms"] if a["in_edge"] in network.edges]
+    found = []
+    for approach in through_arms(row, 0.0).prior_in:
+        if approach not in network.edges or network.edges[approach].length < approach_m + 5.0:
+            continue
+        for target in graph.successors(approach):
+            if graph.turn(approach, target) == U_TURN or network.edges[target].length < least:
+                continue
+            if graph.route(approach, target) != (approach, target) or target not in back:
+                continue
+            others = [e for e in entries if e != back[target]]
+            if all(set(graph.successors(e)) - {target} for e in others):
+                lanes = dict.fromkeys(c.from_lane for c in graph.connections(approach, target))
+                found += [_Way(network.lanes[i], target, back[target]) for i in lanes]
+    return found
+
+
+def _barrier(number: int, lane: Lane, s: float, depth: float, gap: float) -> Obstacle:
+    """One across a lane, with its middle at arc length `s`; `gap`: what it leaves at either side."""
+    x, y = lane.line.point_at(s)
+    width = lane.width - 2.0 * gap
+    return Obstacle(f"obstacle_{number}", "barrier", x, y, lane.line.heading_at(s), depth, width, lane.id)

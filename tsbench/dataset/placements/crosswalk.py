@@ -1,0 +1,167 @@
+"""Crosswalk scenes: people who cross where the ego comes. Source: docs/spec/scenes.md, "Crosswalk".
+
+Units: m, s, m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lxml import etree
+
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    SceneTask,
+    keep_clear,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
+from tsbench.dataset.placements.crosswalk_net import (
+    SIDES,
+    bend_speed,
+    kerb_to_kerb,
+    path_name,
+    to_crossing,
+    with_crossing,
+)
+from tsbench.dataset.scenes.elements import walker_elements
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import Polyline
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import Crossing, Lane
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.scene import EgoStart, WalkersPlan
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+
+@dataclass(frozen=True, slots=True)
+class _Walker:
+    """One pedestrian: from which side, how fast, how far from its kerb it stands."""
+
+    side: str
+    speed: float
+    from_kerb: float
+
+
+class CrosswalkPlacement:
+    """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The road with its crossing and footpaths."""
+        edge = next(e for e in plain.edges if e.id == row.fields["edge"])
+        other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
+        most = int(recipe.number("most_lanes"))
+        require(edge.num_lanes <= most, f"{edge.num_lanes} lanes")
+        require(other is None or other.num_lanes <= most, "more lanes in the other direction")
+        at = recipe.number("ego_before_crossing_m") + recipe.number("start_room_m") + EGO_LENGTH_M
+        length = Polyline(edge.shape).length
+        require(at <= length - recipe.number("least_after_m"), f"the corridor is {length:.0f} m long")
+        return with_crossing(plain, edge, other, at, recipe)
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego 60 m before the crossing; the preset by layout, lane and sides drawn."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        first, last = (f"{row.fields['edge']}.{k}" for k in range(2))
+        crossing = next(c for c in network.crossings.values() if first in c.edges)
+        lanes = passenger_lanes(network, first)
+        lane = lanes[int(task.rng.integers(len(lanes)))]
+        ahead = to_crossing(lane, crossing)
+        start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
+        require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
+        start = EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed))
+        end = network.edge_lanes(first)[0].line.length
+        sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
+        before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
+        walkers = self._walkers(task, crossing, before)
+        onward = network.lanes[network.outgoing[lane.index][0].to_lane]
+        bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
+        cruise = round(min(lane.speed, bend), 2)
+        plan = _plan(task, walkers, before[walkers[0].side], lane, ahead, cruise)
+        to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
+        wait = predicted_arrival(to_line, to_line + ahead, start.speed, cruise, cruise)
+        room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
+        end_s = min(variant.route_length, room)
+        return Arrangement(
+            signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
+            route_hint=(first, last), route_length=end_s,
+            extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
+            blocked=keep_clear(lanes, start),
+        )  # fmt: skip
+
+    @staticmethod
+    def _walkers(task: SceneTask, crossing: Crossing, before: dict[str, float]) -> list[_Walker]:
+        """The preset's people, each so far from its kerb that it steps onto the road a gap after the one before.
+
+        `gap_s`: seconds; or `gap_share`: when the one before has gone that share of the crossing. before: metres from
+        each kerb to the ego's strip; the first comes from either side as likely as that is long, within bounds.
+        """
+        recipe, rng = task.recipe, task.rng
+        presets = recipe.choices["presets"]
+        preset = presets[task.variant.layout % len(presets)]
+        weight = [min(before[s], recipe.number("side_weight_most_m")) for s in SIDES]
+        side = int(rng.uniform(0.0, sum(weight)) > weight[0])
+        walkers: list[_Walker] = []
+        steps_on = 0.0
+        for k in range(int(preset["count"])):
+            speed = float(rng.uniform(recipe.number("walk_least_mps"), recipe.number("walk_most_mps")))
+            if not k:
+                steps_on = recipe.number("wait_from_kerb_m") / speed
+            elif "gap_share" in preset:
+                steps_on += float(preset["gap_share"]) * crossing.line.length / walkers[-1].speed
+            else:
+                steps_on += float(preset["gap_s"])
+            turn = k if preset["alternate"] else 0
+            walkers.append(_Walker(SIDES[(side + turn) % 2], speed, steps_on * speed))
+        return walkers
+
+
+def _before_strip(crossing: Crossing, lane: Lane, ahead: float, side: str) -> float:
+    """From the kerb on one side to the strip that the ego sweeps on its lane."""
+    middle = lane.line.point_at(lane.line.length + ahead)
+    return kerb_to_kerb(crossing, lane, side).project(*middle)[0] - EGO_WIDTH_M / 2
+
+
+def _plan(
+    task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ahead: float, cruise: float
+) -> WalkersPlan:
+    """When they set off: as the ego's front is at the crossing the first is on the road, hardly before the ego."""
+    recipe, first = task.recipe, walkers[0]
+    meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_past_kerb_m"))
+    return WalkersPlan(
+        persons=tuple(f"walker_{k}" for k in range(len(walkers))),
+        speeds=tuple(w.speed for w in walkers),
+        line_lane=lane.id,
+        ego_zone_m=ahead,
+        lead_time_s=(first.from_kerb + meets) / first.speed,
+        ego_cruise_mps=cruise,
+        ego_turn_mps=cruise,
+    )
+
+
+def _elements(
+    task: SceneTask, walkers: list[_Walker], crossing: Crossing, wait: float
+) -> tuple[etree._Element, ...]:
+    """The people and their types, those beside one another on different tracks of their footpath."""
+    recipe, network = task.recipe, task.network
+    edge = task.row.fields["edge"]
+    size = recipe.number("walker_length_m"), recipe.number("walker_width_m")
+    tracks = recipe.choices["tracks_m"]
+    elements: list[etree._Element] = []
+    for k, w in enumerate(walkers):
+        way = (path_name(edge, w.side), path_name(edge, SIDES[w.side == "right"]))
+        lane = network.edge_lanes(way[0])[0]
+        kerb = kerb_to_kerb(crossing, network.edge_lanes(f"{edge}.0")[0], w.side).points[0]
+        reach = math.hypot(*(kerb - lane.line.points[0]))
+        require(w.from_kerb <= reach, f"a pedestrian would wait {w.from_kerb:.0f} m from the kerb")
+        elements += walker_elements(
+            f"walker_{k}", size, w.speed, way, (reach - w.from_kerb, float(tracks[k % len(tracks)])), wait
+        )
+    return tuple(elements)

@@ -1,0 +1,103 @@
+"""A corridor with a pedestrian crossing: how its network is made, and where its kerbs are. Units: m.
+
+The crossing leads over the whole road, both directions where there are two. A footpath comes up to it from either side,
+square to the road, so that lanes keep their numbers and who walks along one means to cross.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tsbench.dataset.maps.plain import PlainCrossing, PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.maps.plain_xml import DEFAULT_WIDTH_M
+from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import Polyline, join
+from tsbench.roads.network import Crossing, Lane
+
+SIDES = ("right", "left")
+_PATH_SPEED_MPS = 2.78
+_BEND_WINDOW_M = 6
+_BEND_AFTER_M = 20.0
+
+
+def path_name(edge: str, side: str) -> str:
+    """Id of the footpath on one side of a corridor's edge."""
+    return f"{edge}.path_{side}"
+
+
+def with_crossing(
+    plain: PlainNet, edge: PlainEdge, other: PlainEdge | None, at: float, recipe: Recipe
+) -> PlainNet:
+    """The road cut in two `at` m along `edge`, and there crossed; `other`: the edge of the opposite direction."""
+    line = Polyline(edge.shape)
+    x, y = line.point_at(at)
+    node = f"{edge.id}.cut1"
+    net, parts = split_edge(plain, edge.id, (at,))
+    crossed = [parts[0]]
+    half = edge.num_lanes * _width(edge) / (2.0 if edge.spread == "center" else 1.0)
+    reach = {"right": half, "left": half if edge.spread == "center" else 0.0}
+    if other is not None:
+        across = Polyline(other.shape)
+        s, d = across.project(x, y)
+        net, theirs = split_edge(net, other.id, (s,))
+        net = _joined(net, f"{other.id}.cut1", node)
+        crossed.append(theirs[1])
+        share = 2.0 if other.spread == "center" else 1.0
+        reach["left"] = max(abs(d) + other.num_lanes * _width(other) / share, reach["left"])
+    heading = line.heading_at(at)
+    nodes, paths = [], []
+    for side, turn in (("right", -math.pi / 2), ("left", math.pi / 2)):
+        far = reach[side] + recipe.number("path_m")
+        name = path_name(edge.id, side)
+        end = PlainNode(f"{name}.end", x + far * math.cos(heading + turn), y + far * math.sin(heading + turn))
+        nodes.append(end)
+        paths.append(
+            PlainEdge(
+                name, end.id, node, 1, _PATH_SPEED_MPS, 1, ((end.x, end.y), (x, y)),
+                width=recipe.number("path_width_m"), spread="center", allow="pedestrian",
+            )
+        )  # fmt: skip
+    crossing = PlainCrossing(node, tuple(crossed), recipe.number("crossing_width_m"))
+    return replace(
+        net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing)
+    )
+
+
+def _width(edge: PlainEdge) -> float:
+    return DEFAULT_WIDTH_M if edge.width is None else edge.width
+
+
+def _joined(net: PlainNet, old: str, new: str) -> PlainNet:
+    """The network with one node in place of two."""
+    edges = tuple(
+        replace(e, source=new if e.source == old else e.source, target=new if e.target == old else e.target)
+        for e in net.edges
+    )
+    return replace(net, nodes=tuple(n for n in net.nodes if n.id != old), edges=edges)
+
+
+def to_crossing(lane: Lane, crossing: Crossing) -> float:
+    """From the end of a lane on to the near edge of the crossing behind it."""
+    end = lane.line.point_at(lane.line.length)
+    middle = crossing.line.point_at(crossing.line.project(*end)[0])
+    return lane.line.project(*middle)[0] - lane.line.length - crossing.width / 2
+
+
+def bend_speed(lane: Lane, onward: Lane, look_m: float, lateral: float) -> float:
+    """What the bends allow in the last `look_m` m of a lane and the first of the next, at `lateral` m/s2, in m/s."""
+    line = join([lane.line, onward.line])
+    at = np.arange(max(lane.line.length - look_m, 0.0), lane.line.length + _BEND_AFTER_M, 1.0)
+    heading = np.unwrap([line.heading_at(float(s)) for s in at])
+    turn = np.abs(heading[_BEND_WINDOW_M:] - heading[:-_BEND_WINDOW_M]).max() / _BEND_WINDOW_M
+    return math.sqrt(lateral / max(float(turn), 1e-4))
+
+
+def kerb_to_kerb(crossing: Crossing, lane: Lane, side: str) -> Polyline:
+    """The middle line of a crossing from the kerb on one side of the lane that leads up to it."""
+    points = crossing.line.points
+    right_first = lane.line.project(*points[0])[1] < lane.line.project(*points[-1])[1]
+    return crossing.line if right_first == (side == "right") else Polyline(points[::-1])

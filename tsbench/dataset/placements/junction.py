@@ -1,0 +1,163 @@
+"""Junction scenes where the ego gives way: its arm, the arms with priority, a convoy on one of these.
+
+Source: docs/spec/scenes.md, "Junction".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
+from types import MappingProxyType
+
+from lxml import etree
+
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    SceneTask,
+    before_line,
+    keep_clear,
+    passenger_lanes,
+    plate_beside,
+    require,
+)  # fmt: skip
+from tsbench.dataset.placements.junction_arms import Arms, bending_arms, through_arms, with_priorities
+from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy
+from tsbench.dataset.scenes.elements import waiting_elements
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.angles import wrap
+from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Turn
+from tsbench.roads.network import RoadNetwork
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams
+from tsbench.sim.scene import EgoStart
+
+# By the catalogue's word for who has priority.
+_ROLES: Mapping[str, Callable[[PoolRow, float], Arms]] = MappingProxyType(
+    {"main_arms": through_arms, "main_arm_on_right": bending_arms}
+)
+_FIRST_PLATE_M = 2.0
+_ROOM_M = 14.0
+
+
+class GiveWayPlacement:
+    """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        sign = load_catalog().sign(recipe.type.codes[0])
+        self._code, self._faces = sign.code, sign.placement.faces
+        self._stops = sign.rule.name == "stop"
+        self._roles = _ROLES[sign.rule.option("priority_to")]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """Priorities as the plates state them."""
+        arms = self._roles(row, recipe.number("ego_before_line_m"))
+        return with_priorities(row, plain, arms, recipe, self._stops)
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego 60 m before the line, a convoy timed to meet it."""
+        row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
+        before = recipe.number("ego_before_line_m")
+        arms = self._roles(row, before)
+        options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
+        require(bool(options), "no path of the ego meets one that has priority")
+        chosen = options[variant.layout % len(options)]
+        lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
+        start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
+        end_s = min(variant.route_length, exit_lane.line.length - recipe.number("end_before_edge_m"))
+        require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
+        route = (lane.edge, exit_lane.edge)
+        require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
+        signs = self._plates(task, arms, chosen)
+        cars = convoy(task, chosen)
+        avoid, empty = _others(network, arms, chosen)
+        waiting, room = _waiting(task, arms, avoid)
+        return Arrangement(
+            signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
+            route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
+            avoid_turns=avoid, quiet_edges=frozenset({*empty, network.lanes[chosen.foe.from_lane].edge}),
+            platoons=frozenset(arms.prior_in),
+            blocked=(*keep_clear(passenger_lanes(network, lane.edge), start), *room),
+        )  # fmt: skip
+
+    def _plates(self, task: SceneTask, arms: Arms, chosen: Conflict) -> tuple[SignInstance, ...]:
+        """The target first, on the convoy's arm where it faces the main road; the others speak to other traffic."""
+        network, recipe = task.network, task.recipe
+        if self._faces == "main_arms":
+            met = network.lanes[chosen.foe.from_lane].edge
+            first = sorted(arms.prior_in, key=lambda e: (e != met, e))
+            wanted = [(e, _crossing_plate(network, e, arms.ego_in, task)) for e in first]
+        else:
+            wanted = [(arms.ego_in, self._code)]
+            for edges, key in ((arms.prior_in, "main_plates"), (arms.minor_in, "minor_plates")):
+                wanted += [(e, str(code)) for e in edges for code in recipe.choices.get(key, ())]
+        binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
+        before, plates = recipe.number("plate_before_line_m"), []
+        for k, (edge, code) in enumerate(wanted):
+            s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
+            # Without params a plate binds nobody whom we watch.
+            params, role = (None, "context") if k else (binding, "target")
+            plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
+        return tuple(plates)
+
+
+def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) -> str:
+    """The plate that faces a main arm: a crossing, or the side from which the ego's road joins as seen from there."""
+    a, b = network.edge_lanes(ego)[0].line, network.edge_lanes(main)[0].line
+    # Who drives in turned to the left of the ego's direction comes from its right, and has it on the left.
+    left = wrap(b.heading_at(b.length) - a.heading_at(a.length)) > 0.0
+    side = "left_plate" if left else "right_plate"
+    return str(task.recipe.choices["cross_plate" if task.row.shape == "X" else side][0])
+
+
+def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> tuple[frozenset[Turn], frozenset[str]]:
+    """Turns that other traffic does not take, and edges of secondary arms that are empty at first.
+
+    Nobody turns off the main road where it waits for its other direction: who stands there blocks the junction for a
+    minute. From secondary arms that SUMO lets go before the ego nobody comes at first (the ego's own arm is one too:
+    it turns left, and their queue would go on for ever), or, where the ego is on the main road, ever.
+    """
+    held, before = set[Turn](), set[Turn]()
+    for edge in arms.prior_in:
+        states = _states(network, edge)
+        if any("M" in s for s in states.values()):
+            held |= {turn for turn, s in states.items() if "M" not in s}
+    for edge in arms.minor_in:
+        for lane in passenger_lanes(network, edge):
+            for c in network.outgoing[lane.index]:
+                if not chosen.ego.yields_to.isdisjoint(c.via):
+                    before.add((edge, network.lanes[c.to_lane].edge))
+    if arms.bends:
+        return frozenset(held | before), frozenset()
+    return frozenset(held), frozenset(edge for edge, _ in before)
+
+
+def _states(network: RoadNetwork, edge: str) -> dict[Turn, set[str]]:
+    """SUMO's states of the connections by which an edge is left."""
+    states: dict[Turn, set[str]] = {}
+    for lane in passenger_lanes(network, edge):
+        for c in network.outgoing[lane.index]:
+            states.setdefault((edge, network.lanes[c.to_lane].edge), set()).add(c.state)
+    return states
+
+
+def _waiting(
+    task: SceneTask, arms: Arms, avoid: AbstractSet[Turn]
+) -> tuple[tuple[etree._Element, ...], tuple[tuple[str, float, float], ...]]:
+    """Now and then a car that waits on a secondary arm and has no priority; and the room that it takes."""
+    network, rng = task.network, task.rng
+    share = task.recipe.numbers.get("waiting_share", 0.0)
+    if not arms.minor_in or rng.uniform() >= share:
+        return (), ()
+    edge = arms.minor_in[int(rng.integers(len(arms.minor_in)))]
+    lane = passenger_lanes(network, edge)[0]
+    ways = [network.lanes[c.to_lane].edge for c in network.outgoing[lane.index]]
+    ways = [e for e in ways if (edge, e) not in avoid]
+    if not ways or lane.line.length < _ROOM_M:
+        return (), ()
+    route = (edge, ways[int(rng.integers(len(ways)))])
+    elements = waiting_elements(task.drivers[0], lane, route, task.recipe.number("waiting_s"))
+    return tuple(elements), ((lane.id, lane.line.length - _ROOM_M, lane.line.length),)

@@ -1,0 +1,126 @@
+"""Pairs of paths through a junction that meet, and a convoy that is there when the ego is. Units: m, m/s, s.
+
+Source: docs/spec/scenes.md, "Junction".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsbench.dataset.placements.base import ConvoySetup, SceneTask, UnfitMapError, passenger_lanes
+from tsbench.dataset.placements.junction_arms import Arms
+from tsbench.geometry.angles import U_TURN
+from tsbench.geometry.overlap import ConflictZone, conflict_zone
+from tsbench.geometry.polyline import Polyline
+from tsbench.roads.junction_paths import junction_path
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.world import EGO_WIDTH_M
+
+_ONTO_EXIT_M = 15.0
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A pair of paths that meet: the ego's connection, the other's, and their zone (a = ego, b = the other)."""
+
+    ego: Connection
+    foe: Connection
+    zone: ConflictZone
+
+
+def swept_line(network: RoadNetwork, c: Connection) -> Polyline:
+    """A connection's line through the junction with the first 15 m of the exit lane: cars meet there, too."""
+    return junction_path(network, c).onto_exit(_ONTO_EXIT_M)
+
+
+def meeting(network: RoadNetwork, ego: Connection, foe: Connection) -> ConflictZone | None:
+    """Where the ego's body on its path (a) is in the other's lane (b)."""
+    width = junction_path(network, foe).width
+    return conflict_zone(swept_line(network, ego), EGO_WIDTH_M, swept_line(network, foe), width)
+
+
+def turn_speed(network: RoadNetwork, c: Connection) -> float:
+    """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
+    line = swept_line(network, c)
+    if line.length < 4.0:
+        return 8.0
+    headings = np.unwrap([line.heading_at(s) for s in np.arange(0.0, line.length, 2.0)])
+    curvature = float(np.max(np.abs(headings[2:] - headings[:-2])) / 4.0) if len(headings) > 2 else 0.0
+    return min(math.sqrt(2.0 / max(curvature, 1e-3)), 14.0)
+
+
+def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
+    """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap.
+
+    slowest_turn: the ego's path can be driven at this speed (m/s) at least.
+    """
+    own = _links(network, graph, arms.ego_in)
+    egos = [c for c in own if c.state in "ms" and turn_speed(network, c) >= slowest_turn]
+    foes = [c for e in arms.prior_in for c in _links(network, graph, e) if c.state == "M"]
+    # One pair per pair of edges: lanes of the same roads are no different scene.
+    unique: dict[tuple[str, str, str], Conflict] = {}
+    for ego in egos:
+        for foe in foes:
+            zone = meeting(network, ego, foe)
+            if zone is None:
+                continue
+            lanes = network.lanes
+            key = (lanes[ego.to_lane].edge, lanes[foe.from_lane].edge, lanes[foe.to_lane].edge)
+            if key not in unique or zone.a_in > unique[key].zone.a_in:
+                unique[key] = Conflict(ego, foe, zone)
+    return [unique[k] for k in sorted(unique)]
+
+
+def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection]:
+    """The connections of an edge that cars may take, but for turning round."""
+    return [
+        c
+        for lane in passenger_lanes(network, edge)
+        for c in network.outgoing[lane.index]
+        if network.lanes[c.to_lane].permits("passenger")
+        and graph.turn(edge, network.lanes[c.to_lane].edge) != U_TURN
+    ]
+
+
+def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
+    """One to two cars, the lead so far away that it needs a little less time than the ego. Raises UnfitMapError."""
+    network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
+    foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
+    turn, cruise = turn_speed(network, chosen.ego), ego_lane.speed
+    to_line = recipe.number("ego_before_line_m")
+    v0 = min(variant.initial_speed, ego_lane.speed)
+    eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
+    speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
+    accel = recipe.number("convoy_accel_mps2")
+    body = replace(
+        task.drivers[0], speed=speed, accel=accel, decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85
+    )
+    reach = _reach(recipe.number("convoy_time_share") * eta, speed, 0.8 * accel)
+    back = min(
+        max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
+        foe_lane.line.length - body.length - 1.0,
+        recipe.number("convoy_farthest_m"),
+    )
+    lead = foe_lane.line.length - back
+    count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
+    step = body.length + recipe.number("convoy_gap_m")
+    places = tuple(lead - k * step for k in range(count) if lead - k * step > body.length + 0.5)
+    if not places:
+        raise UnfitMapError(f"the main arm of {foe_lane.line.length:.0f} m has no room for a convoy")
+    return ConvoySetup(
+        drivers=tuple(body for _ in places), places=places, lane=foe_lane.id,
+        edges=(foe_lane.edge, network.lanes[chosen.foe.to_lane].edge),
+        zone_m=foe_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
+        ego_cruise_mps=cruise, ego_turn_mps=turn,
+    )  # fmt: skip
+
+
+def _reach(time: float, speed: float, accel: float) -> float:
+    """Way that a car from standstill covers: a ramp up to its cruise speed, then on with that."""
+    ramp = min(speed / accel, time)
+    return 0.5 * accel * ramp * ramp + speed * (time - ramp)

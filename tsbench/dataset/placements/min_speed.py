@@ -1,0 +1,89 @@
+"""Scenes with a least speed (4.6), ahead of a driver who is too slow for it. Source: docs/spec/scenes.md, "Speed"."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from lxml import etree
+
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.dataset.placements.speed_zone import KMH, obeying_drivers, task_limit
+from tsbench.dataset.scenes.drivers import BODIES, Driver
+from tsbench.dataset.scenes.elements import moving_car
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
+from tsbench.roads.destination import Destination
+from tsbench.roads.network import Lane
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.plate_params import ZoneParams
+from tsbench.sim.scene import EgoStart
+from tsbench.sim.world import EGO_LENGTH_M
+
+
+class MinSpeedPlacement:
+    """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
+
+    The leader is faster than the slow style whom the scene tempts, and so out of its reach where the rule binds.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The road stays as it is: who obeys drives faster of itself."""
+        task_limit(row, recipe)
+        return plain
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego 30 m before the plate, 12 to 18 km/h too slow."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        minimum = float(task_limit(row, recipe))
+        edge = row.fields["edge"]
+        lanes = passenger_lanes(network, edge)
+        require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")
+        lane = lanes[variant.layout % len(lanes)]
+        # The slower a variant starts, the farther it is below the minimum.
+        deficit = np.interp(
+            variant.initial_speed,
+            (INITIAL_SPEEDS_MPS[0], INITIAL_SPEEDS_MPS[-1]),
+            (recipe.number("most_deficit_kmh"), recipe.number("least_deficit_kmh")),
+        )
+        end_s = lane.line.length - recipe.number("end_before_edge_m")
+        latest = end_s - recipe.number("zone_m") - recipe.number("plate_after_start_m")
+        front = EGO_LENGTH_M + recipe.number("start_after_edge_m")
+        require(latest >= front, f"the corridor is {lane.line.length:.0f} m long")
+        front += float(task.rng.uniform(0.0, min(latest - front, recipe.number("jitter_m"))))
+        plate_s = front + recipe.number("plate_after_start_m")
+        start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
+        leader = self._leader(task, lane, front, minimum)
+        obeying = obeying_drivers(task)
+        sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
+        return Arrangement(
+            signs=(sign,), target=sign.id,
+            start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
+            extra=leader, drivers=tuple(
+                self._faster(d, minimum, recipe) if k < obeying else d for k, d in enumerate(task.drivers)
+            ),
+            blocked=((lane.id, start.s, front + recipe.number("leader_clear_m")),) if leader else (),
+        )  # fmt: skip
+
+    @staticmethod
+    def _faster(driver: Driver, minimum: float, recipe: Recipe) -> Driver:
+        """A driver who keeps to the minimum."""
+        return replace(driver, speed=max(driver.speed, (minimum + recipe.number("obey_above_kmh")) * KMH))
+
+    @staticmethod
+    def _leader(task: SceneTask, lane: Lane, front: float, minimum: float) -> tuple[etree._Element, ...]:
+        """The slower leader's type and vehicle; () in most scenes."""
+        recipe = task.recipe
+        if float(task.rng.uniform()) >= recipe.number("leader_share"):
+            return ()
+        length, width = BODIES["m"]
+        speed = (minimum - recipe.number("leader_below_kmh")) * KMH
+        driver = replace(task.drivers[0], speed=speed, length=length, width=width)
+        place = front + recipe.number("leader_gap_m") + length
+        return moving_car(
+            "leader_0", driver, lane.order, place * lane.length / lane.line.length, (lane.edge,)
+        )

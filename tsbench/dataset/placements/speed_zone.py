@@ -1,0 +1,94 @@
+"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: docs/spec/scenes.md, "Speed"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsbench.core.seeds import seed_of
+from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.scenes.elements import obey_element
+from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.roads.destination import Destination
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.plate_params import ZoneParams
+from tsbench.sim.scene import EgoStart
+from tsbench.sim.world import EGO_LENGTH_M
+
+KMH = 1.0 / 3.6
+
+
+def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margin_kmh: float) -> int:
+    """One of the values that the road allows, in equal shares by a stable hash of the map."""
+    usable = [v for v in choices if v + margin_kmh <= row.speed_mps * 3.6 + 0.5]
+    require(bool(usable), f"the road's own limit is {row.speed_mps * 3.6:.0f} km/h")
+    return usable[seed_of("limit", scenario_type, row.map_id) % len(usable)]
+
+
+def task_limit(row: PoolRow, recipe: Recipe) -> int:
+    """The number on a map's plate, km/h."""
+    return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
+
+
+class SpeedZonePlacement:
+    """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
+
+    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+        self.end_code = recipe.type.end_codes[0]
+
+    def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
+        """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
+        length = row.length_m
+        end = length - recipe.number("end_before_edge_m") - recipe.number("end_plate_before_destination_m")
+        plate = min(end - recipe.number("zone_m"), recipe.number("plate_at_most_m"))
+        require(plate >= recipe.number("plate_at_least_m"), f"the corridor is {length:.0f} m long")
+        return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The zone on edges of its own, so that other traffic can be bound there."""
+        task_limit(row, recipe)
+        return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        limit = float(task_limit(row, recipe))
+        v = limit * KMH
+        edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
+        first, zone, last = edges[0], edges[1:-1], edges[-1]
+        lanes = passenger_lanes(network, first)
+        lane = lanes[variant.layout % len(lanes)]
+        excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
+        v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, row.speed_mps)
+        need = (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
+        room = lane.line.length - need - EGO_LENGTH_M
+        require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
+        jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
+        start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
+        end_s = recipe.number("end_plate_before_destination_m")
+        require(end_s < network.edge_lanes(last)[0].line.length - 3.0, "no room for the destination")
+        signs = (
+            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
+        )
+        obeying = obeying_drivers(task)
+        return Arrangement(
+            signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
+            route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
+            extra=(obey_element(zone, network, v),),
+            speed_factors=tuple(1.0 if k < obeying else row.speed_mps / v for k in range(len(task.drivers))),
+        )  # fmt: skip
+
+
+def obeying_drivers(task: SceneTask) -> int:
+    """How many of the background drivers, from the first on, keep to the plate."""
+    least, most = task.recipe.number("obey_least"), task.recipe.number("obey_most")
+    return math.ceil(float(task.rng.uniform(least, most)) * len(task.drivers))

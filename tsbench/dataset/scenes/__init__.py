@@ -1,0 +1,1 @@
+"""Scenes from maps: recipes, traffic, variants, the split."""

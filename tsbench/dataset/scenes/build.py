@@ -1,0 +1,294 @@
+"""Builds the scenario tables: split the pool, then fill each type's quotas map by map, in a fixed order.
+
+Resumable: every map that was tried leaves a JSON beside its scenes' build folder, keyed by what it was made from; a
+second build with the same inputs reads it instead of building again. Deterministic: which maps are taken depends on the
+order of candidates (tagged extracts first, then a stable hash), never on which worker is done first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+
+from tsbench.core.seeds import seed_of
+from tsbench.dataset.maps.source import SourceNetwork, load_source
+from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.scenes.fingerprint import maker_fingerprint
+from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
+from tsbench.dataset.scenes.split import split_pool
+from tsbench.scenarios.certificates import (
+    Certificate,
+    certificates_path,
+    read_certificates,
+    write_certificates,
+)
+from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder, store_path, write_store
+from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.sumo import Simulation
+
+TEST_PER_TRAIN = 4
+APART_M = 60.0
+AHEAD = 12
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class BuildRequest:
+    """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill.
+
+    prover: "module:Class" of what drives rows to prove them (certify.prover), "" = nobody; by name, because it stands
+    above this layer and is made in each worker process. splits: which tables.
+    """
+
+    types: tuple[str, ...]
+    osm: Path
+    root: Path
+    workers: int
+    prover: str
+    splits: tuple[str, ...] = SPLITS
+
+    @property
+    def workplace(self) -> Path:
+        """Where maps are built, one file each, and what resuming needs stays."""
+        return self.root / "build"
+
+
+@dataclass(frozen=True)
+class TypeReport:
+    """What became of one type in one split.
+
+    maps, missed: by stratum, taken and wanting. short: maps wanting in all. reasons: of maps that were passed over.
+    """
+
+    type_id: str
+    split: str
+    maps: dict[str, int]
+    missed: dict[str, int]
+    short: int
+    reasons: dict[str, int]
+
+
+def stratum_of(row: PoolRow) -> str:
+    """The quota that a map counts for, as recipes name it."""
+    if row.family == "corridor":
+        return f"{row.shape}/{row.lane_bucket}"
+    if row.family == "dual_path":
+        return f"{row.slot}/{row.shape}"
+    return row.shape
+
+
+@lru_cache(maxsize=8)
+def _source(name: str, osm: Path) -> SourceNetwork:
+    return load_source(name, osm)
+
+
+@lru_cache(maxsize=1)
+def _tools(root: Path, prover: str) -> tuple[Simulation, Certifier | None]:
+    """A worker process's one simulation, and who proves rows in it."""
+    sim = Simulation()
+    module, _, name = prover.partition(":")
+    loader = SceneLoader(SceneFolder(root))
+    return sim, getattr(importlib.import_module(module), name)(sim, loader) if prover else None
+
+
+def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, object]:
+    """In a worker process: one site, as plain data."""
+    sim, prover = _tools(request.workplace, request.prover)
+    source = _source(row.source, request.osm)
+    site = SiteBuilder(recipe, request.workplace, sim, prover).build(row, source, split)
+    return {
+        "map_id": site.map_id,
+        "rows": [asdict(r) for r in site.rows],
+        "certificates": [asdict(c) for c in site.certificates],
+        "reason": site.reason,
+    }
+
+
+def _site(data: dict[str, object]) -> MapScenarios:
+    rows, certificates = data["rows"], data["certificates"]
+    assert isinstance(rows, list)
+    assert isinstance(certificates, list)
+    return MapScenarios(
+        str(data["map_id"]),
+        tuple(ScenarioSpec(**r) for r in rows),
+        tuple(Certificate(**c) for c in certificates),
+        str(data["reason"]),
+    )
+
+
+class TypeBuilder:
+    """Fills one type's quotas in one split after the other."""
+
+    def __init__(
+        self, request: BuildRequest, recipe: Recipe, pool: Executor, split_of: dict[str, str]
+    ) -> None:
+        self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
+        self.cache = request.workplace / recipe.type.id
+        self.cache.mkdir(parents=True, exist_ok=True)
+        self.key = f"{maker_fingerprint(placement_of(recipe))}|{recipe}"
+
+    def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
+        """Maps of the split that the recipe's family takes, in the order in which they are tried."""
+        name = self.recipe.type.id
+        usable = [r for r in rows if r.family == self.recipe.type.family and self.split_of[r.map_id] == split]
+        return sorted(
+            usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id)
+        )
+
+    def fill(
+        self, rows: Sequence[PoolRow], split: str, progress: Progress
+    ) -> tuple[list[MapScenarios], TypeReport]:
+        """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
+        share = 1 if split == "train" else TEST_PER_TRAIN
+        quota = {k: v // share for k, v in self.recipe.maps.items()}
+        wanted = sum(quota.values())
+        taken: list[MapScenarios] = []
+        places: list[tuple[float, float]] = []
+        counts: Counter[str] = Counter()
+        reasons: Counter[str] = Counter()
+        tried: set[str] = set()
+        ordered = self.candidates(rows, split)
+        for strict in (True, False):
+            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in quota]
+            accept = quota if strict else {}
+            for row, site in self._sites(pick, split, counts, accept, wanted, taken, places):
+                tried.add(row.map_id)
+                if site.reason:
+                    reasons[_reason_class(site.reason)] += 1
+                    continue
+                taken.append(site)
+                places.append((row.east, row.north))
+                counts[stratum_of(row)] += 1
+                progress(f"{self.recipe.type.id} {split}", len(taken), wanted)
+            if len(taken) >= wanted:
+                break
+        missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
+        return taken, TypeReport(
+            self.recipe.type.id, split, dict(sorted(counts.items())), missed, wanted - len(taken),
+            dict(reasons.most_common()),
+        )  # fmt: skip
+
+    def _sites(
+        self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
+        taken: list[MapScenarios], places: list[tuple[float, float]],
+    ) -> Iterator[tuple[PoolRow, MapScenarios]]:  # fmt: skip
+        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
+        apart = self.recipe.numbers.get("apart_m", APART_M)
+        waiting = list(pick)
+        running: list[tuple[PoolRow, Callable[[], dict[str, object]]]] = []
+
+        def needed(row: PoolRow, others: Sequence[PoolRow]) -> bool:
+            """Would the row still be taken if `others` were?"""
+            stratum = stratum_of(row)
+            if len(taken) + len(others) >= wanted:
+                return False
+            if quota and counts[stratum] + sum(stratum_of(o) == stratum for o in others) >= quota[stratum]:
+                return False
+            there = [*places, *((o.east, o.north) for o in others)]
+            return all((row.east - e) ** 2 + (row.north - n) ** 2 >= apart**2 for e, n in there)
+
+        while True:
+            # How far ahead is the same for any number of workers: which maps are taken hangs on it.
+            while len(running) < AHEAD:
+                row = next((r for r in waiting if needed(r, [r for r, _ in running])), None)
+                if row is None:
+                    break
+                waiting.remove(row)
+                running.append((row, self._start(row, split)))
+            if not running:
+                return
+            row, get = running.pop(0)
+            data = get()
+            if needed(row, ()):
+                yield row, _site(data)
+
+    def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, object]]:
+        path = self.cache / f"{row.map_id}.json"
+        stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
+        if path.is_file():
+            kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+            if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.workplace):
+                return lambda: kept
+        future = self.pool.submit(_build_one, self.recipe, row, split, self.request)
+
+        def get() -> dict[str, object]:
+            data = future.result() | {"stamp": stamp}
+            part = path.with_suffix(".part")
+            part.write_text(json.dumps(data), encoding="utf-8")
+            part.replace(path)
+            return data
+
+        return get
+
+
+def _files_there(site: MapScenarios, root: Path) -> bool:
+    return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
+
+
+def _reason_class(reason: str) -> str:
+    """A reason without its numbers and names, for counting."""
+    words = ["#" if any(c.isdigit() for c in w) else w for w in reason.split()]
+    return " ".join(w for w in words if "/" not in w)
+
+
+def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeReport]:
+    """Build the asked types and write tables, certificates and report after each; other types' rows stay.
+
+    Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
+    far as it goes, and its report says what is short.
+    """
+    catalog = load_catalog()
+    rows = read_pool(pool_file())
+    split_of = split_pool(rows)
+    recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
+    reports: list[TypeReport] = []
+    with ProcessPoolExecutor(request.workers, mp_context=get_context("spawn")) as pool:
+        # Test first: with it alone planners can be compared already.
+        for split in [s for s in reversed(SPLITS) if s in request.splits]:
+            for recipe in recipes:
+                sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
+                _keep(request, recipe.type.id, split, sites)
+                _write_report(request.root, report)
+                reports.append(report)
+    return reports
+
+
+def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenarios]) -> None:
+    """Replace one type's scenes, rows and certificates in one split."""
+    root, built = request.root, SceneFolder(request.workplace)
+    write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))
+    path = table_path(split, root)
+    others = [s for s in read_table(path) if s.scenario_type != type_id] if path.is_file() else []
+    write_table([*others, *(r for s in sites for r in s.rows)], path)
+    kept = certificates_path(root)
+    old = read_certificates(kept) if kept.is_file() else []
+    new = [c for s in sites for c in s.certificates]
+    write_certificates([*(c for c in old if (c.scenario_type, c.split) != (type_id, split)), *new], kept)
+
+
+def _contents(built: SceneFolder, site: MapScenarios) -> dict[str, bytes]:
+    """The files that the rows of a site name."""
+    named = {name: row for row in site.rows for name in (row.net, row.additional)}
+    return {name: built.read(row, name).content for name, row in named.items()}
+
+
+def _write_report(root: Path, report: TypeReport) -> None:
+    path = root / "build_report.json"
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
+    fresh = [e for e in kept if (e["type_id"], e["split"]) != (report.type_id, report.split)]
+    entries = sorted([*fresh, asdict(report)], key=lambda e: (e["type_id"], e["split"]))
+    path.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")

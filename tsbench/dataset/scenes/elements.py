@@ -1,0 +1,199 @@
+"""SUMO elements of a scene that move: vehicle types, the ego, background cars, convoy, obstacles' stand-ins."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Sequence
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.dataset.scenes.drivers import Driver
+from tsbench.dataset.scenes.traffic import Car
+from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS
+from tsbench.sim.scene import EgoStart, Obstacle
+from tsbench.sim.scene_file import EGO_ID
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+
+def _num(value: float) -> str:
+    return f"{value:.3f}".rstrip("0").rstrip(".")
+
+
+def _vtype(
+    name: str, driver: Driver, speed_factor: float, color: str, vclass: str = "passenger"
+) -> etree._Element:
+    values = {
+        "id": name, "vClass": vclass, "carFollowModel": "IDM", "speedDev": "0",
+        "speedFactor": _num(speed_factor), "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
+        "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
+        "length": _num(driver.length), "width": _num(driver.width), "color": color,
+    }  # fmt: skip
+    return etree.Element("vType", values)
+
+
+def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> list[etree._Element]:
+    """One vehicle type per background driver: `bg0`, `bg1`, ..."""
+    return [
+        _vtype(f"bg{k}", d, f, "0.6,0.6,0.65")
+        for k, (d, f) in enumerate(zip(drivers, speed_factors, strict=True))
+    ]
+
+
+def background(cars: Sequence[Car]) -> list[etree._Element]:
+    """Background cars with their routes, each as fast at first as is safe."""
+    elements = []
+    for car in cars:
+        element = etree.Element(
+            "vehicle",
+            id=car.id,
+            type=f"bg{car.driver}",
+            depart=_num(car.depart),
+            departLane=str(car.lane),
+            departPos="base" if car.position is None else _num(car.position),
+            departSpeed="max",
+        )
+        etree.SubElement(element, "route", edges=" ".join(car.edges))
+        elements.append(element)
+    return elements
+
+
+def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) -> list[etree._Element]:
+    """The ego's type and vehicle: SUMO's own driver in sumo-gui, the planner's in an episode."""
+    lane = network.lane(start.lane)
+    vtype = etree.Element(
+        "vType", id="ego", vClass="passenger", carFollowModel="IDM", length=_num(EGO_LENGTH_M), width=_num(EGO_WIDTH_M),
+        accel=_num(MAX_ACCEL_MPS2), decel=_num(MAX_DECEL_MPS2), maxSpeed=_num(MAX_SPEED_MPS), speedDev="0", color="red",
+    )  # fmt: skip
+    front = (start.s + EGO_LENGTH_M / 2) * lane.length / lane.line.length
+    vehicle = etree.Element(
+        "vehicle", id=EGO_ID, type="ego", depart="0", departLane=str(lane.order), departPos=_num(front),
+        departSpeed=_num(start.speed), insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(route))
+    return [vtype, vehicle]
+
+
+def convoy_elements(
+    drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger"
+) -> list[etree._Element]:
+    """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route."""
+    elements: list[etree._Element] = []
+    for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
+        elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow", vclass))
+        vehicle = etree.Element(
+            "vehicle", id=f"convoy_{k}", type=f"convoy{k}", depart="0", departLane=str(lane_order),
+            departPos=_num(place), departSpeed="0", insertionChecks="none",
+        )  # fmt: skip
+        etree.SubElement(vehicle, "route", edges=" ".join(edges))
+        elements.append(vehicle)
+    return elements
+
+
+def moving_car(
+    name: str, driver: Driver, lane_order: int, place: float, edges: Sequence[str]
+) -> tuple[etree._Element, etree._Element]:
+    """A car of the scene's own and its type: at time 0 its front is at `place` and it drives at its cruise speed."""
+    vehicle = etree.Element(
+        "vehicle", id=name, type=f"{name}_type", depart="0", departLane=str(lane_order), departPos=_num(place),
+        departSpeed=_num(driver.speed), insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    return _vtype(f"{name}_type", driver, 1.0, "yellow"), vehicle
+
+
+def walker_elements(
+    name: str,
+    size: tuple[float, float],
+    speed: float,
+    way: tuple[str, str],
+    place: tuple[float, float],
+    wait: float,
+) -> tuple[etree._Element, etree._Element]:
+    """A pedestrian and its type, size length and width: stands at `place` (m along, m left) of the first edge of `way`.
+
+    After `wait` seconds it walks to the end of the other; in an episode when its plan says.
+    """
+    vtype = etree.Element(
+        "vType", id=f"{name}_type", vClass="pedestrian", length=_num(size[0]), width=_num(size[1]),
+        speedDev="0", speedFactor="1", color="0.2,0.5,1",
+    )  # fmt: skip
+    person = etree.Element("person", id=name, type=f"{name}_type", depart="0", departPos=_num(place[0]))
+    etree.SubElement(person, "stop", edge=way[0], endPos=_num(place[0]), duration=_num(wait))
+    etree.SubElement(
+        person, "walk", edges=" ".join(way), speed=_num(speed), departPosLat=_num(place[1]), arrivalPos="0"
+    )  # fmt: skip
+    return vtype, person
+
+
+def waiting_elements(
+    driver: Driver, lane: Lane, edges: Sequence[str], seconds: float
+) -> list[etree._Element]:
+    """A car that stands a metre before the end of a lane for a while, and then drives on when it may."""
+    place = lane.length - 1.0
+    vehicle = etree.Element(
+        "vehicle", id="waiting_0", type="waiting0", depart="0", departLane=str(lane.order), departPos=_num(place),
+        departSpeed="0", insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    etree.SubElement(
+        vehicle,
+        "stop",
+        lane=lane.id,
+        startPos=_num(place - driver.length),
+        endPos=_num(place),
+        duration=_num(seconds),
+    )
+    return [_vtype("waiting0", driver, 1.0, "magenta"), vehicle]
+
+
+def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> list[etree._Element]:
+    """What SUMO's traffic sees of an obstacle: a vehicle of its size that stands there for ever."""
+    elements: list[etree._Element] = []
+    for o in obstacles:
+        lane = network.lane(o.lane)
+        front = (lane.line.project(o.x, o.y)[0] + o.length / 2) * lane.length / lane.line.length
+        elements.append(
+            etree.Element(
+                "vType",
+                id=f"{o.id}_type",
+                vClass="passenger",
+                length=_num(o.length),
+                width=_num(o.width),
+                maxSpeed="0.1",
+                minGap="0.5",
+                color="orange",
+            )
+        )
+        vehicle = etree.Element(
+            "vehicle", id=o.id, type=f"{o.id}_type", depart="0", departLane=str(lane.order),
+            departPos=_num(front), departSpeed="0", insertionChecks="none",
+        )  # fmt: skip
+        etree.SubElement(vehicle, "route", edges=lane.edge)
+        rear = max(front - o.length, 0.0)
+        etree.SubElement(
+            vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400"
+        )  # fmt: skip
+        elements.append(vehicle)
+    return elements
+
+
+def obey_element(edges: Sequence[str], network: RoadNetwork, speed: float) -> etree._Element:
+    """SUMO's variable speed sign over whole edges: what a speed plate means to other traffic."""
+    lanes = " ".join(lane.id for e in edges for lane in network.edge_lanes(e))
+    sign = etree.Element("variableSpeedSign", id="posted_speed", lanes=lanes)
+    etree.SubElement(sign, "step", time="0", speed=_num(speed))
+    return sign
+
+
+def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:
+    """Write an additional file (.xml or .xml.gz) without times or names in its header; returns the plain content."""
+    root = etree.Element("additional")
+    root.append(etree.Comment(" road data (c) OpenStreetMap contributors, ODbL 1.0 "))
+    root.extend(elements)
+    etree.indent(root, " ")
+    content: bytes = etree.tostring(root, encoding="utf-8", xml_declaration=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(gzip.compress(content, 9, mtime=0) if path.suffix == ".gz" else content)
+    return content

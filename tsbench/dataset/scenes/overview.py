@@ -1,0 +1,98 @@
+"""Figures about the scenario tables: what there is, where, and how evenly."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_file
+from tsbench.core.textfile import read_json
+from tsbench.dataset.scenes.build import stratum_of
+from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.spec import ScenarioSpec
+
+PLACE_M = 300.0
+
+
+@dataclass(frozen=True)
+class TypeStats:
+    """Rows, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
+
+    The rest are shares of rows after their certificates, gap_s the median of |arrival gap| (NaN where there is none).
+    """
+
+    type_id: str
+    split: str
+    rows: int
+    maps: int
+    places: int
+    strata: dict[str, int]
+    tagged_share: float
+    solvable: float
+    tempting: float
+    engaged: float
+    sane: float
+    reproduced: float
+    gap_s: float
+
+
+def places(points: Sequence[tuple[float, float]]) -> int:
+    """How many places more than 300 m apart cover all points: greedy, in the order given."""
+    chosen: list[tuple[float, float]] = []
+    for e, n in points:
+        if all((e - a) ** 2 + (n - b) ** 2 > PLACE_M**2 for a, b in chosen):
+            chosen.append((e, n))
+    return len(chosen)
+
+
+def build_report(root: Path | None = None) -> list[dict[str, Any]]:
+    """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
+    path = data_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    if not path.exists():
+        raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
+    report: list[dict[str, Any]] = read_json(path, "build report")
+    wanted = {"type_id": str, "split": str}
+    for entry in report if isinstance(report, list) else [None]:
+        if not isinstance(entry, dict) or any(not isinstance(entry.get(k), v) for k, v in wanted.items()):
+            raise InputError(f"{path}: not a build report (expected a list of reports on types)")
+    return report
+
+
+def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
+    """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
+    pool = {r.map_id: r for r in read_pool(pool_file())}
+    known = {c.scenario_id: c for c in read_certificates(certificates_path())}
+    groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
+    for spec in specs:
+        groups[(spec.scenario_type, spec.split)].append(spec)
+    result = []
+    for (type_id, split), rows in sorted(groups.items()):
+        maps = [pool[m] for m in sorted({r.map_id for r in rows})]
+        proofs = [known[r.scenario_id] for r in rows if r.scenario_id in known]
+        gaps = [abs(c.arrival_gap_s) for c in proofs if not math.isnan(c.arrival_gap_s)]
+        n = len(rows)
+        result.append(
+            TypeStats(
+                type_id=type_id,
+                split=split,
+                rows=n,
+                maps=len(maps),
+                places=places([(m.east, m.north) for m in maps]),
+                strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
+                tagged_share=sum(m.well_tagged for m in maps) / len(maps),
+                solvable=sum(c.solvable for c in proofs) / n,
+                tempting=sum(c.tempting for c in proofs) / n,
+                engaged=sum(c.engaged for c in proofs) / n,
+                sane=sum(c.sane for c in proofs) / n,
+                reproduced=sum(c.reproduced is True for c in proofs) / n,
+                gap_s=median(gaps) if gaps else math.nan,
+            )
+        )
+    return result

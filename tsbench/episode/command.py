@@ -1,0 +1,68 @@
+"""From what a planner returned to a command for the vehicle, checked before anything else sees it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsbench.core.errors import PlannerOutputError, cause_of
+from tsbench.planners.base import Control, Trajectory
+from tsbench.roads.network import RoadNetwork
+from tsbench.sim.ego import Motion, check_trajectory, track
+
+Command = tuple[float, float]
+
+
+def to_command(output: object, motion: Motion, network: RoadNetwork) -> tuple[Command, tuple[str, ...]]:
+    """((acceleration, steering), intent) of a planner's output. Raises PlannerOutputError with what is wrong."""
+    try:
+        if isinstance(output, Control):
+            return _numbers(output), _intent(output.intent, network)
+        if isinstance(output, Trajectory):
+            return _tracked(output, motion), _intent(output.intent, network)
+    except (PlannerOutputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        # A number of the planner's own making may raise what it likes.
+        raise PlannerOutputError(f"{type(output).__name__} cannot be read ({cause_of(error)})") from error
+    raise PlannerOutputError(f"act returned {type(output).__name__}, expected Control or Trajectory")
+
+
+def _numbers(control: Control) -> Command:
+    acceleration, steering = control.acceleration, control.steering
+    # Text and complex numbers have no __float__.
+    if not all(hasattr(type(value), "__float__") for value in (acceleration, steering)):
+        raise PlannerOutputError(
+            f"Control holds {type(acceleration).__name__} and {type(steering).__name__}, expected two numbers"
+        )
+    try:
+        acceleration, steering = float(acceleration), float(steering)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise PlannerOutputError(f"Control holds what is no number of a vehicle ({error})") from None
+    if not (math.isfinite(acceleration) and math.isfinite(steering)):
+        raise PlannerOutputError(f"Control is not finite: acceleration {acceleration}, steering {steering}")
+    return acceleration, steering
+
+
+def _tracked(trajectory: Trajectory, motion: Motion) -> Command:
+    times, poses = trajectory.times, trajectory.poses
+    for name, array in (("times", times), ("poses", poses)):
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+            kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+            raise PlannerOutputError(f"Trajectory.{name} is {kind}, expected a NumPy array of numbers")
+    check_trajectory(times, poses)
+    command = track(motion, times, poses)
+    if not all(map(math.isfinite, command)):
+        raise PlannerOutputError("trajectory leads beyond what numbers can hold")
+    return command
+
+
+def _intent(edges: object, network: RoadNetwork) -> tuple[str, ...]:
+    if not isinstance(edges, tuple):
+        raise PlannerOutputError(f"intent is {type(edges).__name__}, expected a tuple of edge ids")
+    for edge in edges:
+        if not isinstance(edge, str) or edge not in network.edges:
+            raise PlannerOutputError(f"intent names edge {edge!r:.80}, which is not in the network")
+    # Plain ones of the network's own: what is kept runs no code of the planner.
+    return tuple(network.edges[edge].id for edge in edges)

@@ -1,0 +1,107 @@
+"""How an episode ends. Source: docs/spec/metrics.md, "How an episode ends"."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tsbench.episode.fault import contact_at_fault
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.sim.contact import touched_actor, touched_obstacle
+from tsbench.sim.navigation import RouteView
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import ActorKind, WorldSnapshot
+
+ARRIVAL_M = 5.0
+
+
+class Outcome(StrEnum):
+    """Exactly one per episode; the last four are errors."""
+
+    ARRIVED = "arrived"
+    COLLISION = "collision"
+    OFF_ROAD = "off_road"
+    TIMEOUT = "timeout"
+    PLANNER_ERROR = "planner_error"
+    PLANNER_TIMEOUT = "planner_timeout"
+    INVALID_OUTPUT = "invalid_output"
+    SIM_ERROR = "sim_error"
+
+    @property
+    def is_error(self) -> bool:
+        """Did the episode break off without a result?"""
+        return self in (
+            Outcome.PLANNER_ERROR,
+            Outcome.PLANNER_TIMEOUT,
+            Outcome.INVALID_OUTPUT,
+            Outcome.SIM_ERROR,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The contact that ended an episode. partner_kind: vehicle | pedestrian | obstacle; partner: SUMO id."""
+
+    step: int
+    partner_kind: str
+    partner: str
+    at_fault: bool
+
+
+class TerminationCheck:
+    """Says of each tick whether the episode ends there, and how; the same during a run and from its trace.
+
+    target: the monitor of the scenario's own sign, which has taken in the tick before. contact: the one that ended the
+    episode, None where none did.
+    """
+
+    def __init__(self, scene: Scene, target: Monitor) -> None:
+        self.contact: Contact | None = None
+        self._scene, self._target = scene, target
+        self._dest_lanes = frozenset(scene.network.edges[scene.destination.edge].lanes)
+
+    def at(self, snapshot: WorldSnapshot) -> Outcome | None:
+        """The outcome if this tick is the last. Contact wins over arrival, arrival over the horizon."""
+        ego = snapshot.ego
+        self.contact = self._touched(snapshot)
+        if self.contact is not None:
+            return Outcome.COLLISION
+        if not ego.on_road:
+            return Outcome.OFF_ROAD
+        if ego.lane in self._dest_lanes and abs(ego.s - self._scene.destination.s) <= ARRIVAL_M:
+            return Outcome.ARRIVED
+        if self._target.completed:
+            return Outcome.ARRIVED
+        if snapshot.step >= self._scene.horizon:
+            return Outcome.TIMEOUT
+        return None
+
+    def _touched(self, snapshot: WorldSnapshot) -> Contact | None:
+        ego, actors = snapshot.ego, snapshot.actors
+        hit = touched_actor(ego, actors)
+        if hit >= 0:
+            row = int(actors.index[hit])
+            kind = "pedestrian" if actors.table.kind[row] == ActorKind.PEDESTRIAN else "vehicle"
+            size = float(actors.length[hit]), float(actors.width[hit])
+            fault = contact_at_fault(ego, actors.pose[hit], float(actors.speed[hit]), *size)
+            return Contact(snapshot.step, kind, actors.table.ids[row], fault)
+        obstacle = touched_obstacle(ego, self._scene.obstacles)
+        return None if obstacle is None else Contact(snapshot.step, "obstacle", obstacle.id, True)
+
+
+@dataclass(frozen=True)
+class EpisodeFacts:
+    """All that happened in one episode, the input of every per-episode metric.
+
+    snapshots: one per tick, step 0 first. route: the navigation view at the last tick. target: verdict on the
+    scenario's own sign; others: verdicts on the other signs. start_remaining_m: way to go at step 0.
+    """
+
+    scene: Scene
+    snapshots: list[WorldSnapshot]
+    route: RouteView
+    start_remaining_m: float
+    outcome: Outcome
+    contact: Contact | None
+    target: Verdict
+    others: tuple[Verdict, ...]

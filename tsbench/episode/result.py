@@ -1,0 +1,31 @@
+"""What running one episode gives back, before it becomes a record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.geometry.polyline import Array
+from tsbench.scenarios.spec import ScenarioSpec
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode. `facts` is None if it ended before the first tick (a scene that does not load).
+
+    error: one line, "" where there is none; detail: traceback and SUMO's last words for `errors/`.
+    planner_s: (n,) seconds that the planner took at each tick; sim_s, start_s, total_s: wall-clock seconds.
+    commands: (n, 2) acceleration and steering as asked by the planner (or its trajectory's tracker).
+    """
+
+    spec: ScenarioSpec
+    planner: str
+    outcome: Outcome
+    error: str
+    detail: str
+    facts: EpisodeFacts | None
+    commands: Array
+    planner_s: Array
+    start_s: float
+    sim_s: float
+    total_s: float

@@ -1,0 +1,335 @@
+"""Traces: every tick of one episode as one Parquet file, `RUN/traces/<planner>/<scenario_id>.parquet`.
+
+A row is a tick; what does not change stands as JSON in the file's metadata. Floats come back bit for bit, so
+that a monitor that reads a trace says exactly what it said during the run; the same episode gives the same
+bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+from urllib.parse import quote, unquote
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.core.errors import InputError
+from tsbench.core.parquet import check_size
+from tsbench.core.text import one_line
+from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.episode.result import EpisodeResult
+from tsbench.geometry.polyline import Array
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.rules.base import Verdict, Violation
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.navigation import Navigator, RouteView
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+TRACE_SCHEMA = 1
+_KEY = "tsbench.trace"
+_EGO = tuple(
+    (f.name, {"float": pa.float64(), "int": pa.int32(), "bool": pa.bool_()}[str(f.type)])
+    for f in fields(EgoState)
+)
+_ACTOR = (
+    ("index", pa.int32()), ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()),
+    ("speed", pa.float64()), ("lane", pa.int32()), ("lane_s", pa.float64()),
+)  # fmt: skip
+_FIELDS: list[Any] = (
+    [pa.field("step", pa.int32(), nullable=False), pa.field("time", pa.float64(), nullable=False)]
+    + [pa.field(f"ego_{name}", kind, nullable=False) for name, kind in _EGO]
+    + [
+        pa.field(f"actor_{n}", pa.list_(pa.field("element", k, nullable=False)), nullable=False)
+        for n, k in _ACTOR
+    ]
+    + [pa.field("acceleration", pa.float64()), pa.field("steering", pa.float64())]
+)
+SCHEMA = pa.schema(_FIELDS)
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One episode as it was recorded.
+
+    snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
+    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, start_remaining_m:
+    as in `EpisodeFacts`.
+    """
+
+    spec: ScenarioSpec
+    planner: str
+    outcome: Outcome
+    error: str
+    contact: Contact | None
+    target: Verdict
+    others: tuple[Verdict, ...]
+    start_remaining_m: float
+    snapshots: list[WorldSnapshot]
+    commands: Array
+
+    def routes(self, graph: LaneGraph, scene: Scene) -> list[RouteView]:
+        """The navigation view of every tick, found again by driving the same navigator along the trace."""
+        navigator = Navigator(graph, scene.destination)
+        return [navigator.update(snapshot.ego) for snapshot in self.snapshots]
+
+    def facts(self, graph: LaneGraph, scene: Scene) -> EpisodeFacts:
+        """What the metrics are computed from, as it was at the end of the run."""
+        return EpisodeFacts(
+            scene=scene, snapshots=self.snapshots, route=self.routes(graph, scene)[-1],
+            start_remaining_m=self.start_remaining_m, outcome=self.outcome, contact=self.contact,
+            target=self.target, others=self.others,
+        )  # fmt: skip
+
+
+def trace_of(result: EpisodeResult) -> Trace:
+    """The trace of an episode that was just run. Raises ValueError for an episode without a tick."""
+    facts = result.facts
+    if facts is None or not facts.snapshots:
+        raise ValueError(
+            f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})"
+        )
+    return Trace(
+        result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
+        facts.start_remaining_m, facts.snapshots, result.commands,
+    )  # fmt: skip
+
+
+def trace_path(run: Path, planner: str, scenario_id: str) -> Path:
+    """Where the trace of an episode lies in a run folder; names become safe file names."""
+    return run / "traces" / _file_name(planner) / f"{_file_name(scenario_id)}.parquet"
+
+
+def find_trace(run: Path, episode: str) -> Path:
+    """The trace of `scenario_id` or `planner/scenario_id` in a run folder.
+
+    Raises InputError where there is none, naming a few that there are, and where several planners have one.
+    """
+    root = run / "traces"
+    if not run.is_dir():
+        raise InputError(f"{run}: no such run folder")
+    if not root.is_dir():
+        raise InputError(f"{run}: this run kept no traces (tsbench run --trace all)")
+    planners = sorted(path.name for path in root.iterdir() if path.is_dir())
+    planner, slash, scenario = episode.rpartition("/")
+    if slash:
+        path = trace_path(run, planner, scenario)
+        if path.is_file():
+            return path
+    found = [name for name in planners if (root / name / f"{_file_name(episode)}.parquet").is_file()]
+    if len(found) == 1:
+        return root / found[0] / f"{_file_name(episode)}.parquet"
+    if found:
+        choices = ", ".join(f"{unquote(name)}/{episode}" for name in found)
+        raise InputError(f"{run}: {episode} was driven by several planners, name one: {choices}")
+    known = sorted(path for name in planners for path in (root / name).glob("*.parquet"))[:3]
+    some = ", ".join(f"{unquote(path.parent.name)}/{unquote(path.stem)}" for path in known)
+    raise InputError(
+        f"{run}: no trace of {episode!r}" + (f"; there are {some}, …" if some else ": there is none at all")
+    )
+
+
+def _file_name(name: str) -> str:
+    safe = quote(name, safe="")
+    return safe.replace(".", "%2E") if not safe.strip(".") else safe
+
+
+def write_trace(path: Path, result: EpisodeResult) -> None:
+    """Write an episode's trace, all or nothing. Raises ValueError for an episode without a tick."""
+    facts = result.facts
+    if facts is None or not facts.snapshots:
+        raise ValueError(f"{result.spec.scenario_id}: an episode without a tick has no trace")
+    head = {
+        "schema": TRACE_SCHEMA,
+        "planner": result.planner,
+        "scenario": _plain(asdict(result.spec)),
+        "outcome": str(result.outcome),
+        "error": one_line(result.error),
+        "contact": None if facts.contact is None else asdict(facts.contact),
+        "target": verdict_to_dict(facts.target),
+        "others": [verdict_to_dict(v) for v in facts.others],
+        "start_remaining_m": _plain(facts.start_remaining_m),
+        "actors": _table_to_dict(facts.snapshots[-1].actors.table),
+    }
+    text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    columns = _columns(facts.snapshots, result.commands)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    table = pa.table(columns, schema=SCHEMA)
+    try:
+        with temporary.open("wb") as file:
+            with pq.ParquetWriter(
+                file, SCHEMA, compression="zstd", use_dictionary=False, write_page_checksum=True
+            ) as writer:
+                writer.write_table(table, row_group_size=table.num_rows)
+                # Not in the schema, which Parquet would store a second time.
+                writer.add_key_value_metadata({_KEY: text})
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _columns(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
+    counts = [len(s.actors) for s in snapshots]
+    offsets = pa.array(np.concatenate(([0], np.cumsum(counts))), type=pa.int32())
+    flat: dict[str, list[npt.NDArray[Any]]] = {
+        "index": [s.actors.index for s in snapshots],
+        "speed": [s.actors.speed for s in snapshots],
+        "lane": [s.actors.lane for s in snapshots],
+        "lane_s": [s.actors.lane_s for s in snapshots],
+        "x": [s.actors.pose[:, 0] for s in snapshots],
+        "y": [s.actors.pose[:, 1] for s in snapshots],
+        "heading": [s.actors.pose[:, 2] for s in snapshots],
+    }
+    columns: dict[str, Any] = {
+        "step": pa.array([s.step for s in snapshots], type=pa.int32()),
+        "time": pa.array([s.time for s in snapshots], type=pa.float64()),
+    }
+    for name, kind in _EGO:
+        columns[f"ego_{name}"] = pa.array([getattr(s.ego, name) for s in snapshots], type=kind)
+    for name, kind in _ACTOR:
+        values = pa.array(np.concatenate(flat[name]), type=kind)
+        element = SCHEMA.field(f"actor_{name}").type
+        columns[f"actor_{name}"] = pa.ListArray.from_arrays(offsets, values, type=element)
+    # The planner may have failed before its last command took effect: no more commands than steps are kept.
+    missing = [None] * (len(snapshots) - min(len(commands), len(snapshots)))
+    for k, name in enumerate(("acceleration", "steering")):
+        columns[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
+    return columns
+
+
+def read_trace(path: Path) -> Trace:
+    """Read a trace. Raises InputError (one line) for anything that is not a whole trace of this schema."""
+    try:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            head = (file.metadata.metadata or {}).get(_KEY.encode())
+            check_size(file, path)
+            table = file.read(use_threads=False)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such trace") from None
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{path}: cannot be read as a trace ({_one_line(error)})") from None
+    if head is None:
+        raise InputError(f"{path}: a Parquet file, but no trace of tsbench")
+    try:
+        meta = json.loads(head)
+        if meta["schema"] != TRACE_SCHEMA:
+            raise InputError(
+                f"{path}: trace of schema {meta['schema']}, this tsbench reads schema {TRACE_SCHEMA}"
+            )
+        return _trace(meta, table.cast(SCHEMA).combine_chunks())
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
+        raise InputError(f"{path}: malformed trace ({type(error).__name__}: {_one_line(error)})") from None
+
+
+def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
+    if not table.num_rows:
+        raise ValueError("no ticks")
+    snapshots = _snapshots(table, _table_from_dict(meta["actors"]))
+    known = table.num_rows - table["acceleration"].null_count
+    commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
+    return Trace(
+        spec=_build(ScenarioSpec, meta["scenario"]),
+        planner=str(meta["planner"]),
+        outcome=Outcome(meta["outcome"]),
+        error=str(meta["error"]),
+        contact=None if meta["contact"] is None else _build(Contact, meta["contact"]),
+        target=verdict_from_dict(meta["target"]),
+        others=tuple(verdict_from_dict(v) for v in meta["others"]),
+        start_remaining_m=float(meta["start_remaining_m"]),
+        snapshots=snapshots,
+        commands=commands.astype(np.float64, copy=False),
+    )
+
+
+def _snapshots(table: Any, actors: ActorTable) -> list[WorldSnapshot]:
+    lists = {name: table[f"actor_{name}"].chunk(0) for name, _ in _ACTOR}
+    at = lists["index"].offsets.to_pylist()
+    if any(lists[name].offsets.to_pylist() != at for name in lists):
+        raise ValueError("actor columns of unequal length")
+    flat = {name: column.values.to_numpy() for name, column in lists.items()}
+    index, lane = flat["index"], flat["lane"]
+    if len(index) and (int(index.min()) < 0 or int(index.max()) >= len(actors.ids)):
+        raise ValueError("an actor that is not in the actor table")
+    pose = np.column_stack([flat[n] for n in ("x", "y", "heading")])
+    pose.flags.writeable = False
+    egos = [EgoState(*row) for row in zip(*(table[f"ego_{n}"].to_pylist() for n, _ in _EGO), strict=True)]
+    steps, times = table["step"].to_pylist(), table["time"].to_pylist()
+    return [
+        WorldSnapshot(
+            steps[k],
+            times[k],
+            egos[k],
+            Actors(actors, index[a:b], pose[a:b], flat["speed"][a:b], lane[a:b], flat["lane_s"][a:b]),
+        )
+        for k, (a, b) in enumerate(pairwise(at))
+    ]
+
+
+def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
+    """A verdict as plain JSON values; non-finite numbers as text."""
+    result: dict[str, Any] = _plain(asdict(verdict))
+    return result
+
+
+def verdict_from_dict(data: Mapping[str, Any]) -> Verdict:
+    """The verdict that `verdict_to_dict` wrote. KeyError, TypeError or ValueError for anything else."""
+    violations = tuple(_build(Violation, v) for v in data["violations"])
+    return _build(Verdict, {**data, "violations": violations})
+
+
+def _table_to_dict(table: ActorTable) -> dict[str, Any]:
+    n = len(table.ids)
+    return {
+        "id": table.ids,
+        "kind": table.kind[:n].tolist(),
+        "length": table.length[:n].tolist(),
+        "width": table.width[:n].tolist(),
+        "route": [" ".join(route) for route in table.routes],
+    }
+
+
+def _table_from_dict(data: Mapping[str, Any]) -> ActorTable:
+    names = ("id", "kind", "length", "width", "route")
+    table = ActorTable(capacity=max(len(data["id"]), 1))
+    for actor, kind, length, width, route in zip(*(data[n] for n in names), strict=True):
+        table.add(str(actor), ActorKind(kind), float(length), float(width), tuple(route.split()))
+    return table
+
+
+def _plain(value: Any) -> Any:
+    """Values for JSON: NaN and infinities, which it does not have, become text."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, float):
+        value = float(value)
+        return value if np.isfinite(value) else repr(value)
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _build(cls: type[_T], data: Mapping[str, Any]) -> _T:
+    """A dataclass from plain values; fields that are floats may stand as text."""
+    known = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
+    if set(known) != set(data):
+        raise ValueError(f"{cls.__name__} has not the fields {sorted(set(known) ^ set(data))}")
+    return cls(
+        **{k: float(v) if known[k].startswith("float") and v is not None else v for k, v in data.items()}
+    )
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]

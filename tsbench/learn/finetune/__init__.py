@@ -1,0 +1,1 @@
+"""Fine-tuning `plant2` to read signs."""

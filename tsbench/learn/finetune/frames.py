@@ -1,0 +1,127 @@
+"""Frames of obedient drives: whose they are, and what is seen. Source: docs/spec/planners.md."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.learn.finetune.handover import Handover
+from tsbench.learn.finetune.targets import LessonSampling, SignTargets
+from tsbench.learn.imitation.drives import DriveResult, Drivers
+from tsbench.learn.imitation.frames import frames_of
+from tsbench.learn.oracle.trajectories import Recorded, Replayer
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
+from tsbench.planners.plant2.route_alternatives import RouteAlternatives
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import load_catalog
+
+# No forecasts: fine-tuning has no loss for them. family: of `finetune_targets.FAMILIES`; type: of the catalogue's.
+SIGN_FRAME = np.dtype(
+    [
+        *((name, at.SIGN_TOKENS[name]) for name in at.SIGN_TOKENS.names or ()),
+        ("path", np.float32, (at.PATH_POINTS, 2)),
+        ("path_known", np.uint8, (at.PATH_POINTS,)),
+        ("waypoints", np.float32, (at.WAYPOINTS, 2)),
+        ("waypoints_known", np.uint8, (at.WAYPOINTS,)),
+        ("speed", np.float32),
+        ("family", np.uint8),
+        ("type", np.uint8),
+        ("decides", np.uint8),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LessonSource:
+    """Frames of drives that reached the destination and kept to the sign; the others teach nothing."""
+
+    sampling: LessonSampling
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Tokens with signs, targets, and what a frame counts as."""
+        return SIGN_FRAME
+
+    def facts(self) -> dict[str, Any]:
+        """The sampling."""
+        return {"sampling": asdict(self.sampling)}
+
+    def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
+        """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
+        if not succeeded(driven.facts):
+            return np.zeros(0, dtype=SIGN_FRAME)
+        catalog = load_catalog()
+        sign = catalog.sign(driven.facts.scene.target_sign.code)
+        kind = next(k for k, known in enumerate(catalog.types) if sign.code in known.codes)
+        teacher = SignTargets(driven, sign.rule, kind, self.sampling)
+        ways = RouteAlternatives(driven.roads.graph, driven.facts.scene.destination)
+        encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
+
+
+def succeeded(facts: EpisodeFacts) -> bool:
+    """SCD: arrived, and the target rule was kept."""
+    return facts.outcome is Outcome.ARRIVED and facts.target.compliant
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedDrive:
+    """A drive of the oracle's data, replayed."""
+
+    spec: ScenarioSpec
+    recorded: Recorded
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Scenario, driver, attempt."""
+        return self.spec.scenario_id, self.recorded.planner, str(self.recorded.attempt)
+
+    def facts(self) -> dict[str, Any]:
+        """The row, and the fingerprints that the replay has to meet."""
+        r = self.recorded
+        return {
+            "spec": asdict(self.spec),
+            "driver": r.planner,
+            "attempt": r.attempt,
+            "ego": r.ego,
+            "others": r.others,
+        }
+
+    def run(self, drivers: Drivers) -> DriveResult | None:
+        """Raises SimulationError where the replay is another drive."""
+        replayer = drivers.kept(Replayer, Replayer)
+        return DriveResult(replayer.replay(self.recorded, self.spec), drivers.roads(self.spec))
+
+
+@dataclass(frozen=True, slots=True)
+class TakeoverDrive:
+    """The student drives; at `tick` the expert takes over. student: folder of its weights, `sha256` of the file."""
+
+    spec: ScenarioSpec
+    expert: str
+    tick: int
+    student: Path
+    sha256: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Scenario, expert, tick, student."""
+        return self.spec.scenario_id, self.expert, str(self.tick), self.sha256
+
+    def facts(self) -> dict[str, Any]:
+        """The row, who drives from where on."""
+        return {"spec": asdict(self.spec), "driver": self.expert, "tick": self.tick, "student": self.sha256}
+
+    def run(self, drivers: Drivers) -> DriveResult | None:
+        """Frames from the takeover on."""
+        runner = drivers.kept(
+            (Handover, self.expert, self.student),
+            lambda simulation, loader: Handover(self.expert, self.student, simulation, loader),
+        )
+        facts = runner.drive(self.spec, self.tick)
+        return None if facts is None else DriveResult(facts, drivers.roads(self.spec), since=self.tick)

@@ -1,0 +1,55 @@
+"""Drives that a student begins and an expert ends: what to do where the student gets to, not where experts are.
+
+The idea is DAgger's (Ross et al. 2011), with the expert driving on instead of only being asked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.registry import resolve
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+
+
+class Takeover:
+    """The student's commands until `tick`, then the expert's, who has watched from the start."""
+
+    def __init__(self, student: Planner, expert: Planner) -> None:
+        self._student, self._expert = student, expert
+        self.tick = 0
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode. Only the expert is told the rule."""
+        self._expert.reset(context)
+        self._student.reset(replace(context, privilege=None))
+
+    def act(self, observation: Observation) -> Control | Trajectory:
+        """One command for the next 0.1 s."""
+        # Asked all along: what an expert remembers of its way hangs on what it has seen.
+        expert = self._expert.act(observation)
+        return expert if observation.step >= self.tick else self._student.act(observation)
+
+
+class Handover(EpisodeRunner):
+    """Runs such drives in the process's one simulation. student: folder of `plant2-ft`'s weights."""
+
+    def __init__(self, expert: str, student: Path, simulation: Simulation, loader: SceneLoader) -> None:
+        import torch
+
+        super().__init__(expert, "takeover", simulation=simulation, loader=loader)
+        torch.set_num_threads(1)
+        self._takeover = Takeover(Plant2Ft(folder=student), resolve(expert).factory())
+        self._planner = self._takeover
+
+    def drive(self, spec: ScenarioSpec, tick: int) -> EpisodeFacts | None:
+        """The episode; None where it ended in an error, or before the takeover."""
+        self._takeover.tick = tick
+        facts = self.run(spec).facts
+        return facts if facts is not None and len(facts.snapshots) > tick else None

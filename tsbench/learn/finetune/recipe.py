@@ -1,0 +1,123 @@
+"""What a training of `plant2-ft` is asked to be, and which drives it learns from."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.seeds import rng_of
+from tsbench.learn.finetune.frames import RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.targets import LessonSampling
+from tsbench.learn.imitation.drives import Drive, PlannerDrive
+from tsbench.learn.imitation.recipe import in_turn, kept_for_validation
+from tsbench.learn.oracle.trajectories import read_trajectories
+from tsbench.planners.weights import network
+from tsbench.scenarios.spec import ScenarioSpec
+
+# Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
+_TAKEOVER_TICKS = (5, 120)
+_PART = "train"
+
+
+@dataclass(frozen=True, slots=True)
+class FineTuning:
+    """Figures of a fine-tuning; the defaults are docs/spec/planners.md's.
+
+    base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
+    drivers: planners that are driven for frames; none = the oracle's drives in `trajectories`. drives: how many, types
+    in turn, three a turn of those in `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover`
+    (0 to 1) of the drives, which `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of
+    the rate, for new parameters. cap: greatest share of a family in a batch. Others as in `imitation_recipe.Recipe`.
+    """
+
+    base: Path | None = None
+    trajectories: Path | None = None
+    drivers: tuple[str, ...] = ()
+    drives: int = 0
+    more: tuple[str, ...] = ()
+    student: Path | None = None
+    takeover: float = 0.3
+    expert: str = "idm-e"
+    epochs: int = 26
+    batch: int = 128
+    rate: float = 1e-4
+    layer_decay: float = 0.8
+    new_factor: float = 5.0
+    decay: float = 0.05
+    clip: float = 1.0
+    warm_up: float = 0.02
+    cap: float = 0.25
+    validation: int = 58
+    types: tuple[str, ...] = ()
+    seed: int = 0
+    sampling: LessonSampling = field(default_factory=LessonSampling)
+
+    def facts(self) -> dict[str, Any]:
+        """What a training that is continued must have in common with the one before: files by their hashes."""
+        found = asdict(self)
+        for name in ("drivers", "types", "more"):
+            found[name] = list(found[name])
+        size, found["base"] = begins_with(self.base)
+        found["student"] = None if self.student is None else network("plant2-ft", self.student).weights.sha256
+        found["trajectories"] = None
+        if self.trajectories is not None and not self.drivers:
+            found["trajectories"] = hashlib.sha256(self.trajectories.read_bytes()).hexdigest()
+        return {"size": size, **found, "split": "train"}
+
+
+def begins_with(base: Path | None) -> tuple[str, str]:
+    """Size and SHA-256 of the weights that a training begins with. Raises InputError where there are none."""
+    facts = network(name_of(base), base)
+    return str(facts.training.get("size", "")), facts.weights.sha256
+
+
+def name_of(base: Path | None) -> str:
+    """Which network lies in a folder: `plant2-ft`, if it does, else `plant2`."""
+    return "plant2-ft" if base is not None and (base / "plant2-ft.json").is_file() else "plant2"
+
+
+def lessons_of(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+    """The drives to learn from, types in turn; of no map that checkpoints are chosen on.
+
+    Raises InputError for recorded drives of scenarios that the train split has not.
+    """
+    drives = _driven(rows, recipe) if recipe.drivers else _recorded(rows, recipe)
+    if recipe.student is None:
+        return drives
+    student, sha256 = recipe.student, network("plant2-ft", recipe.student).weights.sha256
+    made: list[Drive] = []
+    for drive in drives:
+        # By what the drive is, not by its place in a list in which types come in turn.
+        rng = rng_of("takeover", recipe.seed, sha256, *drive.names)
+        share, tick = float(rng.random()), int(rng.integers(*_TAKEOVER_TICKS))
+        taken = TakeoverDrive(drive.spec, recipe.expert, tick, student, sha256)
+        made.append(taken if share < recipe.takeover else drive)
+    return made
+
+
+def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+    chosen = [row for row in rows if not kept_for_validation(row)]
+    chosen = in_turn(chosen, recipe.drives or len(chosen), recipe.seed, "lessons", recipe.more)
+    return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
+
+
+def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+    assert recipe.trajectories is not None
+    known = {row.scenario_id: row for row in rows}
+    by_scenario: dict[str, list[RecordedDrive]] = {}
+    for recorded in read_trajectories(recipe.trajectories):
+        row = known.get(recorded.scenario_id)
+        if row is not None and recorded.part == _PART and recorded.rank:
+            by_scenario.setdefault(recorded.scenario_id, []).append(RecordedDrive(row, recorded))
+    chosen = [row for row in rows if row.scenario_id in by_scenario and not kept_for_validation(row)]
+    if not chosen:
+        raise InputError(f"{recipe.trajectories}: no drives of the train split's scenarios of these types")
+    order = in_turn(chosen, len(chosen), recipe.seed, "lessons", recipe.more)
+    # The best drive of each scenario first, then the second best ones.
+    tries = [(k, row.scenario_id) for k in range(max(map(len, by_scenario.values()))) for row in order]
+    drives: list[Drive] = [by_scenario[name][k] for k, name in tries if k < len(by_scenario[name])]
+    return drives[: recipe.drives or len(drives)]

@@ -1,0 +1,196 @@
+"""What `plant2-ft` learns of an obedient drive: targets by rule, and which ticks are decisions.
+
+Source: docs/spec/planners.md; where it says little, this is how it was read:
+* Path: the way that was driven, 20 m of it by metres (4 s at 5 m/s), never the route. The route that is seen is the
+  navigation's: at manoeuvre and travel-direction signs it leads into the prohibited branch until the ego has left it.
+* Speed: the least of the driver's from `Sampling.speed_s` on to 4 s ahead, where a rule is about speed, and in the
+  decision window where it is about the way. From `speed_s` on and not from now on: the least of now would never set
+  off. Not all along the way: slowing 4 s before each corner is 10 s lost in an episode that leaves 13.
+  Under an upper limit, `margin_kmh` below the posted one at most, from 4 s before the plate's line on.
+  4.6: posted + 3 km/h, unless somebody ahead is slower or close; then the driver's own.
+* Right of way, and where one comes up to a place to wait at it (obstacles, closed roads, reserved lanes): the driver's
+  speed `speed_s` later once it speeds up, the least until then before: a start is a decision of its moment, and who is
+  told of it ahead goes while the way is not yet clear. The least over 4 s would stop far before the line. Before a full
+  stop, the least until then in any case.
+* Decision window: metres of the driven way before and after where the sign's rule decides, thrice as dense in frames.
+
+Units: m, s, m/s, rad; km/h on plates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsbench.geometry.polyline import Array
+from tsbench.learn.imitation.drives import DriveResult
+from tsbench.learn.imitation.frames import Sampling, Track
+from tsbench.planners.base import Observation
+from tsbench.planners.common.speed_profile import PathSamples
+from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.signs import STOPPED_MPS
+from tsbench.planners.plant2.tokens import Pose
+from tsbench.signs.model import RuleSpec
+from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams
+from tsbench.signs.rule_kinds import for_every_kind
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S
+
+_KMH = 1.0 / 3.6
+_LEAST_OVER_S = 4.0
+_ABOVE_MINIMUM_KMH = 3.0
+# Nearer ahead than this, in seconds, somebody is followed and not the minimum.
+_CLOSE_S = 1.5
+# Who speeds up by less goes on as before.
+_SPEEDS_UP_MPS2 = 0.2
+# A stop for the line is within this of it, centre to line.
+_STOP_WITHIN_M = 8.0
+
+FAMILIES = ("right of way", "speed", "obstacle", "lane", "manoeuvre", "travel direction")
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSpec:
+    """How a rule is taught. family: of FAMILIES. before, after: m, the decision window. least: over 4 s, in it?"""
+
+    family: str
+    before: float
+    after: float
+    least: bool = False
+
+
+LESSONS: Mapping[str, TargetSpec] = for_every_kind(
+    "lesson",
+    {
+        "give_way": TargetSpec("right of way", 35.0, 12.0),
+        "stop": TargetSpec("right of way", 35.0, 12.0),
+        "roundabout": TargetSpec("right of way", 35.0, 25.0),
+        "crosswalk": TargetSpec("right of way", 35.0, 8.0),
+        "speed": TargetSpec("speed", 60.0, 15.0, least=True),
+        "min_speed": TargetSpec("speed", 30.0, 80.0),
+        "detour": TargetSpec("obstacle", 55.0, 6.0),
+        "closed_road": TargetSpec("obstacle", 45.0, 5.0),
+        "reserved_lane": TargetSpec("lane", 70.0, 5.0),
+        "manoeuvre": TargetSpec("manoeuvre", 30.0, 20.0, least=True),
+        "one_way_exit": TargetSpec("travel direction", 30.0, 20.0, least=True),
+        "no_entry": TargetSpec("travel direction", 30.0, 20.0, least=True),
+    },
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LessonSampling(Sampling):
+    """As `Sampling`. apart: outside of decision windows, only one in so many. margin_kmh: below an upper limit."""
+
+    standing: int = 3
+    apart: int = 3
+    margin_kmh: float = 2.0
+
+
+class SignTargets:
+    """The teacher of one drive that obeyed and arrived. rule: of its target sign; kind: number of its scenario type."""
+
+    def __init__(self, driven: DriveResult, rule: RuleSpec, kind: int, sampling: LessonSampling) -> None:
+        scene, self._sampling, self._kind = driven.facts.scene, sampling, kind
+        self._since, self._rule, self._lesson = driven.since, rule, LESSONS[rule.name]
+        self._track = track = Track(driven.facts.snapshots)
+        self._value = scene.target_sign.value
+        away = np.hypot(*(track.xy - np.array(decision_place(scene))).T)
+        self._line_s = float(track.s[int(np.argmin(away))])
+        self._lead = round(sampling.speed_s / DT_S)
+        self._speeds = self._wishes(track)
+        self._samples: PathSamples | None = None
+        self._path: object = None
+
+    def ticks(self) -> list[int]:
+        """Dense in the decision window; standing thinned out everywhere."""
+        every, apart = self._sampling.every, self._sampling.apart
+        return [
+            k
+            for k in range(0, len(self._track.s) - 1, every)
+            if k >= self._since
+            and self._track.kept(k, self._sampling)
+            and (self.decides(k) or (k // every) % apart == 0)
+        ]
+
+    def decides(self, k: int) -> bool:
+        """Is the tick in the decision window?"""
+        return -self._lesson.before <= float(self._track.s[k]) - self._line_s <= self._lesson.after
+
+    def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
+        """Path, waypoints and wished speed, and what the frame is counted as."""
+        del origins
+        self._track.targets(frame, k, pose, self._sampling.speed_s)
+        if self._rule.name == "min_speed":
+            frame["speed"] = self._minimum(float(frame["speed"]), o)
+        else:
+            frame["speed"] = self._speeds[k]
+        frame["family"] = FAMILIES.index(self._lesson.family)
+        frame["type"], frame["decides"] = self._kind, self.decides(k)
+
+    def _wishes(self, track: Track) -> Array:
+        """(n,) wished speed of each tick, as far as it hangs on the drive alone."""
+        lead, last = self._lead, len(track.speed) - 1
+        late = np.minimum(np.arange(last + 1) + lead, last)
+        if not self._lesson.least:
+            soon = _least(track.speed, lead)
+            starts = np.diff(track.speed, append=track.speed[-1]) > _SPEEDS_UP_MPS2 * DT_S
+            wishes: Array = np.where(starts, track.speed[late], soon)
+            return self._until_stop(track, wishes, soon) if self._rule.name == "stop" else wishes
+        span = round(_LEAST_OVER_S / DT_S)
+        least = _least(track.speed, span - lead)[late]
+        if self._rule.name != "speed":
+            decides = np.array([self.decides(k) for k in range(last + 1)])
+            return np.where(decides, least, track.speed[late])
+        if self._value is None:
+            return least
+        ahead = track.s[np.minimum(np.arange(last + 1) + span, last)]
+        capped = np.minimum(least, (self._value - self._sampling.margin_kmh) * _KMH)
+        return np.where(ahead >= self._line_s - HALF_LENGTH_M, capped, least)
+
+    def _until_stop(self, track: Track, wishes: Array, soon: Array) -> Array:
+        """A stop of an instant is no place that a speed of 0.7 s later shows: until it, the least of that time."""
+        near = np.abs(track.s - self._line_s) <= _STOP_WITHIN_M
+        stood = np.flatnonzero(near & (track.speed <= STOPPED_MPS))
+        if not len(stood):
+            return wishes
+        first = int(stood[0])
+        return np.concatenate((soon[:first], wishes[first:]))
+
+    def _minimum(self, driven: float, o: Observation) -> float:
+        """4.6: a little above the posted speed, or the driver's own behind somebody."""
+        if self._value is None:
+            return driven
+        wish = (self._value + _ABOVE_MINIMUM_KMH) * _KMH
+        path, s, v = o.route.path, o.route.s, o.ego.speed
+        if self._samples is None or path is not self._path:
+            self._path, self._samples = path, PathSamples(path)
+        t = self._rule.thresholds
+        reach = max(t["leader_min_m"], v * v / t["leader_divisor_mps2"] + t["leader_margin_m"])
+        ahead = moving_ahead(self._samples, s, reach, o.actors)
+        ahead += [(obstacle_ahead(self._samples, s, b), 0.0) for b in o.obstacles]
+        front = s + HALF_LENGTH_M
+        held = any(end - front <= (reach if u < wish else _CLOSE_S * v) for end, u in ahead)
+        return min(driven, wish) if held else wish
+
+
+def _least(speed: Array, ticks: int) -> Array:
+    """(n,) least speed from each tick to so many later; the last one lasts."""
+    padded = np.concatenate((speed, np.full(ticks, speed[-1])))
+    least: Array = np.lib.stride_tricks.sliding_window_view(padded, ticks + 1).min(axis=1)
+    return least
+
+
+def decision_place(scene: Scene) -> tuple[float, float]:
+    """Where the target sign's rule decides: its obstacle, the end of its approach, or the plate's line."""
+    sign, network = scene.target_sign, scene.network
+    params = sign.params
+    if isinstance(params, ObstacleParams):
+        return next((o.x, o.y) for o in scene.obstacles if o.id == params.obstacle)
+    if isinstance(params, ApproachParams | ReservedLaneParams):
+        line = network.edge_lanes(params.approach)[0].line
+        return line.point_at(line.length)
+    return network.edge_lanes(sign.edge)[0].line.point_at(sign.position_m)

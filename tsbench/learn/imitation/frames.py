@@ -1,0 +1,182 @@
+"""Training frames: what a planner would have seen at a tick of a drive, and what the driver then did.
+
+Frames are made from the record of a drive (its snapshots), which deterministic simulation gives again at any time.
+Source: docs/spec/planners.md. Units: m, s, m/s, rad; targets are in the frame of the pose that the frame is seen from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from tsbench.episode.observation import Observer
+from tsbench.episode.outcome import EpisodeFacts
+from tsbench.geometry.polyline import Array
+from tsbench.learn.imitation.drives import DriveResult
+from tsbench.planners.base import Observation
+from tsbench.planners.plant2 import layout as at
+from tsbench.planners.plant2.tokens import Pose, to_frame
+from tsbench.scenarios.scene_loader import Roads
+from tsbench.sim.navigation import Navigator
+from tsbench.sim.world import DT_S, WorldSnapshot
+
+TARGETS = [
+    ("path", np.float32, (at.PATH_POINTS, 2)),
+    ("path_known", np.uint8, (at.PATH_POINTS,)),
+    ("waypoints", np.float32, (at.WAYPOINTS, 2)),
+    ("waypoints_known", np.uint8, (at.WAYPOINTS,)),
+    ("speed", np.float32),
+    ("forecast", np.float32, (at.OBJECTS, len(at.FORECAST_S), 2)),
+    ("forecast_known", np.uint8, (at.OBJECTS, len(at.FORECAST_S))),
+]
+FRAME = np.dtype([*((name, at.TOKENS[name]) for name in at.TOKENS.names or ()), *TARGETS])
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """Which frames of a drive are kept.
+
+    every: ticks between frames. standing: of frames in which the ego stands and stays, one in so many.
+    shift_m, turn_rad: of the second copy of each frame, drawn up to these to either side (the same targets).
+    speed_s: the wished speed is the driver's this much later, which is what makes a proportional controller keep up.
+    """
+
+    every: int = 5
+    standing: int = 6
+    shift_m: float = 1.0
+    turn_rad: float = math.radians(5.0)
+    speed_s: float = 0.7
+
+
+class Encoder(Protocol):
+    """What turns observations into tokens: `plant2`'s tokeniser, or one that remembers signs."""
+
+    def watch(self, o: Observation) -> None:
+        """Called for every tick, in order."""
+
+    def fill(self, record: at.Record, o: Observation, pose: Pose | None = None) -> list[int]:
+        """Tokens as seen from a pose; the actor's row for each object slot, -1 for an obstacle."""
+
+
+class Demonstrator(Protocol):
+    """Says which ticks of a drive become frames, and what each should be answered with."""
+
+    def ticks(self) -> list[int]:
+        """The ticks, in order."""
+
+    def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
+        """Write the targets of tick k as seen from a pose; origins: as `Encoder.fill` gave them."""
+
+
+class Imitated:
+    """Every few ticks, with what the driver did next: targets of `plant2`."""
+
+    def __init__(self, facts: EpisodeFacts, sampling: Sampling) -> None:
+        self._snapshots, self._sampling = facts.snapshots, sampling
+        self._track = Track(facts.snapshots)
+
+    def ticks(self) -> list[int]:
+        """Standing is thinned out."""
+        every = range(0, len(self._snapshots) - 1, self._sampling.every)
+        return [k for k in every if self._track.kept(k, self._sampling)]
+
+    def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
+        """Path, waypoints, wished speed and forecasts."""
+        del o
+        self._track.targets(frame, k, pose, self._sampling.speed_s)
+        _forecast(frame, self._snapshots, k, origins)
+
+
+def frames_of(
+    driven: DriveResult,
+    encoder: Encoder,
+    teacher: Demonstrator,
+    sampling: Sampling,
+    rng: np.random.Generator,
+    dtype: np.dtype[np.void],
+) -> at.Records:
+    """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it."""
+    chosen = set(teacher.ticks())
+    frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)
+    row = 0
+    for k, o in enumerate(observations(driven.facts, driven.roads)):
+        encoder.watch(o)
+        if k not in chosen:
+            continue
+        pose = (o.ego.x, o.ego.y, o.ego.heading)
+        for here in (pose, _beside(pose, sampling, rng)):
+            teacher.fill(frames[row], k, o, here, encoder.fill(frames[row], o, here))
+            row += 1
+    return frames
+
+
+def observations(facts: EpisodeFacts, roads: Roads) -> Iterator[Observation]:
+    """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
+    observer = Observer(facts.scene, mask_signs=False)
+    navigator = Navigator(roads.graph, facts.scene.destination)
+    for snapshot in facts.snapshots:
+        yield observer.observe(snapshot, navigator.update(snapshot.ego))
+
+
+class Track:
+    """The driven way of an episode: what path and speed targets are read from.
+
+    s: (n,) m driven until each tick; xy: (n, 2); speed: (n,).
+    """
+
+    def __init__(self, snapshots: list[WorldSnapshot]) -> None:
+        self.xy: Array = np.array([(w.ego.x, w.ego.y) for w in snapshots])
+        self.speed: Array = np.array([w.ego.speed for w in snapshots])
+        self.s: Array = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(self.xy, axis=0).T))))
+        self._tick = np.arange(len(snapshots), dtype=np.float64)
+
+    def place_at(self, axis: Array, where: Array) -> Array:
+        """(k, 2) places on the way, by ticks or by metres."""
+        return np.column_stack([np.interp(where, axis, self.xy[:, i]) for i in (0, 1)])
+
+    def targets(self, frame: at.Record, k: int, pose: Pose, speed_s: float) -> None:
+        """Path, waypoints and wished speed after tick k, as seen from a pose."""
+        metres: Array = self.s[k] + at.PATH_STEP_M * np.arange(1.0, at.PATH_POINTS + 1)
+        frame["path"] = to_frame(self.place_at(self.s, metres), pose)
+        frame["path_known"] = metres <= self.s[-1]
+        ticks: Array = k + at.WAYPOINT_S / DT_S * np.arange(1.0, at.WAYPOINTS + 1)
+        frame["waypoints"] = to_frame(self.place_at(self._tick, ticks), pose)
+        frame["waypoints_known"] = ticks <= self._tick[-1]
+        frame["speed"] = np.interp(k + speed_s / DT_S, self._tick, self.speed)
+
+    def kept(self, k: int, sampling: Sampling) -> bool:
+        """Is it not one of the many ticks in which the ego stands and stays?"""
+        later = self.s[min(k + round(2.0 / DT_S), len(self.s) - 1)]
+        stands = self.speed[k] < 0.1 and later - self.s[k] < 0.1
+        return not stands or (k // sampling.every) % sampling.standing == 0
+
+
+def _beside(pose: Pose, sampling: Sampling, rng: np.random.Generator) -> Pose:
+    x, y, heading = pose
+    shift = float(rng.uniform(-sampling.shift_m, sampling.shift_m))
+    turn = float(rng.uniform(-sampling.turn_rad, sampling.turn_rad))
+    return x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
+
+
+def _forecast(frame: at.Record, snapshots: list[WorldSnapshot], k: int, origins: list[int]) -> None:
+    """How far each object in a slot moves, ahead and left of its own heading; unknown once it is out of sight."""
+    now = snapshots[k].actors
+    for j, span in enumerate(at.FORECAST_S):
+        then = k + round(span / DT_S)
+        if then >= len(snapshots):
+            return
+        later = snapshots[then].actors
+        rows = {index: row for row, index in enumerate(later.index.tolist())}
+        for slot, origin in enumerate(origins):
+            if origin < 0:
+                frame["forecast_known"][slot, j] = 1
+                continue
+            row = rows.get(int(now.index[origin]))
+            if row is not None:
+                x, y, heading = now.pose[origin].tolist()
+                frame["forecast"][slot, j] = to_frame(later.pose[row : row + 1, :2], (x, y, heading))[0]
+                frame["forecast_known"][slot, j] = 1

@@ -1,0 +1,120 @@
+"""Closed-loop skill of a network under training: what checkpoints are chosen by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+from tsbench.core.errors import SimulationError
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.scenarios.spec import ScenarioSpec
+
+
+class End(NamedTuple):
+    """Of an episode: its outcome, whether the sign was obeyed, its error."""
+
+    outcome: Outcome
+    obeyed: bool
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Skill:
+    """Shares of episodes: arrived, with a contact, off the road, out of time, arrived and compliant; compliant."""
+
+    episodes: int
+    arrived: float
+    collision: float
+    off_road: float
+    timeout: float
+    scd: float
+    compliant: float
+
+
+class Student(Plant2):
+    """The planner with weights from a folder, which hangs on the class: episode runners make planners by name."""
+
+    folder: ClassVar[Path | None]
+
+    def __init__(self) -> None:
+        super().__init__(folder=self.folder)
+
+
+class StudentFt(Plant2Ft):
+    """The same for the one that reads signs. patience: None = the planner's own."""
+
+    folder: ClassVar[Path | None]
+    stop_policy: ClassVar[StopPolicy | None] = None
+
+    def __init__(self) -> None:
+        super().__init__(folder=self.folder)
+        self._stop_policy = self.stop_policy or self._stop_policy
+
+
+STUDENTS: Mapping[str, type[Student | StudentFt]] = {"plant2": Student, "plant2-ft": StudentFt}
+
+
+def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
+    """Drive the weights of a planner (of STUDENTS) below `folder` through `rows`; raises as `drive` and `skill_of`."""
+    return skill_of(drive(planner, folder, rows, workers))
+
+
+def drive(
+    planner: str,
+    folder: Path | None,
+    rows: Sequence[ScenarioSpec],
+    workers: int,
+    stop_policy: StopPolicy | None = None,
+) -> list[End]:
+    """How the episodes of `rows` end, in their order. folder: None = tsbench's own weights. patience: of `plant2-ft`,
+    None = its own.
+    """
+    shares = [list(rows[k::workers]) for k in range(workers)]
+    same = [[thing] * workers for thing in (planner, folder, stop_policy)]
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        parts = list(pool.map(_drive, *same, shares))
+    return [parts[k % workers][k // workers] for k in range(len(rows))]
+
+
+def skill_of(ends: Sequence[End]) -> Skill:
+    """Shares of some episodes.
+
+    Raises SimulationError where an episode ended in an error: no skill is averaged over a hole.
+    """
+    broken = [end.error for end in ends if end.error]
+    if broken:
+        raise SimulationError(f"validation: {len(broken)} episodes broke off, the first by: {broken[0]}")
+    count = max(len(ends), 1)
+    share = {kind: sum(end.outcome == kind for end in ends) / count for kind in Outcome}
+    return Skill(
+        episodes=len(ends), arrived=share[Outcome.ARRIVED], collision=share[Outcome.COLLISION],
+        off_road=share[Outcome.OFF_ROAD], timeout=share[Outcome.TIMEOUT],
+        scd=sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count,
+        compliant=sum(end.obeyed for end in ends) / count,
+    )  # fmt: skip
+
+
+def _drive(
+    planner: str, folder: Path | None, stop_policy: StopPolicy | None, rows: list[ScenarioSpec]
+) -> list[End]:
+    """In a process of its own."""
+    import torch
+
+    torch.set_num_threads(1)
+    student = STUDENTS[planner]
+    student.folder, StudentFt.stop_policy = folder, stop_policy
+    runner = EpisodeRunner(f"{__name__}:{student.__name__}", planner)
+    ends = []
+    for row in rows:
+        result = runner.run(row)
+        obeyed = result.facts is not None and result.facts.target.compliant
+        ends.append(End(result.outcome, obeyed, result.error if result.outcome.is_error else ""))
+    runner.close()
+    return ends

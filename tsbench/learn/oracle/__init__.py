@@ -1,0 +1,1 @@
+"""The oracle: the experts' drives as a data set."""

@@ -1,0 +1,197 @@
+"""`tsbench oracle collect`: all experts on the scenarios of a split. Runs on the workers of `tsbench.run`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.seeds import seed_of
+from tsbench.learn.oracle.store import KIND, LEARNED, Collection, basis, check_folder, kind_of
+from tsbench.planners.registry import entry, names
+from tsbench.run.execution.base import Executor, Limits
+from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.execution.worker_process import Setup
+from tsbench.run.log.manifest import new_manifest
+from tsbench.run.log.record import Record
+from tsbench.run.plan import Plan, Request, make_plan
+from tsbench.run.session import ProgressListener, check_names, stop_on_signals
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import load_catalog
+
+TRIES = 4
+VARIANTS = 10
+LEAST_LEARNED_VARIANTS = 4
+_RUNNER, _RECORDER = "tsbench.learn.oracle.runner:OracleRunner", "tsbench.learn.oracle.runner:record_of"
+
+
+@dataclass(frozen=True)
+class CollectOptions:
+    """Everything that `tsbench oracle collect` takes. request: which experts and scenarios.
+
+    learned_variants: of the ten variants of a type on a map, so many are driven by experts with networks.
+    tries: drives of a scenario by one expert at most. workers: processes, None = one for each core. redrive: what other
+    code of an expert has driven is driven again.
+    """
+
+    request: Request
+    out: Path
+    learned_variants: int = VARIANTS
+    tries: int = TRIES
+    workers: int | None = None
+    limits: Limits = field(default_factory=Limits)
+    redrive: bool = False
+
+
+@dataclass
+class Counts:
+    """What an expert did. asked: scenarios; finished: those that are there; at_once, solved: with the first driver,
+    with any; drives: tries of all; errors: scenarios on which its last drive broke off.
+
+    longest: most tries of a scenario that stayed unsolved; 1 = it draws no driver, so nothing was tried again.
+    """
+
+    asked: int
+    finished: int = 0
+    at_once: int = 0
+    solved: int = 0
+    drives: int = 0
+    errors: int = 0
+    longest: int = 0
+
+    def take(self, row: Mapping[str, Any]) -> None:
+        """One scenario more."""
+        tries = len(row["tries"])
+        self.finished += 1
+        self.drives += tries
+        self.solved += row["scd"]
+        self.at_once += row["scd"] and tries == 1
+        self.errors += row["error"] is not None
+        self.longest = self.longest if row["scd"] else max(self.longest, tries)
+
+
+@dataclass(frozen=True)
+class Collected:
+    """How a collection stands: what each expert that was asked for did."""
+
+    folder: Path
+    experts: Mapping[str, Counts]
+
+    @property
+    def complete(self) -> bool:
+        """Is everything there that was asked for?"""
+        return all(tally.finished == tally.asked for tally in self.experts.values())
+
+
+def experts() -> tuple[str, ...]:
+    """All registered experts."""
+    return tuple(name for name in names() if entry(name).kind == "expert")
+
+
+def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
+    """Drive what is not there yet. Raises InputError for wrong options or a folder that cannot be used."""
+    if not LEAST_LEARNED_VARIANTS <= options.learned_variants <= VARIANTS:
+        raise InputError(
+            f"--learned-variants {options.learned_variants}: expected {LEAST_LEARNED_VARIANTS} to {VARIANTS}"
+        )
+    catalog = load_catalog()
+    plan = make_plan(options.request, catalog)
+    effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
+    # Without rows: each line knows the row that it was driven on, so the table may grow.
+    contract = basis()
+    check_folder(options.out, {"contract": contract, "effective": effective})
+    most = len(plan.scenarios) * len(options.request.planners)
+    with make_executor("local", options.workers, most, options.limits) as pool:
+        planners = pool.probe(options.request.planners)
+        check_names(planners)
+        for planner in planners:
+            if not planner["privileged"]:
+                raise InputError(f"--planners {planner['spec']}: is no expert: it is not told the rule")
+        manifest = new_manifest(contract, _asked(options), effective, planners)
+        with closing(Collection(options.out, manifest, plan.table, planners, options.redrive)) as collection:
+            for line in collection.notices:
+                watcher.notice(line)
+            return _collect(options, plan, pool, planners, collection, watcher)
+
+
+def _collect(
+    options: CollectOptions, plan: Plan, pool: Executor, planners: Sequence[Mapping[str, Any]],
+    collection: Collection, watcher: ProgressListener,
+) -> Collected:  # fmt: skip
+    wanted = {
+        str(p["name"]): chosen(plan.scenarios, options.learned_variants, first_lot(str(p["name"])))
+        if kind_of(p) == LEARNED
+        else list(plan.scenarios)
+        for p in planners
+    }
+    journal = collection.journal
+    keys = [(name, spec.scenario_id) for name, specs in wanted.items() for spec in specs]
+    todo = [
+        (number, spec)
+        for number, (name, specs) in enumerate(wanted.items())
+        for spec in specs
+        if (name, spec.scenario_id) not in journal.done
+    ]
+    setup = Setup(
+        _RUNNER, tuple(planners), mask_signs=False, device="cpu", trace="none",
+        out=str(collection.path.resolve()), split=plan.request.split, contract=collection.manifest["contract"],
+        recorder=_RECORDER, options={"most": options.tries, "probe": asdict(plan.table[0])},
+    )  # fmt: skip
+
+    def keep(record: Record) -> None:
+        watcher.episode(collection.keep(record))
+
+    watcher.begin(
+        {name: len(specs) for name, specs in wanted.items()},
+        (journal.read(key)["row"] for key in keys if key in journal.done),
+    )
+    with stop_on_signals() as stopped:
+        try:
+            if todo:
+                pool.run(
+                    setup, TaskQueue(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
+                )
+        finally:
+            watcher.end()
+        found = {name: Counts(len(specs)) for name, specs in wanted.items()}
+        for key in keys:
+            if key in journal.done:
+                found[key[0]].take(journal.read(key)["row"])
+        collected = Collected(collection.path, found)
+        collection.end(collected.complete)
+    return collected
+
+
+def first_lot(expert: str) -> int:
+    """Where in the lots of a map's variants an expert with a network begins: registered ones share the ten evenly.
+
+    So a few of them with few variants each still drive every variant once. One that is not registered begins first.
+    """
+    learned = [name for name in experts() if entry(name).weights is not None]
+    return VARIANTS * learned.index(expert) // len(learned) if expert in learned else 0
+
+
+def chosen(rows: Sequence[ScenarioSpec], variants: int, first: int = 0) -> list[ScenarioSpec]:
+    """Of each type and map, the `variants` rows from lot `first` on, order kept; fewer are a part of more."""
+    by_map: dict[tuple[str, str], list[ScenarioSpec]] = {}
+    for row in rows:
+        by_map.setdefault((row.scenario_type, row.map_id), []).append(row)
+    kept: set[str] = set()
+    for group in by_map.values():
+        lots = sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))
+        kept.update(r.scenario_id for r in (lots[first:] + lots[:first])[:variants])
+    return [row for row in rows if row.scenario_id in kept]
+
+
+def _asked(options: CollectOptions) -> dict[str, Any]:
+    return {
+        **asdict(options.request),
+        "learned_variants": options.learned_variants,
+        "tries": options.tries,
+        "workers": options.workers,
+        "out": str(options.out),
+    }

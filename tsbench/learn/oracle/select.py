@@ -1,0 +1,152 @@
+"""`tsbench oracle select`: of each scenario the best two drives that obeyed and arrived.
+
+Source: docs/spec/planners.md, "Oracle". Of the experts without a network (the IDM kind) only the fastest counts; drives
+are ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of
+drives stand that of all tries and what they were made with: a collection can be begun again from these
+(`oracle_restore`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.seeds import seed_of
+from tsbench.learn.imitation.recipe import kept_for_validation
+from tsbench.learn.oracle.store import (
+    KIND,
+    RULES,
+    basis,
+    copy_beside,
+    fingerprint,
+    read_collection,
+    read_drives,
+    read_tries,
+)
+from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
+from tsbench.run.log.record import Row
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+BETA = 0.25
+KEPT = 2
+TRAIN, VALIDATION = "train", "validation"
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A successful drive. rules: its expert has no network; steps: ticks; comfort: share of steps; row: its try."""
+
+    planner: str
+    rules: bool
+    steps: int
+    comfort: float
+    row: Row
+
+
+@dataclass(frozen=True)
+class Selected:
+    """What was chosen. scenarios: that were driven; covered: that have a drive; drives, validation: how many;
+    others: that count and are not among the best; uncovered: scenarios without one, by type.
+    """
+
+    path: Path
+    scenarios: int
+    covered: int
+    drives: int
+    validation: int
+    others: int
+    uncovered: Mapping[str, int]
+
+
+def f_score(speed: float, comfort: float) -> float:
+    """Q of two shares in [0, 1]: b below 1 weighs `speed` above `comfort`."""
+    weight = BETA * BETA
+    below = weight * speed + comfort
+    return (1.0 + weight) * speed * comfort / below if below > 0.0 else 0.0
+
+
+def rank(candidates: Sequence[Candidate]) -> list[tuple[Candidate, float]]:
+    """The drives of one scenario that count, with their Q, best first; ties by fewer steps, then by name."""
+    rules = [c for c in candidates if c.rules]
+    running = [c for c in candidates if not c.rules]
+    running += sorted(rules, key=lambda c: (c.steps, -c.comfort, c.planner))[:1]
+    fastest = min((c.steps for c in running), default=0)
+    scored = [(c, f_score(fastest / c.steps, c.comfort)) for c in running]
+    return sorted(scored, key=lambda pair: (-pair[1], pair[0].steps, pair[0].planner))
+
+
+def part_of(spec: ScenarioSpec) -> str:
+    """TRAIN or VALIDATION, by map: a fifth of the maps, among them all that base planners are validated on."""
+    # 1/12 + 11/12 * 7/55 = 1/5.
+    kept = kept_for_validation(spec) or seed_of(KIND, VALIDATION, spec.map_id) % 55 < 7
+    return VALIDATION if kept else TRAIN
+
+
+def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
+    """Choose from a collection and write the table `path`, and beside it what the collection is restored from.
+
+    Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
+    """
+    rows = _check(folder, allow_partial)
+    tries = read_tries(folder)
+    for one in tries:
+        spec = rows.get(one["scenario_id"])
+        if spec is None or fingerprint(spec) != one["scenario"]:
+            raise InputError(
+                f"{folder}: scenario {one['scenario_id']} has changed since: tsbench oracle collect drives it again"
+            )
+    best = _best(tries)
+    keys = {
+        (c.planner, scenario): (c, q, k if k <= KEPT else 0)
+        for scenario, b in best.items()
+        for k, (c, q) in enumerate(b, start=1)
+    }
+    drives = []
+    for key, commands, intents in read_drives(folder, set(keys)):
+        candidate, quality, place = keys[key]
+        drives.append(
+            Recorded(
+                scenario_id=key[1], planner=key[0], attempt=candidate.row["attempt"], part=part_of(rows[key[1]]),
+                rank=place, quality=quality, comfort=candidate.comfort, commands=commands, intents=intents,
+                ego=candidate.row["ego"], others=candidate.row["others"],
+            )
+        )  # fmt: skip
+    if len(drives) != len(keys):
+        raise InputError(f"{folder}: {len(keys) - len(drives)} drives of its table are not in its journal")
+    write_trajectories(drives, path)
+    copy_beside(folder, path)
+    driven = {one["scenario_id"]: one["scenario_type"] for one in tries}
+    uncovered = Counter(kind for scenario, kind in driven.items() if scenario not in best)
+    ranked = [drive for drive in drives if drive.rank]
+    validation, others = sum(drive.part == VALIDATION for drive in ranked), len(drives) - len(ranked)
+    return Selected(
+        path, len(driven), len(best), len(ranked), validation, others, dict(sorted(uncovered.items()))
+    )
+
+
+def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
+    """The drives of each scenario that count, best first, where there are any."""
+    found: dict[str, list[Candidate]] = defaultdict(list)
+    for row in tries:
+        if row["scd"]:
+            comfort = row["comfort"] or 0.0
+            found[row["scenario_id"]].append(
+                Candidate(row["planner"], row["kind"] == RULES, row["steps"], comfort, row)
+            )
+    return {scenario: rank(candidates) for scenario, candidates in sorted(found.items())}
+
+
+def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
+    """The rows of the collection's split, by id."""
+    manifest = read_collection(folder, "tsbench oracle collect makes one")
+    if manifest["status"] != "complete" and not allow_partial:
+        raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
+    if manifest["contract"] != basis():
+        raise InputError(
+            f"{folder}: was collected with other rules or another SUMO: collect anew into another folder"
+        )
+    return {row.scenario_id: row for row in read_table(table_path(manifest["effective"]["split"]))}

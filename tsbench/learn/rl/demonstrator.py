@@ -1,0 +1,71 @@
+"""Who `ppo` and `carl` imitate at first: `idm`, which also passes an obstacle on its lane. Blind to signs.
+
+Which side is allowed is what a plate says. The teacher takes the lane to the right wherever there is one: of two sides
+that are as good, a pupil without memory would learn the middle, which is the obstacle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.experts.rules.detour import DetourConstraint
+from tsbench.planners.idm import Idm
+from tsbench.roads.network import RoadNetwork
+from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import RuleSpec
+from tsbench.signs.plate_params import ObstacleParams
+
+# "Pass on the right", "pass on the left".
+_RIGHT, _LEFT = "4.2.1", "4.2.2"
+_AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
+
+
+class Demonstrator:
+    """One episode after the other."""
+
+    def __init__(self) -> None:
+        self._idm = Idm()
+        self._context: PlannerContext
+        self._detour: DetourConstraint | None = None
+
+    def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
+        self._context, self._detour = context, None
+        self._idm.reset(context)
+
+    def advise(self, observation: Observation) -> tuple[float, float]:
+        """Acceleration (m/s2), and how far beside the route to aim (m, left positive); at every decision."""
+        o = observation
+        if self._detour is None:
+            if not o.obstacles:
+                return self._idm.act(o).acceleration, 0.0
+            self._detour = DetourConstraint(self._context, _one_side(o, self._context.network))
+        way = self._detour.route(o)
+        least, most = self._detour.acceleration_bounds(o, way)
+        wished = self._idm.act(o if way is o.route else replace(o, route=way)).acceleration
+        acceleration = min(max(wished, least), most)
+        if way is o.route:
+            return acceleration, 0.0
+        point = way.path.line.point_at(way.s + max(_LEAST_AHEAD_M, _AHEAD_S * o.ego.speed))
+        return acceleration, o.route.path.line.project(*point)[1]
+
+
+@cache
+def _rule(code: str) -> RuleSpec:
+    return load_catalog().sign(code).rule
+
+
+def _one_side(o: Observation, network: RoadNetwork) -> Privilege:
+    """What the guard needs to know: which obstacle, here the nearest; and which side will do."""
+    nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
+    right = network.lane(nearest.lane).right
+    code = _RIGHT if right >= 0 and network.lanes[right].permits("passenger") else _LEFT
+    plate = SignInstance(
+        "side", code, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target",
+        params=ObstacleParams(nearest.id),
+    )  # fmt: skip
+    return Privilege(plate, _rule(code))

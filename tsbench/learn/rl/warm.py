@@ -1,0 +1,179 @@
+"""How a training begins: the policy imitates a teacher, and the critic learns what that earns.
+
+What this spares are the hours in which a fresh policy finds out that one stops behind a leader; PPO goes on from there.
+The teacher says in each state what it would do; who drives is the teacher at first and more and more the policy, whose
+own mistakes are then what it is taught on (DAgger, Ross et al., arXiv 1011.0686). What was seen is learned again and
+again, as far back as memory reaches. Noise is added to what is driven and not to what is learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.utils import obs_as_tensor
+from stable_baselines3.common.vec_env import VecEnv
+from torch.nn.functional import mse_loss
+
+from tsbench.envs.drive import DriveEnv
+from tsbench.learn.rl.demonstrator import Demonstrator
+from tsbench.planners.rl.actions import action_for
+
+Array = npt.NDArray[Any]
+
+_NOISE = 0.25
+_RATE, _LAST_RATE = 1e-3, 5e-5
+_BYTES = 3_000_000_000
+
+
+class DaggerWrapper(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDArray[np.float32]]):
+    """A driving environment that also says what the teacher would do."""
+
+    def __init__(self, env: gymnasium.Env[Any, npt.NDArray[np.float32]]) -> None:
+        super().__init__(env)
+        self._teacher = Demonstrator()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """As the environment's."""
+        found = self.env.reset(seed=seed, options=options)
+        self._teacher.reset(self._drive.turn.context)
+        return found
+
+    def advise(self) -> npt.NDArray[np.float32]:
+        """(2,) the action that comes closest to what the teacher does now; once per step."""
+        return np.array(action_for(*self._teacher.advise(self._drive.turn.observation)), dtype=np.float32)
+
+    @property
+    def _drive(self) -> DriveEnv:
+        return cast("DriveEnv", self.env.unwrapped)
+
+
+class Lessons:
+    """What was seen, advised and earned: all of `decisions`, or the last so many bytes of it."""
+
+    def __init__(self, example: RolloutBuffer, decisions: int) -> None:
+        parts = _parts(example)
+        each = sum(part[0].nbytes for part in parts.values())
+        self._size, self._filled = max(min(decisions, _BYTES // each), 1), 0
+        self._kept = {
+            name: np.empty((self._size, *part.shape[1:]), part.dtype) for name, part in parts.items()
+        }
+
+    def add(self, buffer: RolloutBuffer) -> None:
+        """A rollout, in place of the oldest."""
+        parts = _parts(buffer)
+        count = len(parts["returns"])
+        at = (self._filled + np.arange(count)) % self._size
+        for name, part in parts.items():
+            self._kept[name][at] = part
+        self._filled += count
+
+    def draw(self, count: int, rng: np.random.Generator) -> dict[str, torch.Tensor]:
+        """So many of them, with repetition."""
+        at = rng.integers(0, min(self._filled, self._size), count)
+        return {name: torch.from_numpy(kept[at]) for name, kept in self._kept.items()}
+
+
+def _parts(buffer: RolloutBuffer) -> dict[str, Array]:
+    """Arrays of a rollout, (steps x environments, ...) each."""
+    seen: Any = buffer.observations
+    arrays = {f"seen.{name}": part for name, part in (seen if isinstance(seen, dict) else {"": seen}).items()}
+    arrays |= {"actions": buffer.actions, "returns": buffer.returns}
+    return {name: part.reshape(-1, *part.shape[2:]) for name, part in arrays.items()}
+
+
+def warm_up(
+    model: PPO,
+    environments: VecEnv,
+    rollouts: range,
+    updates: int,
+    seed: int,
+    tell: Callable[[str], None],
+    keep: Callable[[int], None],
+) -> None:
+    """Imitate over some rollouts of the model's size, with so many updates after each; its optimiser is left alone.
+
+    rollouts: numbers of those to come, up to the last of all. The later, the lower the rate, and the more drives the
+    policy. keep: called after each with how many there have been.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence((seed, 1, rollouts.start)))
+    optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
+    seen, starts = environments.reset(), np.ones(environments.num_envs, dtype=bool)
+    lessons: Lessons | None = None
+    for rollout in rollouts:
+        through = rollout / max(rollouts.stop - 1, 1)
+        optimiser.param_groups[0]["lr"] = _RATE * (_LAST_RATE / _RATE) ** through
+        # The first few environments are the policy's: all of them in the second half.
+        own = np.arange(environments.num_envs) < 2.0 * through * environments.num_envs
+        seen, starts = _drive(model, environments, seen, starts, own, rng)
+        if lessons is None:
+            lessons = Lessons(model.rollout_buffer, len(rollouts) * model.n_steps * environments.num_envs)
+        lessons.add(model.rollout_buffer)
+        wrong, missed = _learn(model, optimiser, lessons, updates, rng)
+        tell(
+            f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)"
+        )
+        keep(rollout + 1)
+
+
+def _drive(
+    model: PPO,
+    environments: VecEnv,
+    seen: Any,
+    starts: Any,
+    own: npt.NDArray[np.bool_],
+    rng: np.random.Generator,
+) -> Any:
+    """Fill the model's buffer with what the teacher advises. own: (environments,) where the policy drives."""
+    buffer = model.rollout_buffer
+    buffer.reset()
+    model.policy.set_training_mode(False)
+    none = torch.zeros(environments.num_envs)
+    for _ in range(model.n_steps):
+        advised = np.stack(environments.env_method("advise"))
+        wished, _ = model.predict(seen, deterministic=True)
+        noise = rng.normal(0.0, _NOISE, advised.shape).astype(np.float32)
+        driven = np.where(own[:, None], wished, advised) + noise
+        after, earned, ends, _ = environments.step(np.clip(driven, -1.0, 1.0))
+        buffer.add(seen, advised, earned, starts, _worth(model, seen), none)
+        seen, starts = after, ends
+    buffer.compute_returns_and_advantage(_worth(model, seen), starts)
+    return seen, starts
+
+
+def _worth(model: PPO, seen: Any) -> torch.Tensor:
+    with torch.no_grad():
+        return model.policy.predict_values(obs_as_tensor(seen, model.device))
+
+
+def _learn(
+    model: PPO, optimiser: torch.optim.Optimizer, lessons: Lessons, updates: int, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Mean squares over all updates: of the actions, and of the returns."""
+    policy = model.policy
+    policy.set_training_mode(True)
+    sums = np.zeros(2)
+    for _ in range(updates):
+        part = {name: value.to(model.device) for name, value in lessons.draw(model.batch_size, rng).items()}
+        shown = {
+            name.removeprefix("seen."): value for name, value in part.items() if name.startswith("seen.")
+        }
+        seen = shown.get("", shown)
+        for_actor, for_critic = policy.mlp_extractor(policy.extract_features(seen))
+        action = policy._get_action_dist_from_latent(for_actor).mode()
+        wrong = mse_loss(action, part["actions"])
+        missed = mse_loss(policy.value_net(for_critic).flatten(), part["returns"])
+        optimiser.zero_grad()
+        (wrong + model.vf_coef * missed).backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(policy.parameters(), model.max_grad_norm)
+        optimiser.step()
+        sums += (wrong.item(), missed.item())
+    return float(sums[0] / updates), float(sums[1] / updates)

@@ -1,0 +1,1 @@
+"""What planners share: paths, speeds, gaps, steering."""

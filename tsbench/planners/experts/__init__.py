@@ -1,0 +1,1 @@
+"""The privileged experts: a base planner constrained by what the rule says."""

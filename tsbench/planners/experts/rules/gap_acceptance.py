@@ -1,0 +1,240 @@
+"""Giving way at a junction: come so that there is room to stop, wait until the way is free, then go.
+
+Units: m, s, m/s, m/s2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tsbench.geometry.overlap import ConflictZone
+from tsbench.planners.base import Observation
+from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
+from tsbench.planners.common.swept_path import HALF_LENGTH_M, first_contact, moving_ahead
+from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
+from tsbench.planners.experts.rules.constraint import FREE, slow_to
+from tsbench.planners.experts.rules.junction import Crossing, crossing
+from tsbench.planners.idm import IdmParameters, free_road
+from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.network import RoadNetwork
+from tsbench.roads.priority import EXPERT_FOLLOWING, PriorityVehicle, PriorityVehicles
+from tsbench.sim.navigation import RouteView
+from tsbench.sim.world import DT_S
+
+
+@dataclass(frozen=True, slots=True)
+class YieldParams:
+    """How the ego itself comes and goes.
+
+    hold_m: room left between the waiting front and the line. brake: with which it comes to a stop. stands: speed
+    below which a vehicle stands. near_m: with the front this near to the line, others have seen the ego come.
+    room_m: needed behind the last zone. Within the junction: rolls, the least speed that is reckoned with;
+    clear_m, left before a zone; into_m, by which it may reach in where it stops too late; apart_s, between the one
+    and the other in it.
+    """
+
+    hold_m: float = 1.0
+    brake: float = 2.2
+    stands: float = 0.5
+    near_m: float = 11.0
+    room_m: float = 2.0
+    rolls: float = 1.5
+    clear_m: float = 0.5
+    into_m: float = 0.3
+    apart_s: float = 0.5
+
+
+# No rule of the scene speaks for these: others see who is in the junction, and slow down a little.
+COURTESY = GapRequirement(
+    gap=0.0,
+    least=2.0,
+    post_clear=0.0,
+    gap_s=0.0,
+    clear_s=0.0,
+    foe_accel=1.6,
+    patience_s=2.0,
+    trust=0.1,
+    share=0.4,
+)
+# How the ego itself will go: the brisk end of what a base planner does is not counted on.
+_GO = IdmParameters(accel=2.4, lateral=2.8)
+_EGO = IdmParameters(accel=2.3, lateral=2.6)
+_MANNER = YieldParams()
+_NEAR_M = 8.0
+_LONGEST_S = 15.0
+_LOOK_M = 90.0
+_COMMIT_MPS2 = 4.0
+_HARDEST_MPS2 = 5.0
+
+
+class Yielding:
+    """One junction, from one approach: stops before its line while somebody is in the way.
+
+    paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
+    junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
+    pass (COURTESY).
+    """
+
+    def __init__(
+        self,
+        network: RoadNetwork,
+        approach: str,
+        paths: tuple[JunctionPath, ...],
+        demand: GapRequirement,
+        others: tuple[JunctionPath, ...] = (),
+    ) -> None:
+        self._network, self._approach = network, approach
+        self._paths, self._ruled = (*paths, *others), len(paths)
+        self._demand = demand
+        self._finder = PriorityVehicles(network, self._paths, EXPERT_FOLLOWING)
+        self._path: RoutePath | None = None
+        self._passage: Crossing | None = None
+        self._samples: PathSamples
+        self._speeds: list[float]
+        self._standing: dict[int, float] = {}
+        self._trend: dict[int, tuple[float, float]] = {}
+        self._committed = False
+
+    def to_line(self, route: RouteView) -> float | None:
+        """Metres from the ego's front to the line along a route; None where the route does not cross it (any more)."""
+        if route.path is not self._path:
+            self._prepare(route.path)
+        return None if self._passage is None else self._passage.line_s - route.s - HALF_LENGTH_M
+
+    def passed(self, route: RouteView) -> bool:
+        """Has the ego's rear left the last zone, or does its route not come here (any more)?"""
+        to_go, here = self.to_line(route), self._passage
+        return to_go is None or here is None or route.s - HALF_LENGTH_M > here.end_s
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        """While somebody blocks: what still stops before the line. In the junction: not slower than need be."""
+        to_go, here = self.to_line(route), self._passage
+        if to_go is None or here is None or to_go > _LOOK_M or self.passed(route):
+            return FREE
+        v = observation.ego.speed
+        if to_go < 0.0:
+            self._committed = True
+        self._note_standing(observation, to_go)
+        if not self._committed:
+            if not self._free(observation, route, here):
+                return -math.inf, slow_to(v, 0.0, to_go - _MANNER.hold_m, _MANNER.brake)
+            # Beyond this point braking would end past the line.
+            self._committed = v * v / (2.0 * _COMMIT_MPS2) >= to_go - 0.2
+        most = self._defensively(observation, route, here) if self._committed else math.inf
+        return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), most
+
+    def _defensively(self, observation: Observation, route: RouteView, here: Crossing) -> float:
+        """Stops before the zone of one who drives through the junction and will not let the ego go first."""
+        most, v = math.inf, observation.ego.speed
+        front = route.s + HALF_LENGTH_M - here.line_s
+        for vehicle in self._finder.find(observation.actors):
+            zone = here.zones[vehicle.path]
+            if zone is None or vehicle.s <= 0.0 or vehicle.s - vehicle.length > zone.b_out:
+                continue
+            if observation.time - self._standing.get(vehicle.row, observation.time) > COURTESY.patience_s:
+                continue
+            room = zone.a_in - front
+            if v * v > 2.0 * _HARDEST_MPS2 * (room + _MANNER.into_m):
+                continue  # too late to stop: the sooner the ego is through the better
+            first, last = self._ends(here, zone)
+            enters, left = self._times(route.s, v, [first, last])
+            speed = max(vehicle.speed, _MANNER.rolls)
+            there, gone = (zone.b_in - vehicle.s) / speed, (zone.b_out + vehicle.length - vehicle.s) / speed
+            if there < left + _MANNER.apart_s and enters < gone + _MANNER.apart_s:
+                most = min(most, slow_to(v, 0.0, room - _MANNER.clear_m, _MANNER.brake))
+        return most
+
+    def _briskly(self, observation: Observation, route: RouteView, here: Crossing) -> float:
+        """The acceleration with which a driver goes who was given the gap, unless somebody is in front."""
+        v = observation.ego.speed
+        reach = here.end_s - route.s + 2.0 * HALF_LENGTH_M + v * v / 4.0
+        if moving_ahead(self._samples, route.s, reach, observation.actors):
+            return -math.inf
+        return free_road(v, speed_at(self._speeds, route.s + 0.5 * v), _GO)
+
+    def _prepare(self, path: RoutePath) -> None:
+        self._path = path
+        self._passage = crossing(self._network, path, self._approach, self._paths, self._ruled)
+        self._samples = PathSamples(path)
+        self._speeds = speed_profile(
+            path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf
+        )
+
+    def _note_standing(self, observation: Observation, to_go: float) -> None:
+        """Since when have others been standing with the ego in sight at the line?"""
+        actors, standing = observation.actors, self._standing
+        for row, speed in zip(actors.index.tolist(), actors.speed.tolist(), strict=True):
+            if speed > _MANNER.stands or to_go > _MANNER.near_m:
+                standing.pop(row, None)
+            else:
+                standing.setdefault(row, observation.time)
+
+    def _free(self, observation: Observation, route: RouteView, here: Crossing) -> bool:
+        """May the ego go on now, if it goes on as it would?"""
+        vehicles = self._finder.find(observation.actors)
+        self._note_trend(vehicles)
+        # Who has no right of way counts once it is in the junction all the same.
+        coming = [
+            (f, z)
+            for f in vehicles
+            if (z := here.zones[f.path]) is not None
+            and f.s - f.length <= z.b_out
+            and (f.path in here.first or f.s > 0.0)
+        ]
+        if not coming:
+            return self._room_behind(observation, here)
+        # The centre's place when the front is at the line, at each zone, and when the rear has left it.
+        line = here.line_s - HALF_LENGTH_M
+        marks = sorted({line, *(m for _, z in coming for m in self._ends(here, z))})
+        times = dict(zip(marks, self._times(route.s, observation.ego.speed, marks), strict=True))
+        for vehicle, zone in coming:
+            first, last = self._ends(here, zone)
+            plan = CrossingPlan(times[line], times[first], times[last])
+            standing = observation.time - self._standing.get(vehicle.row, observation.time)
+            seen = ObservedVehicle(
+                vehicle, self._paths[vehicle.path], zone, self._trend[vehicle.row][1], standing
+            )
+            demand = self._demand if vehicle.path < self._ruled else COURTESY
+            if demand.blocks(seen, plan):
+                return False
+        return self._room_behind(observation, here)
+
+    def _ends(self, here: Crossing, zone: ConflictZone) -> tuple[float, float]:
+        """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
+        return here.line_s + zone.a_in - HALF_LENGTH_M, here.line_s + zone.a_out + HALF_LENGTH_M
+
+    def _note_trend(self, vehicles: list[PriorityVehicle]) -> None:
+        """Smoothed acceleration of each vehicle with priority, from tick to tick."""
+        for vehicle in vehicles:
+            speed, accel = self._trend.get(vehicle.row, (vehicle.speed, 0.0))
+            self._trend[vehicle.row] = (vehicle.speed, accel + 0.3 * ((vehicle.speed - speed) / DT_S - accel))
+
+    def _room_behind(self, observation: Observation, here: Crossing) -> bool:
+        """Can the ego leave the junction, or does somebody stand in or just behind it?"""
+        actors, samples = observation.actors, self._samples
+        first = max(math.ceil(here.line_s), 0)
+        last = min(int(here.end_s + 2.0 * HALF_LENGTH_M + _MANNER.room_m), samples.last)
+        lengths, widths, speeds = actors.length.tolist(), actors.width.tolist(), actors.speed.tolist()
+        for k, (x, y, heading) in enumerate(actors.pose.tolist()):
+            # Who drives across will be gone.
+            if (
+                speeds[k] < 1.0
+                and first_contact(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0
+            ):
+                return False
+        return True
+
+    def _times(self, s: float, v: float, marks: list[float]) -> list[float]:
+        """Seconds until the ego's centre is at each of `marks` (arc lengths, ascending) if it goes on freely."""
+        times: list[float] = []
+        time, step = 0.0, 2.0 * DT_S
+        while len(times) < len(marks) and time < _LONGEST_S:
+            while len(times) < len(marks) and s >= marks[len(times)]:
+                times.append(time)
+            faster = max(v + step * free_road(v, speed_at(self._speeds, s + 0.5 * v), _EGO), 0.3)
+            s += 0.5 * (v + faster) * step
+            v = faster
+            time += step
+        return times + [_LONGEST_S] * (len(marks) - len(times))

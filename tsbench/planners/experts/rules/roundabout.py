@@ -1,0 +1,19 @@
+"""Roundabouts (4.3): the ring's traffic goes first at the entry; on the ring, those who push in at other entries."""
+
+from __future__ import annotations
+
+from tsbench.planners.base import PlannerContext, Privilege
+from tsbench.planners.experts.rules.give_way import GiveWayConstraint
+from tsbench.signs.plate_params import RoundaboutParams
+
+
+class RoundaboutConstraint(GiveWayConstraint):
+    """Gives way to whoever comes to the entry along the ring, or is about to come onto it before.
+
+    Which way round and where out is the route's business. `alert_edges`: the ring's edges. At their ends the ego has right
+    of way, but who has driven in in front of it is let go on.
+    """
+
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+        super().__init__(context, privilege)
+        self.alert_edges = frozenset(privilege.sign.params_as(RoundaboutParams).ring)

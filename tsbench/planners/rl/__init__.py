@@ -1,0 +1,1 @@
+"""What `ppo` and `carl` share."""

@@ -1,0 +1,131 @@
+"""Forest plots: values with their intervals, one row each; and that of a comparison of two planners."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from tsbench.metrics.compare import PairedFigure
+from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
+from tsbench.report.tables.compare import Matched
+
+ROW_IN = 0.24
+_MARGIN_IN, _WIDTH_IN = 1.9, 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A value in a row, in the unit of the axis; None: nothing is drawn.
+
+    low, high: its interval. bracket: grey, this far to both sides of 0 (an effect that would have been found). cross: a
+    second value of the same figure (completed only).
+    """
+
+    value: float | None
+    low: float | None
+    high: float | None
+    colour: str
+    filled: bool = True
+    marker: str = "o"
+    width: float = 1.4
+    bracket: float | None = None
+    cross: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ForestRow:
+    """A row. count: what it rests on, right of the axes. bold: a mean of others."""
+
+    label: str
+    marks: tuple[Mark, ...]
+    count: str
+    bold: bool = False
+
+
+def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True) -> None:
+    """Rows from top to bottom. labels: write the rows' names at the left."""
+    for y, row in enumerate(rows):
+        for mark in row.marks:
+            _draw_mark(axes, y, mark)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_yticks(range(len(rows)), [row.label if row.bold else f"{row.label}  " for row in rows])
+    for label, row in zip(axes.get_yticklabels(), rows, strict=True):
+        label.set(fontweight="bold" if row.bold else "normal", fontsize=8, parse_math=False)
+    axes.tick_params(axis="y", labelleft=labels)
+    counts = axes.secondary_yaxis("right")
+    counts.set_yticks(range(len(rows)), [row.count for row in rows])
+    counts.tick_params(length=0, labelsize=7)
+    axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def draw_forest(matched: Matched, path: Path) -> None:
+    """Write the PNG. Full marks are significant; grey brackets show what the others would have found (MDE)."""
+    save_chart(lambda: _forest(matched), path)
+
+
+def difference_mark(figure: PairedFigure, colour: str, mean: bool) -> Mark:
+    """How a paired difference is drawn: full where it is significant, with its bracket where it is not."""
+    d, completed = figure.main, figure.completed
+    return Mark(
+        d.value, d.low, d.high, colour, filled=d.significant, marker="D" if mean else "o", width=2.2 if mean else 1.4,
+        bracket=d.mde, cross=None if completed.n == d.n else completed.value,
+    )  # fmt: skip
+
+
+def lost_won(figure: PairedFigure) -> str:
+    """Pairs that only A, only B has, of how many; completed pairs in brackets where there are fewer."""
+    d = figure.main
+    text = f"{d.lost or 0}/{d.won or 0} of {d.n}"
+    return text if d.n == figure.completed.n else f"{text} ({figure.completed.n})"
+
+
+def _forest(matched: Matched) -> Figure:
+    c = matched.comparison
+
+    def row(label: str, figure: PairedFigure, colour: str, mean: bool) -> ForestRow:
+        return ForestRow(label, (difference_mark(figure, colour, mean),), lost_won(figure), mean)
+
+    rows = [row("all types", c.overall, INK, True)]
+    for group, figure in c.groups.items():
+        colour = GROUP_COLOURS.get(group, INK)
+        rows.append(row(group, figure, colour, True))
+        rows += [row(kind, c.types[kind], colour, False) for kind, g in c.type_groups.items() if g == group]
+    drawing = Figure(figsize=(_WIDTH_IN, _MARGIN_IN + ROW_IN * len(rows)), layout="constrained")
+    axes = drawing.subplots()
+    draw_rows(axes, rows)
+    axes.axvline(0.0, color=GREY, linewidth=0.8)
+    axes.set_xlabel(
+        "SCD of B minus SCD of A, percentage points (strict), 95 % paired cluster bootstrap over maps\n"
+        "full: significant (exact McNemar, types after Holm); grey: minimum detectable effect; right: lost/won of n\n"
+        "x: completed only, pairs without an error outcome; their n in brackets",
+        fontsize=7.5,
+    )
+    lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", _contract_line(matched)]
+    drawing.suptitle("\n".join(lines), fontsize=8, x=0.01, ha="left", parse_math=False)
+    return drawing
+
+
+def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
+    if mark.value is None:
+        return
+    if mark.bracket is not None:
+        ends = [-mark.bracket, mark.bracket]
+        axes.plot(ends, [y, y], color=PALE, linewidth=1.0, marker="|", markersize=7, zorder=1)
+    if mark.low is not None and mark.high is not None:
+        axes.plot([mark.low, mark.high], [y, y], color=mark.colour, linewidth=mark.width, zorder=2)
+    if mark.cross is not None:
+        axes.plot(mark.cross, y, marker="x", color=mark.colour, markersize=5, zorder=2)
+    face = mark.colour if mark.filled else "white"
+    axes.plot(
+        mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3
+    )
+
+
+def _contract_line(matched: Matched) -> str:
+    a, b = matched.contracts
+    return f"contract {a}" if a == b else f"contracts A {a[:24]}…, B {b[:24]}…"

@@ -1,0 +1,140 @@
+"""A page for each scenario type: what the law says, the rule with its thresholds, and one scene driven twice.
+
+The sign-blind driver breaks the rule where the expert obeys it: a picture of the moment, and a short film of each.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import Trace, trace_of
+from tsbench.report.drawing.bev import PageSize
+from tsbench.report.page.shell import environment
+from tsbench.report.video.encode import render_gif
+from tsbench.report.video.render import render_png
+from tsbench.rules.base import Violation
+from tsbench.scenarios.scene_loader import load_scene
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.model import ScenarioType, Sign
+from tsbench.sim.world import DT_S
+
+EXPERT = "idm-e"
+# Where the tempted driver only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.
+LAWLESS = ("lawless", "tsbench.dataset.certify.lawless:Lawless")
+GIF_SIZE = PageSize(400, 360)
+TRIES = 20
+_BEFORE_S, _AFTER_S = 4.0, 2.0
+
+
+class PageMaker:
+    """Drives test scenes and writes `<type>.md` with its pictures below `out`."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self._catalog: Catalog = load_catalog()
+        self._rows: dict[str, list[ScenarioSpec]] = defaultdict(list)
+        for row in read_table(table_path("test")):
+            self._rows[row.scenario_type].append(row)
+        self._runners: dict[str, EpisodeRunner] = {}
+
+    @property
+    def types(self) -> list[str]:
+        """Types that have test scenarios, in the order of the table of types."""
+        return [t.id for t in self._catalog.types if t.id in self._rows]
+
+    def write(self, type_id: str) -> Path:
+        """One type's page. Raises InputError for a type without test scenarios, or none that shows the rule."""
+        kind = self._catalog.type(type_id)
+        if type_id not in self._rows:
+            raise InputError(f"{type_id}: no test scenarios (tsbench scenarios build makes them)")
+        broken, obeyed = self._pair(type_id)
+        scene = load_scene(broken.spec)
+        folder = self.out / "pictures"
+        render_png(broken, scene, folder / f"{type_id}.png")
+        moment = _first_violation(broken).start_s
+        render_gif(broken, scene, folder / f"{type_id}-violation.gif", GIF_SIZE, _span(broken, moment))
+        render_gif(
+            obeyed, scene, folder / f"{type_id}-pass.gif", GIF_SIZE, _span(obeyed, _decisive(broken, obeyed))
+        )
+        path = self.out / f"{type_id}.md"
+        path.write_text(self._text(kind, broken, obeyed), encoding="utf-8")
+        return path
+
+    def write_index(self) -> Path:
+        """A table of all pages that there are."""
+        lines = ["# Signs and scenario types", "", "| plate | type | group | sign |", "|---|---|---|---|"]
+        for kind in self._catalog.types:
+            if (self.out / f"{kind.id}.md").is_file():
+                signs = [self._catalog.sign(code) for code in kind.codes]
+                plates = " ".join(_plate(s, 40) for s in signs)
+                names = ", ".join(f"{s.code} {s.name_en}" for s in signs)
+                lines.append(f"| {plates} | [`{kind.id}`]({kind.id}.md) | {kind.group} | {names} |")
+        path = self.out / "README.md"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return path
+
+    def _pair(self, type_id: str) -> tuple[Trace, Trace]:
+        """Two episodes of one scene: the tempted driver's violation, the expert's obedience."""
+        tempted = load_recipe(type_id, self._catalog).tempted
+        # Variants with traffic show more than the nominal one.
+        rows = sorted(self._rows[type_id], key=lambda r: (r.variant not in (2, 5), r.variant, r.map_id))
+        for name, planner in ((tempted, tempted), LAWLESS):
+            for row in rows[:TRIES]:
+                broken = self._drive(name, planner, row)
+                if broken.target.violations:
+                    obeyed = self._drive(EXPERT, EXPERT, row)
+                    if obeyed.outcome is Outcome.ARRIVED and obeyed.target.compliant:
+                        return broken, obeyed
+        raise InputError(
+            f"{type_id}: none of {TRIES} test scenes shows {tempted} breaking the rule and {EXPERT} obeying it"
+        )
+
+    def _drive(self, name: str, planner: str, row: ScenarioSpec) -> Trace:
+        if name not in self._runners:
+            others = list(self._runners.values())
+            sim = others[0].simulation if others else None
+            self._runners[name] = EpisodeRunner(planner, name, simulation=sim)
+        return trace_of(self._runners[name].run(row))
+
+    def _text(self, kind: ScenarioType, broken: Trace, obeyed: Trace) -> str:
+        signs = [self._catalog.sign(code) for code in kind.codes]
+        ends = [self._catalog.sign(code) for code in kind.end_codes]
+        text: str = (
+            environment()
+            .get_template("sign.md")
+            .render(
+                kind=kind, signs=signs, ends=ends, rule=signs[0].rule, broken=broken, obeyed=obeyed,
+                title=", ".join(dict.fromkeys(s.name_en for s in signs)),
+                plates=" ".join(_plate(s, 96) for s in (*signs, *ends)), event=_first_violation(broken),
+            )
+        )  # fmt: skip
+        return text
+
+
+def _first_violation(trace: Trace) -> Violation:
+    return min(trace.target.violations, key=lambda v: v.start_s)
+
+
+def _plate(sign: Sign, height: int) -> str:
+    return f'<img src="../../sign_catalog/plates/{sign.drawing}" height="{height}" alt="{sign.code}">'
+
+
+def _span(trace: Trace, moment: float) -> tuple[int, int]:
+    """Ticks around a moment (s)."""
+    last = len(trace.snapshots) - 1
+    first = max(round((moment - _BEFORE_S) / DT_S), 0)
+    return min(first, last), min(round((moment + _AFTER_S) / DT_S), last)
+
+
+def _decisive(broken: Trace, obeyed: Trace) -> float:
+    """When the obedient ego is nearest to where the other one broke the rule, s."""
+    event = _first_violation(broken)
+    near = min(obeyed.snapshots, key=lambda s: (s.ego.x - event.x) ** 2 + (s.ego.y - event.y) ** 2)
+    return near.time

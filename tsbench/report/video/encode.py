@@ -1,0 +1,152 @@
+"""Episodes as films: MP4 in real time, GIF at half the frame rate."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable, Iterator
+from dataclasses import astuple
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image as PilImage
+
+from tsbench.core.errors import InputError
+from tsbench.episode.trace import Trace
+from tsbench.report.drawing.bev import BirdsEye, PageSize
+from tsbench.report.drawing.camera import Image
+from tsbench.report.drawing.style import STYLE, VIOLATION_SHADE
+from tsbench.report.video.outfile import whole_file
+from tsbench.signs.countries import Country
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S
+
+VIDEO_SIZE = PageSize(800, 600)
+GIF_SIZE = PageSize(640, 520)
+GIF_EVERY = 2
+HOLD_S = 1.5
+_GIF_COLOURS = 128
+_CLEAR = 255
+# A frame does not fit into a pipe; the largest that an unprivileged process may have saves most of the waiting.
+_PIPE_BYTES = 1 << 20
+# One thread for each film: films are many, and threads that wait for each other cost more than they bring. A fixed
+# quantiser spares x264 the look at each frame in advance. OpenCV converts colours as the standard for small pictures
+# says, which players do not guess alike.
+_ENCODER = [
+    "-c:v", "libx264", "-preset", "ultrafast", "-qp", "18", "-threads", "1", "-filter_threads", "1",
+    "-fps_mode", "passthrough", "-movflags", "+faststart",
+    "-x264-params", "colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m",
+]  # fmt: skip
+
+
+def film(
+    trace: Trace,
+    scene: Scene,
+    size: PageSize,
+    every: int = 1,
+    span: tuple[int, int] | None = None,
+    country: Country | None = None,
+) -> Iterator[Image]:
+    """The pages of an episode, each `every` ticks and the last one; one array, drawn into anew.
+
+    span: first and last tick, by default all; such a short film has a camera that stands still.
+    """
+    sign = scene.target_sign
+    first, last = (0, len(trace.snapshots) - 1) if span is None else span
+    track = [(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]]
+    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), span is None, country)
+    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
+    for tick in [*range(first, last, every), last]:
+        yield eye.page(tick, page)
+
+
+def render_mp4(trace: Trace, scene: Scene, path: Path, country: Country | None = None) -> None:
+    """The whole episode in real time, H.264. Raises InputError."""
+    with whole_file(path) as part:
+        _encode(_frames(trace, scene, country), VIDEO_SIZE, part)
+
+
+def _frames(trace: Trace, scene: Scene, country: Country | None) -> Iterator[Image]:
+    """Frames as the encoder takes them; one array, written anew."""
+    frame = np.empty((VIDEO_SIZE.height * 3 // 2, VIDEO_SIZE.width), dtype=np.uint8)
+    for page in film(trace, scene, VIDEO_SIZE, country=country):
+        # OpenCV converts colours three times faster than ffmpeg does.
+        cv2.cvtColor(page, cv2.COLOR_RGB2YUV_I420, dst=frame)
+        yield frame
+    for _ in range(round(HOLD_S / DT_S)):
+        yield frame
+
+
+def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
+    """Frames (I420) through ffmpeg into an MP4."""
+    import imageio_ffmpeg  # an extra of its own: only films need it
+
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-nostdin", "-loglevel", "error",
+        "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{size.width}x{size.height}", "-r", f"{round(1 / DT_S)}",
+        "-i", "pipe:0", *_ENCODER, "-f", "mp4", str(path),
+    ]  # fmt: skip
+    encoder = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        pipesize=_PIPE_BYTES,
+    )
+    with encoder:
+        assert encoder.stdin is not None
+        try:
+            for frame in frames:
+                encoder.stdin.write(frame.data)
+        except BrokenPipeError:
+            # It has given up; why is in what it says below.
+            pass
+        except BaseException:
+            encoder.kill()
+            raise
+        _, said = encoder.communicate()
+    if encoder.returncode:
+        reason = " ".join(said.decode(errors="replace").split()) or f"ffmpeg ended with {encoder.returncode}"
+        raise InputError(f"{path.parent}: no film could be written there ({reason[-200:]})")
+
+
+def render_gif(
+    trace: Trace,
+    scene: Scene,
+    path: Path,
+    size: PageSize = GIF_SIZE,
+    span: tuple[int, int] | None = None,
+    country: Country | None = None,
+) -> None:
+    """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette."""
+    frames: list[PilImage.Image] = []
+    palette: PilImage.Image | None = None
+    before: Image | None = None
+    for page in film(trace, scene, size, GIF_EVERY, span, country):
+        picture = PilImage.fromarray(page)
+        if palette is None:
+            palette = _palette(picture)
+        indices = np.asarray(picture.quantize(palette=palette, dither=PilImage.Dither.NONE))
+        # What has not changed since the page before is left clear: long runs of one index pack well.
+        fresh = indices if before is None else np.where(indices == before, _CLEAR, indices).astype(np.uint8)
+        before = indices
+        frame = PilImage.fromarray(fresh, mode="P")
+        frame.putpalette(palette.getpalette() or [])
+        frames.append(frame)
+    step = round(1000 * DT_S * GIF_EVERY)
+    durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
+    with whole_file(path) as part:
+        frames[0].save(
+            part, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
+            transparency=_CLEAR, disposal=1,
+        )  # fmt: skip
+
+
+def _palette(first: PilImage.Image) -> PilImage.Image:
+    """The first page's colours, and all that may come later, such as those of a violation."""
+    found = first.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT).getpalette() or []
+    named = [c for colour in astuple(STYLE) if isinstance(colour, tuple) and len(colour) == 3 for c in colour]
+    dark = [round(VIOLATION_SHADE * c) for c in STYLE.violation]
+    palette = PilImage.new("P", (1, 1))
+    palette.putpalette([*found[: 3 * _GIF_COLOURS], *named, *dark])
+    return palette

@@ -1,0 +1,1 @@
+"""Who drives the episodes: worker processes here or on a cluster."""

@@ -1,0 +1,1 @@
+"""The run folder: journal, manifest, records, tables."""

@@ -1,0 +1,213 @@
+"""The run folder: opened, checked, continued; what does not belong is named, and never deleted or trusted."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
+from tsbench.episode.trace import trace_path
+from tsbench.run.execution.memory import MemoryUse
+from tsbench.run.log.journal import Content, Journal, Key, belongs
+from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
+from tsbench.run.log.quarantine import FOLDER as ASIDE
+from tsbench.run.log.quarantine import Quarantine
+from tsbench.run.log.record import Record
+from tsbench.run.log.rescored import NAME as RESCORED
+from tsbench.run.log.schema import TABLES
+from tsbench.run.log.tables import file_hashes
+
+if TYPE_CHECKING:
+    from tsbench.metrics.aggregate import Summary
+
+JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
+TRACES, ERRORS = "traces", "errors"
+# What tsbench itself puts into a run folder; pictures and reports come from other commands.
+_FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", RESCORED, *TABLES))
+_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report"))
+
+
+# What a continued run takes over from its earlier sessions.
+_KEPT = ("started", "sessions", "status", "finished", "counts", "files")
+
+
+class RunFolder:
+    """A folder that this process writes to. journal: None where the run had already been completed.
+
+    notices: lines about what was found that should not be there. It is set aside; only beside a complete run,
+    whose folder nothing changes any more, it stays where it is.
+    """
+
+    def __init__(self, path: Path, manifest: Manifest, keys: Sequence[Key]) -> None:
+        """Open `path` for the run of `manifest`; `keys` are its episodes.
+
+        Raises:
+            InputError: the folder holds another run or other things, is in use, or cannot be written.
+        """
+        self.path, self.notices = path, list[str]()
+        self.journal: Journal | None = None
+        self._keys = keys
+        self._traced: set[Path] = set()
+        self._aside = Quarantine(path)
+        with io_errors_as_input_errors(path):
+            path.mkdir(parents=True, exist_ok=True)
+            old = _same_run(path, manifest)
+            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
+            if self.manifest["status"] == "complete":
+                self._check_complete()
+            else:
+                self._take_over()
+                self._open_session()
+
+    def keep(self, record: Record) -> None:
+        """Write down one episode: first its error's story, then the line that makes it finished."""
+        assert self.journal is not None
+        row = record.row
+        if record.trace_sha256 is None:
+            path = trace_path(self.path, row["planner"], row["scenario_id"])
+            if path.exists():
+                self._aside.move(path, "its episode was run once more, and left no trace")
+        if record.detail:
+            head = "".join(
+                f"{name}: {row[name]}\n" for name in ("planner", "scenario_id", "outcome", "error")
+            )
+            path = error_path(self.path, row["planner"], row["scenario_id"])
+            with io_errors_as_input_errors(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomic(path, f"{head}\n{record.detail.rstrip()}\n".encode(errors="replace"))
+        self.journal.append(record)
+
+    def end(self, status: str, summary: Summary | None, errors: int, memory: Sequence[MemoryUse]) -> None:
+        """Write summary and manifest; the journal goes when everything in it stands in the tables."""
+        assert self.journal is not None
+        with io_errors_as_input_errors(self.path):
+            if summary is None:
+                # One of an earlier session would not belong to these tables.
+                for name in (SUMMARY, TABLES_TEXT):
+                    (self.path / name).unlink(missing_ok=True)
+            else:
+                write_atomic(self.path / SUMMARY, summary.to_json().encode())
+            for path in _strangers(self.path):
+                if is_tmp(path.name):
+                    self._aside.move(path, "half-written by a worker that ended")
+            self.manifest.update(
+                status=status,
+                finished=timestamp(),
+                counts={"asked": len(self._keys), "finished": len(self.journal.done), "errors": errors},
+                files=file_hashes(self.path),
+            )
+            self.manifest["sessions"][-1].update(
+                finished=timestamp(), status=status, workers=[asdict(use) for use in memory]
+            )
+            write_json(self.path / NAME, self.manifest)
+            if status == "complete":
+                (self.path / JOURNAL).unlink()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        if self.journal is not None:
+            self.journal.close()
+
+    def _open_session(self) -> None:
+        self.manifest.update(status="running", finished=None)
+        self.manifest["sessions"].append({"started": timestamp(), "finished": None, "status": "running"})
+        write_json(self.path / NAME, self.manifest)
+
+    def _check_complete(self) -> None:
+        """The tables are those that the run wrote; strangers are named."""
+        now = file_hashes(self.path)
+        for name, recorded in self.manifest["files"].items():
+            if now.get(name) != recorded:
+                raise InputError(
+                    f"{self.path / name}: is not the file that the run wrote (SHA-256 differs); "
+                    "restore it, or run again into another folder"
+                )
+        journal = self.path / JOURNAL
+        if journal.is_file() and belongs(journal, identity(self.manifest)):
+            # All that it says stands in the tables: the run was killed just before this line.
+            journal.unlink()
+        expected = self._paths(self._keys)
+        foreign_files = [path for path in _strangers(self.path) if path not in expected]
+        foreign_files += [journal] if journal.exists() else []
+        self.notices = [
+            f"{path}: does not belong to this run; left alone, not used" for path in foreign_files
+        ]
+
+    def _take_over(self) -> None:
+        """Trust the finished episodes that have all that they should have; set aside all that is not theirs."""
+        aside = self._aside
+        self.journal = Journal(
+            self.path / JOURNAL, self._keys, identity(self.manifest), aside, self._has_its_trace
+        )
+        finished = self._paths(self.journal.done, traces=False) | self._traced
+        possible = self._paths(self._keys)
+        for path in _strangers(self.path):
+            if is_tmp(path.name):
+                aside.move(path, "half-written")
+            elif path in possible and path not in finished:
+                aside.move(path, "its episode has no finished record and will be run again")
+            elif path not in finished:
+                aside.move(path, "does not belong to this run")
+        self.notices = aside.notices()
+
+    def _has_its_trace(self, content: Content) -> bool:
+        wanted = content["trace"]
+        if wanted is None:
+            return True
+        path = trace_path(self.path, content["row"]["planner"], content["row"]["scenario_id"])
+        if not path.is_file():
+            return False
+        if hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
+            self._aside.move(path, "is not the trace that the run wrote (SHA-256 differs)")
+            return False
+        self._traced.add(path)
+        return True
+
+    def _paths(self, keys: Iterable[Key], traces: bool = True) -> set[Path]:
+        """Where something about these episodes may lie."""
+        found = {error_path(self.path, *key) for key in keys}
+        return found | {trace_path(self.path, *key) for key in keys} if traces else found
+
+
+def check_folder(path: Path, contract: str, effective: Mapping[str, Any]) -> None:
+    """What can be said of a folder before anything is started: InputError where it is no place for this run."""
+    with io_errors_as_input_errors(path):
+        if path.exists():
+            _same_run(path, {"contract": contract, "effective": effective})
+
+
+def _same_run(path: Path, new: Mapping[str, Any]) -> Manifest | None:
+    """The manifest of an earlier session of this run, None if there was none."""
+    old = read_manifest(path)
+    if old is None:
+        # What a run leaves that was killed before it could write its manifest.
+        if any(not is_tmp(p.name) and p.name not in (JOURNAL, ASIDE) for p in path.iterdir()):
+            raise InputError(f"{path}: is neither empty nor a run folder; choose another with --out")
+        return None
+    differs = difference(old, new)
+    if differs is not None:
+        raise InputError(f"{path}: holds another run: {differs}; choose another folder with --out")
+    return old
+
+
+def error_path(run: Path, planner: str, scenario_id: str) -> Path:
+    """Where the story of a failed episode stands: beside the traces, under the same names."""
+    trace = trace_path(run, planner, scenario_id)
+    return run / ERRORS / trace.parent.name / f"{trace.name.removesuffix('.parquet')}.txt"
+
+
+def _strangers(folder: Path) -> list[Path]:
+    """What is not ours by its name, and all traces and errors, of which the caller knows more; sorted."""
+    found = [
+        path
+        for path in sorted(folder.iterdir())
+        if not (path.is_file() and path.name in _FILES) and not (path.is_dir() and path.name in _FOLDERS)
+    ]
+    for name in (TRACES, ERRORS):
+        if (folder / name).is_dir():
+            found += [path for path in sorted((folder / name).rglob("*")) if not path.is_dir()]
+    return found

@@ -1,0 +1,210 @@
+"""The journal: finished episodes, one checked line each, so that a kill loses no finished one."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.run.log.quarantine import Quarantine
+from tsbench.run.log.record import Record
+from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
+
+Key = tuple[str, str]
+Content = dict[str, Any]
+
+_SYNC_EVERY_S = 1.0
+_DIGEST_HEX = 16
+_PARTS = {"row", "events", "timing", "trace"}
+_TORN, _OTHER_RUN, _FOREIGN = "torn or changed", "of another run", "of no episode of this run"
+_TWICE, _NO_TRACE = "of an episode that has one already", "of an episode whose trace is gone or was changed"
+
+
+class Journal:
+    """`RUN/journal.jsonl`: append-only while a run is on.
+
+    A line is the checksum of the rest, a space, and JSON: first the run that the file belongs to, then an episode
+    in each line. `done`: where the line of each finished (planner, scenario_id) begins.
+    """
+
+    def __init__(
+        self, path: Path, keys: Collection[Key], run: str, aside: Quarantine, sound: Callable[[Content], bool],
+        whole: Callable[[Any], bool] | None = None, unsound: str = _NO_TRACE,
+    ) -> None:  # fmt: skip
+        """Open for appending; lines that cannot be trusted are set aside, and their episodes are not `done`.
+
+        keys: the episodes of this run. run: its identity. sound: is all there that an episode's line speaks of?
+        unsound: what one is whose is not. whole: has a line all that it must have? None = what the tables want.
+        """
+        self.path = path
+        self.done: dict[Key, int] = {}
+        self._keys, self._sound, self._unsound = frozenset(keys), sound, unsound
+        self._whole = whole or _has_all
+        self._head = encode({"run": run})
+        with io_errors_as_input_errors(path):
+            self._fd = _open(path, os.O_CREAT)
+            self._recover(aside)
+            self._end = os.fstat(self._fd).st_size
+        self._synced = time.monotonic()
+
+    def append(self, record: Record) -> None:
+        """Keep one episode. Raises InputError if the disk does not take it."""
+        row = record.row
+        line = encode(
+            {"row": row, "events": record.events, "timing": record.timing, "trace": record.trace_sha256}
+        )
+        with io_errors_as_input_errors(self.path):
+            try:
+                _write(self._fd, line)
+            except OSError:
+                # What came through of the line goes again: the file ends with a whole one.
+                os.ftruncate(self._fd, self._end)
+                raise
+            self.done[row["planner"], row["scenario_id"]] = self._end
+            self._end += len(line)
+            now = time.monotonic()
+            if now - self._synced >= _SYNC_EVERY_S:
+                os.fdatasync(self._fd)
+                self._synced = now
+
+    def read(self, key: Key) -> Content:
+        """The content of one line: row, events, timing, and the SHA-256 of its trace."""
+        start = self.done[key]
+        with io_errors_as_input_errors(self.path):
+            raw = b""
+            while not raw.endswith(b"\n"):
+                piece = os.pread(self._fd, 1 << 13, start + len(raw))
+                if not piece:
+                    break
+                raw += piece
+                raw = raw[: raw.find(b"\n") + 1] if b"\n" in raw else raw
+        content = decode(raw)
+        if content is None:
+            raise InputError(f"{self.path}: byte {start}: changed while the run was on")
+        return content
+
+    def close(self) -> None:
+        """Sync and let go."""
+        try:
+            with io_errors_as_input_errors(self.path):
+                os.fdatasync(self._fd)
+        finally:
+            os.close(self._fd)
+
+    def _recover(self, aside: Quarantine) -> None:
+        """Index the good lines; move the others out of the way."""
+        good: list[tuple[int, int]] = []
+        bad: list[bytes] = []
+        why: Counter[str] = Counter()
+        with self.path.open("rb") as file:
+            head = file.readline()
+            ours = head == self._head
+            if head and not ours:
+                bad.append(head)
+                why[_OTHER_RUN if decode(head) else _TORN] += 1
+            kept, position = len(self._head), len(head)
+            for line in file:
+                content = decode(line)
+                fault = self._fault(content) if ours else _OTHER_RUN
+                if fault or content is None:
+                    bad.append(line)
+                    why[fault] += 1
+                else:
+                    self.done[_key(content)] = kept
+                    good.append((position, len(line)))
+                    kept += len(line)
+                position += len(line)
+        if bad:
+            told = ", ".join(f"{count} {fault}" for fault, count in why.items())
+            aside.keep(self.path, b"".join(bad), f"lines that are not trusted ({told})")
+            self._rewrite(good)
+        elif not head:
+            _write(self._fd, self._head)
+
+    def _fault(self, content: Content | None) -> str:
+        """Why a line is not to be trusted, "" if it is."""
+        if content is None:
+            return _TORN
+        if not self._whole(content) or _key(content) not in self._keys:
+            return _FOREIGN
+        if _key(content) in self.done:
+            return _TWICE
+        return "" if self._sound(content) else self._unsound
+
+    def _rewrite(self, good: list[tuple[int, int]]) -> None:
+        """Keep only these (position, length) of the file, below our own first line."""
+        with replacing(self.path) as tmp, tmp.open("wb") as out:
+            out.write(self._head)
+            for position, length in good:
+                out.write(os.pread(self._fd, length, position))
+        # The name now stands for the new file: append to that one, and lock it too.
+        os.close(self._fd)
+        self._fd = _open(self.path)
+
+
+def belongs(path: Path, run: str) -> bool:
+    """Is this file the journal of the run with this identity? Raises OSError where it cannot be read."""
+    with path.open("rb") as file:
+        return file.readline() == encode({"run": run})
+
+
+def encode(content: Content) -> bytes:
+    """A line with its checksum."""
+    text = json.dumps(content, separators=(",", ":")).encode()
+    return _digest(text) + b" " + text + b"\n"
+
+
+def decode(line: bytes) -> Content | None:
+    """The content of a line, None if it is torn or changed."""
+    if not line.endswith(b"\n") or line[_DIGEST_HEX : _DIGEST_HEX + 1] != b" ":
+        return None
+    text = line[_DIGEST_HEX + 1 : -1]
+    if _digest(text) != line[:_DIGEST_HEX]:
+        return None
+    content: Content = json.loads(text)
+    return content
+
+
+def _open(path: Path, flags: int = 0) -> int:
+    """Open and lock. Raises InputError if another run has it."""
+    fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | flags, 0o644)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Between our opening and locking another run may have put a new file in its place.
+        if os.path.samestat(os.fstat(fd), os.stat(path)):  # noqa: PTH116
+            return fd
+    except (BlockingIOError, FileNotFoundError):
+        pass
+    os.close(fd)
+    raise InputError(f"{path.parent}: another tsbench run is writing here")
+
+
+def _write(fd: int, content: bytes) -> None:
+    rest = memoryview(content)
+    while rest:
+        rest = rest[os.write(fd, rest) :]
+
+
+def _digest(text: bytes) -> bytes:
+    return hashlib.blake2b(text, digest_size=_DIGEST_HEX // 2).hexdigest().encode()
+
+
+def _key(content: Content) -> Key:
+    return content["row"]["planner"], content["row"]["scenario_id"]
+
+
+def _has_all(content: Any) -> bool:
+    """Is this an episode with exactly the columns that the tables want?"""
+    if not isinstance(content, dict) or set(content) != _PARTS or not isinstance(content["events"], list):
+        return False
+    wanted = [(content["row"], EPISODES), (content["timing"], TIMING)]
+    wanted += [(event, VIOLATIONS) for event in content["events"]]
+    return all(isinstance(row, dict) and set(row) == set(schema.names) for row, schema in wanted)

@@ -1,0 +1,74 @@
+"""A run folder as others read it: manifest and records, checked against each other; nothing is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tsbench.core.errors import InputError
+from tsbench.run.edition import edition_of
+from tsbench.run.log.manifest import NAME, Manifest, read_manifest
+from tsbench.run.log.rescored import tell_rescored
+from tsbench.run.log.tables import file_hashes, read_table
+
+EPISODES = "episodes.parquet"
+_ENDED = ("complete", "interrupted")
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run. asked: scenarios asked of each planner, by its name in the records, in the order of the command."""
+
+    path: Path
+    manifest: Manifest
+    episodes: pa.Table
+    asked: dict[str, int]
+
+    @property
+    def contract(self) -> str:
+        """Contract hash (hex)."""
+        return str(self.manifest["contract"])
+
+    @property
+    def edition(self) -> str:
+        """The contract's name."""
+        return edition_of(self.contract, self.manifest.get("edition"))
+
+    @property
+    def rescored(self) -> str:
+        """Whether it was judged again, in one line."""
+        return tell_rescored(self.path, self.contract, self.manifest["files"])
+
+    def of(self, planner: str) -> pa.Table:
+        """One planner's records."""
+        return self.episodes.filter(pc.is_in(self.episodes["planner"], pa.array([planner])))
+
+    def holes(self, planner: str) -> int:
+        """Scenarios asked of a planner that have no record."""
+        return self.asked[planner] - len(self.of(planner))
+
+
+def is_run(path: Path) -> bool:
+    """Does a manifest lie there?"""
+    return (path / NAME).is_file()
+
+
+def read_run(path: Path) -> StoredRun:
+    """Read a run. Raises InputError: no run, another schema version, torn or exchanged tables."""
+    manifest = read_manifest(path)
+    if manifest is None:
+        raise InputError(f"{path}: no run folder (it has no {NAME})")
+    if "scenarios" not in manifest["effective"]:
+        raise InputError(f"{path / NAME}: not the manifest of a tsbench run, but of a collection")
+    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    status, recorded = manifest["status"], manifest["files"] or {}
+    episodes = read_table(path / EPISODES)
+    # While a session is under way the tables of the one before may already have been replaced.
+    if status in _ENDED:
+        for name, digest in file_hashes(path).items():
+            if recorded.get(name) != digest:
+                raise InputError(f"{path / name}: is not the file that the run wrote (SHA-256 differs)")
+    return StoredRun(path, manifest, episodes, asked)

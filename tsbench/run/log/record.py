@@ -1,0 +1,108 @@
+"""Records: one episode as flat dictionaries of primitives, ready for JSON and for Arrow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tsbench.core.text import one_line
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.result import EpisodeResult
+from tsbench.run.log.schema import EPISODES
+from tsbench.scenarios.spec import ScenarioSpec
+
+Row = dict[str, Any]
+
+# Columns that are copied from the scenario row.
+SPEC_COLUMNS = (
+    "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "map_id", "family", "shape", "slot",
+    "variant", "split", "seed",
+)  # fmt: skip
+_RUN_COLUMNS = ("planner", "privileged", "outcome", "error")
+# Columns that are copied from the episode's metrics; all null where the outcome is an error.
+METRIC_COLUMNS = tuple(name for name in EPISODES.names if name not in (*SPEC_COLUMNS, *_RUN_COLUMNS))
+_STORY_CHARS = 1 << 16
+
+
+@dataclass(frozen=True)
+class Record:
+    """All that is kept of one episode besides its trace.
+
+    row: columns of `episodes.parquet`; events: rows of `violations.parquet`; timing: of `timing.parquet`.
+    detail: text for `errors/`, "" where there was no error. trace_sha256: of the trace (hex), None where none was
+    kept.
+    """
+
+    row: Row
+    events: list[Row]
+    timing: Row
+    detail: str
+    trace_sha256: str | None = None
+
+
+def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:
+    """A row without figures: what did not happen is null, never zero; as a success it counts as none."""
+    row = head_row(spec, planner, privileged, outcome, one_line(error) or "no cause given")
+    row.update(dict.fromkeys(METRIC_COLUMNS))
+    row["scd"] = False
+    return row
+
+
+def make_timing(result: EpisodeResult) -> Row:
+    """Wall-clock figures, kept apart from the results because they differ from run to run."""
+    planner_s = result.planner_s
+    some = len(planner_s) > 0
+    return {
+        "planner": result.planner,
+        "scenario_id": result.spec.scenario_id,
+        "ticks": len(planner_s),
+        "start_s": float(result.start_s),
+        "sim_s": float(result.sim_s),
+        "planner_s": float(planner_s.sum()),
+        "planner_mean_s": float(planner_s.mean()) if some else None,
+        "planner_p95_s": float(np.percentile(planner_s, 95)) if some else None,
+        "planner_max_s": float(planner_s.max()) if some else None,
+        "total_s": float(result.total_s),
+    }
+
+
+def lost_timing(spec: ScenarioSpec, planner: str, total_s: float) -> Row:
+    """Timing of an episode whose worker died; total_s: s from when it was begun."""
+    row: Row = dict.fromkeys(
+        ("start_s", "sim_s", "planner_s", "planner_mean_s", "planner_p95_s", "planner_max_s")
+    )
+    return {**row, "planner": planner, "scenario_id": spec.scenario_id, "ticks": None, "total_s": total_s}
+
+
+def cut_short(story: str) -> str:
+    """A story of an error without its middle where it is endless."""
+    half = _STORY_CHARS // 2
+    return story if len(story) <= _STORY_CHARS else f"{story[:half]}\n(...)\n{story[-half:]}"
+
+
+def last_seconds(result: EpisodeResult, ticks: int = 30) -> str:
+    """The ego's last ticks as a table in plain text, "" if there was not even a first one."""
+    if result.facts is None:
+        return ""
+    lines = ["  time_s        x        y  heading   speed  lane  asked acceleration, steering"]
+    first = max(len(result.facts.snapshots) - ticks, 0)
+    for number, snapshot in enumerate(result.facts.snapshots[first:], start=first):
+        ego = snapshot.ego
+        asked = (
+            ", ".join(f"{v:.3f}" for v in result.commands[number]) if number < len(result.commands) else "-"
+        )
+        lines.append(
+            f"{snapshot.time:8.1f} {ego.x:8.2f} {ego.y:8.2f} {ego.heading:8.3f} {ego.speed:7.2f}"
+            f" {ego.lane:5d}  {asked}"
+        )
+    return "\n".join(lines)
+
+
+def head_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str | None) -> Row:
+    """The columns that do not depend on what happened."""
+    row: Row = {"planner": planner}
+    row.update({name: getattr(spec, name) for name in SPEC_COLUMNS})
+    row.update(privileged=privileged, outcome=outcome.value, error=error)
+    return row

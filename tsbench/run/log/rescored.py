@@ -1,0 +1,74 @@
+"""`rescored.json`: that a run was judged again, what of it, by what, and how that ended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import tsbench
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_json
+from tsbench.run.edition import edition_of
+from tsbench.run.log.tables import file_hashes
+
+NAME = "rescored.json"
+SCHEMA_VERSION = 1
+# What was judged; wall-clock figures are no verdicts.
+_JUDGED = ("episodes.parquet", "violations.parquet")
+
+
+@dataclass(frozen=True)
+class Rescored:
+    """judged: SHA-256 (hex) of the tables. contract, edition, tsbench: of who judged. traces: judged again.
+
+    untraced: episodes without a readable trace. disagreements: values that came out differently.
+    """
+
+    judged: Mapping[str, str]
+    contract: str
+    edition: str
+    tsbench: str
+    traces: int
+    untraced: int
+    disagreements: int
+
+
+def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disagreements: int) -> None:
+    """Write down how judging a run again ended. Raises InputError where the folder takes nothing."""
+    hashes = file_hashes(folder)
+    told = Rescored(
+        {name: hashes[name] for name in _JUDGED}, contract, edition_of(contract), tsbench.__version__, traces, untraced,
+        disagreements,
+    )  # fmt: skip
+    with io_errors_as_input_errors(folder):
+        write_json(folder / NAME, {"schema_version": SCHEMA_VERSION, **asdict(told)})
+
+
+def read_rescored(folder: Path) -> Rescored | None:
+    """What `write_rescored` wrote, None where it wrote nothing. Raises InputError for anything else."""
+    path = folder / NAME
+    try:
+        told: dict[str, Any] = json.loads(path.read_bytes())
+        if told.pop("schema_version") != SCHEMA_VERSION:
+            raise InputError(f"{path}: of another schema version: tsbench rescore writes it again")
+        return Rescored(**told)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
+        raise InputError(f"{path}: cannot be read ({problem}): tsbench rescore writes it again") from None
+
+
+def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) -> str:
+    """One line: was a run judged again, and with what result? contract, files: of the run, as its manifest has them."""
+    found = read_rescored(folder)
+    if found is None:
+        return "not rescored"
+    if any((files or {}).get(name) != found.judged.get(name) for name in _JUDGED):
+        return "rescored before its tables were changed: what stands in them was not judged again"
+    total = found.traces + found.untraced
+    agrees = f"{found.disagreements} disagreements" if found.disagreements else "all agree"
+    other = "" if found.contract == contract else f", under another contract ({found.contract[:12]})"
+    return f"rescored with edition {found.edition}{other}: {found.traces} of {total} episodes by their traces, {agrees}"

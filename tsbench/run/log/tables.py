@@ -1,0 +1,69 @@
+"""From the journal to the run's three tables, the same bytes however the episodes came about."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.parquet import VERSION_KEY, open_table
+from tsbench.run.log.journal import Journal
+from tsbench.run.log.schema import SCHEMA_VERSION, TABLES
+
+# Episodes in one row group. Part of the format: another number gives other bytes.
+_GROUP = 4096
+
+
+def write_tables(folder: Path, journal: Journal, contract: str) -> None:
+    """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
+    keys = sorted(journal.done)
+    metadata = {VERSION_KEY: str(SCHEMA_VERSION), "tsbench_contract": contract}
+    with io_errors_as_input_errors(folder), ExitStack() as stack:
+        writers = {}
+        for name, schema in TABLES.items():
+            path = stack.enter_context(replacing(folder / name))
+            writers[name] = stack.enter_context(
+                pq.ParquetWriter(
+                    path,
+                    schema.with_metadata(metadata),
+                    version="2.6",
+                    compression="zstd",
+                    compression_level=3,
+                )
+            )
+        for start in range(0, len(keys), _GROUP):
+            lines = [journal.read(key) for key in keys[start : start + _GROUP]]
+            rows = {
+                "episodes.parquet": [line["row"] for line in lines],
+                "violations.parquet": [event for line in lines for event in line["events"]],
+                "timing.parquet": [line["timing"] for line in lines],
+            }
+            for name, writer in writers.items():
+                writer.write_table(_table(name, rows[name]), row_group_size=max(len(rows[name]), 1))
+
+
+def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
+    """Rows as Arrow. A missing key or a null where none may be is a defect, and is said so."""
+    schema = TABLES[name]
+    columns = [pa.array([row[field.name] for row in rows], type=field.type) for field in schema]
+    for field, column in zip(schema, columns, strict=True):
+        if not field.nullable and column.null_count:
+            raise ValueError(f"{name}: column {field.name} has {column.null_count} nulls")
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def read_table(path: Path) -> pa.Table:
+    """One of the three tables. Raises InputError for a missing, truncated or foreign one."""
+    schema = TABLES[path.name].with_metadata({VERSION_KEY: str(SCHEMA_VERSION)})
+    return open_table(path, schema, "is the folder a tsbench run that has ended?")
+
+
+def file_hashes(folder: Path) -> dict[str, str]:
+    """SHA-256 (hex) of each of the tables."""
+    with io_errors_as_input_errors(folder):
+        return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in TABLES}

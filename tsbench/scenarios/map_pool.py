@@ -1,0 +1,115 @@
+"""The pool of maps: one frozen row per map, kept in `sumo_nets/pool.parquet`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from tsbench.core.paths import data_file
+from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+
+SCHEMA_VERSION = 1
+FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
+SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
+
+
+def pool_file() -> Path:
+    """The committed pool index."""
+    return data_file("sumo_nets/pool.parquet")
+
+
+@dataclass(frozen=True, slots=True)
+class PoolRow:
+    """One map of the pool. Metres, m/s, degrees; places in UTM 37 north, the same frame for all sources.
+
+    `shape`: T | X | ring | straight | curved. `slot` (dual path, else ""): prohibited, compliant manoeuvre.
+    `east`/`north`: middle of the crop's bounding box, `half_w`/`half_h`: half its sides. `lanes`: most per
+    direction; `lane_bucket`: that, 3 for more. `curvature`: chord over arc of the main line. `length_m`: of
+    the corridor, the shortest arm, the ring, or the longer way. `detail`: the family's own fields, JSON, see
+    docs/maps.md.
+    """
+
+    map_id: str
+    family: str
+    shape: str
+    slot: str
+    lat: float
+    lon: float
+    source: str
+    well_tagged: bool
+    osm_ids: tuple[int, ...]
+    junction_ids: tuple[str, ...]
+    east: float
+    north: float
+    half_w: float
+    half_h: float
+    lanes: int
+    lane_bucket: int
+    oneway: bool
+    curvature: float
+    length_m: float
+    speed_mps: float
+    road_class: str
+    detail: str
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """`detail`, parsed."""
+        parsed: dict[str, Any] = json.loads(self.detail)
+        return parsed
+
+
+_COLUMNS: dict[str, pa.DataType] = {
+    **dict.fromkeys(("map_id", "family", "shape", "slot"), pa.string()),
+    **dict.fromkeys(("lat", "lon"), pa.float64()),
+    "source": pa.string(),
+    "well_tagged": pa.bool_(),
+    "osm_ids": pa.list_(pa.int64()),
+    "junction_ids": pa.list_(pa.string()),
+    **dict.fromkeys(("east", "north", "half_w", "half_h"), pa.float64()),
+    **dict.fromkeys(("lanes", "lane_bucket"), pa.int32()),
+    "oneway": pa.bool_(),
+    **dict.fromkeys(("curvature", "length_m", "speed_mps"), pa.float64()),
+    **dict.fromkeys(("road_class", "detail"), pa.string()),
+}
+POOL_SCHEMA = pa.schema(list(_COLUMNS.items())).with_metadata(
+    {VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+)
+_HINT = "`tsbench maps harvest --osm DIR` makes it"
+
+
+def map_id(family: str, code: str, *ids: str) -> str:
+    """A stable name such as `j-nwm-3f9a1c20`: family, extract, and a digest of the source's own ids."""
+    digest = hashlib.blake2b("\n".join(ids).encode(), digest_size=5).hexdigest()
+    return f"{family[0]}-{code}-{digest}"
+
+
+def write_pool(rows: Sequence[PoolRow], path: Path) -> None:
+    """Write the pool sorted by `map_id`: the same rows give the same bytes."""
+    ordered = sorted(rows, key=lambda row: row.map_id)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_table(pa.Table.from_pylist([asdict(row) for row in ordered], schema=POOL_SCHEMA), path)
+
+
+def read_pool(path: Path) -> list[PoolRow]:
+    """All rows, sorted by `map_id`. InputError for a file that is missing, broken or of another schema."""
+    table = open_table(path, POOL_SCHEMA, _HINT)
+    columns = [table[name].to_pylist() for name in POOL_SCHEMA.names]
+    rows = []
+    for values in zip(*columns, strict=True):
+        record = dict(zip(POOL_SCHEMA.names, values, strict=True))
+        record["osm_ids"] = tuple(record["osm_ids"])
+        record["junction_ids"] = tuple(record["junction_ids"])
+        rows.append(PoolRow(**record))
+    return rows
+
+
+def known_map_ids(path: Path) -> frozenset[str]:
+    """Ids of all maps in the index, without reading the rest. Raises InputError."""
+    return frozenset(str(m) for m in open_table(path, POOL_SCHEMA, _HINT, ["map_id"])["map_id"].to_pylist())

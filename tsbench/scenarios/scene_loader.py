@@ -1,0 +1,72 @@
+"""From a scenario row to a loaded scene, with the parsed network kept for the rows that share it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from tsbench.core.errors import InputError
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFiles, SceneStore
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.localization import LaneLocator
+from tsbench.sim.scene import Scene, SceneFile
+from tsbench.sim.scene_file import read_layout, scene_from_layout
+from tsbench.core.xmlfile import sha256
+
+_KEPT_NETWORKS = 4
+
+
+@dataclass(frozen=True)
+class Roads:
+    """A network with what is derived from it once, and the file that it was read from."""
+
+    network: RoadNetwork
+    graph: LaneGraph
+    locator: LaneLocator
+    file: SceneFile
+
+
+class SceneLoader:
+    """Loads scenes from `files` (default: the stores of the data folder), checking each file against its row."""
+
+    def __init__(self, files: SceneFiles | None = None) -> None:
+        self.files = SceneStore() if files is None else files
+        self._roads: OrderedDict[str, Roads] = OrderedDict()
+
+    def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
+        """The scene of a row. Raises InputError for a missing, changed or malformed file."""
+        additional = self._read(spec, spec.additional, spec.additional_sha256)
+        roads = self._load_roads(spec)
+        layout = read_layout(additional.path, additional.content)
+        return scene_from_layout(
+            layout, roads.network, roads.file, additional, spec.horizon, spec.seed
+        ), roads
+
+    def _load_roads(self, spec: ScenarioSpec) -> Roads:
+        key = spec.net_sha256 + spec.net
+        roads = self._roads.get(key)
+        if roads is None:
+            file = self._read(spec, spec.net, spec.net_sha256)
+            network = read_network(file.path, file.content)
+            roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
+            self._roads[key] = roads
+            if len(self._roads) > _KEPT_NETWORKS:
+                self._roads.popitem(last=False)
+        self._roads.move_to_end(key)
+        return roads
+
+    def _read(self, spec: ScenarioSpec, name: str, wanted: str) -> SceneFile:
+        """A scene file, read once; InputError where it is not the one that the row names."""
+        file = self.files.read(spec, name)
+        if sha256(file.content) != wanted:
+            raise InputError(
+                f"{file.path}: is not the file that row {spec.scenario_id} names (SHA-256 differs)"
+            )
+        return file
+
+
+def load_scene(spec: ScenarioSpec) -> Scene:
+    """The scene of one row, for those who need no more than one."""
+    return SceneLoader().load(spec)[0]

@@ -1,0 +1,1 @@
+"""Tools around runs: bench, doctor, check, rescore."""

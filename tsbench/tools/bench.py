@@ -1,0 +1,187 @@
+"""How fast the harness is on this machine: three loops over the same scenes, in one run, as ratios.
+
+bare: SUMO alone steps the scene. ego: the ego is placed along its route and the world around it is read. full: the
+whole tick with `idm`, monitors and recording. Machines are noisy: the loops take turns, their seconds are the process's
+own on the CPU, and only ratios compare. Two workers against one are timed by the clock, on a machine left alone.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from multiprocessing.synchronize import Barrier
+
+from tsbench.episode.runner import EpisodeRunner, Phase
+from tsbench.metrics.episode import episode_metrics
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.ego import Motion
+from tsbench.sim.navigation import Navigator
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S, EgoState
+
+TICKS = 300
+VEHICLES = (10.0, 14.0)
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """Ticks per second of one core; mean vehicles; ms to a new episode in a warm worker; two workers by one."""
+
+    bare_ticks_per_s: float
+    ego_ticks_per_s: float
+    full_ticks_per_s: float
+    vehicles: float
+    episode_start_ms: float
+    workers_speedup: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Plain figures for JSON."""
+        return {k: round(v, 4) for k, v in asdict(self).items()}
+
+
+class _Loops:
+    """The three loops over one scene; each returns (seconds, ticks, vehicle-ticks)."""
+
+    def __init__(self) -> None:
+        # One simulation per process: the loops and the runner take turns with it.
+        self.runner = EpisodeRunner("idm", "idm", heartbeat=self._beat)
+        self._loop_began = 0.0
+        self.sim: Simulation = self.runner.simulation
+        self.loader = SceneLoader()
+
+    def _beat(self, phase: int) -> None:
+        if phase == Phase.LOADING:
+            self._loop_began = 0.0
+        elif phase == Phase.SCORING and not self._loop_began:
+            self._loop_began = time.process_time()
+
+    def bare(self, spec: ScenarioSpec) -> tuple[float, int, int]:
+        """SUMO alone."""
+        scene, _ = self.loader.load(spec)
+        self.sim.load_scene(scene)
+        began = time.process_time()
+        for _ in range(TICKS):
+            self.sim.step()
+        seconds = time.process_time() - began
+        return seconds, TICKS, TICKS * len(self.sim.fleet())
+
+    def ego(self, spec: ScenarioSpec) -> tuple[float, int, int]:
+        """The ego rolls along its path at 5 m/s, placed and read at each tick."""
+        scene, roads = self.loader.load(spec)
+        lane = scene.network.lane(scene.start.lane)
+        x, y = lane.line.point_at(scene.start.s)
+        motion = Motion(x, y, lane.line.heading_at(scene.start.s), 5.0)
+        self.sim.load_scene(scene)
+        self.sim.start_ego(motion, lane.edge, lane.order)
+        state = EgoState(x, y, motion.heading, 5.0, 0.0, 0.0, 0.0, lane.index, scene.start.s, 0.0, True)
+        line = Navigator(roads.graph, scene.destination).update(state).path.line
+        # Five metres a second for as long as the path lasts, and 20 m less: the ego stays on the map.
+        ticks = min(TICKS, int((line.length - 20.0) / (5.0 * DT_S)))
+        poses = [(*line.point_at(0.5 * k), line.heading_at(0.5 * k)) for k in range(ticks)]
+        vehicles = 0
+        began = time.process_time()
+        for px, py, heading in poses:
+            self.sim.place_ego(Motion(px, py, heading, 5.0), "", -1)
+            self.sim.step()
+            actors = self.sim.actors()
+            vehicles += len(actors) if actors is not None else 0
+        return time.process_time() - began, ticks, vehicles
+
+    def full(self, spec: ScenarioSpec) -> tuple[float, int, int, float]:
+        """A whole episode; the time to its first tick apart."""
+        began = time.process_time()
+        result = self.runner.run(spec)
+        if result.facts is None:
+            raise RuntimeError(f"{spec.scenario_id}: {result.error}")
+        seconds = time.process_time() - self._loop_began
+        shots = result.facts.snapshots
+        return seconds, len(shots) - 1, sum(len(s.actors) for s in shots), self._loop_began - began
+
+
+def bench_scenes(limit: int) -> list[ScenarioSpec]:
+    """Test rows with traffic, of all types in turn, and about a dozen vehicles around the ego."""
+    rows = [s for s in read_table(table_path("test")) if s.density > 0]
+    loops = _Loops()
+    chosen: list[ScenarioSpec] = []
+    by_type: dict[str, list[ScenarioSpec]] = {}
+    for row in rows:
+        by_type.setdefault(row.scenario_type, []).append(row)
+    queues = [iter(by_type[t]) for t in sorted(by_type)]
+    while queues and len(chosen) < limit:
+        for queue in list(queues):
+            for row in queue:
+                _, ticks, vehicles = loops.ego(row)
+                if VEHICLES[0] <= vehicles / max(ticks, 1) <= VEHICLES[1]:
+                    chosen.append(row)
+                    break
+            else:
+                queues.remove(queue)
+    loops.runner.close()
+    return chosen[:limit]
+
+
+def _episodes(specs: Sequence[ScenarioSpec], gate: Barrier, seconds: multiprocessing.Queue[float]) -> None:
+    """In a worker process: warm up, wait for the others, then run all episodes."""
+    runner = EpisodeRunner("idm", "idm")
+    runner.run(specs[0])
+    gate.wait()
+    began = time.perf_counter()
+    for spec in specs:
+        result = runner.run(spec)
+        if result.facts is not None:
+            episode_metrics(result.facts)
+    seconds.put(time.perf_counter() - began)
+
+
+def _throughput(specs: Sequence[ScenarioSpec], workers: int) -> float:
+    """Episodes per second of so many processes, each with all of `specs`."""
+    context = multiprocessing.get_context("spawn")
+    gate = context.Barrier(workers)
+    seconds: multiprocessing.Queue[float] = context.Queue()
+    processes = [context.Process(target=_episodes, args=(specs, gate, seconds)) for _ in range(workers)]
+    for process in processes:
+        process.start()
+    took = [seconds.get() for _ in processes]
+    for process in processes:
+        process.join()
+    return workers * len(specs) / max(took)
+
+
+def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> BenchResult:
+    """Measure; the figure of each loop is the median over rounds of ticks by seconds over all scenes."""
+    specs = bench_scenes(scenes)
+    loops = _Loops()
+    rates: dict[str, list[float]] = {"bare": [], "ego": [], "full": []}
+    starts: list[float] = []
+    vehicles: list[float] = []
+    for number in range(rounds):
+        progress(f"round {number + 1} of {rounds}")
+        sums: dict[str, list[float]] = {name: [0.0, 0.0] for name in rates}
+        for spec in specs:
+            full = loops.full(spec)
+            for name, (seconds, ticks, count) in (
+                ("bare", loops.bare(spec)), ("ego", loops.ego(spec)), ("full", full[:3])
+            ):  # fmt: skip
+                sums[name][0] += seconds
+                sums[name][1] += ticks
+                if name == "full":
+                    vehicles.append(count / max(ticks, 1))
+            starts.append(full[3])
+        for name, (spent, done) in sums.items():
+            rates[name].append(done / spent)
+    loops.runner.close()
+    progress("one worker, then two")
+    speedups = [_throughput(specs, 2) / _throughput(specs, 1) for _ in range(max(rounds // 2, 1))]
+    return BenchResult(
+        bare_ticks_per_s=statistics.median(rates["bare"]),
+        ego_ticks_per_s=statistics.median(rates["ego"]),
+        full_ticks_per_s=statistics.median(rates["full"]),
+        vehicles=statistics.mean(vehicles),
+        episode_start_ms=1000.0 * statistics.median(starts),
+        workers_speedup=statistics.median(speedups),
+    )

@@ -1,0 +1,191 @@
+"""Judge a run again from its traces: verdicts, figures and aggregates must come out as they stand in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors
+from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
+from tsbench.episode.trace import Trace, read_trace, trace_path
+from tsbench.metrics.aggregate import summarise
+from tsbench.rules.registry import make_monitors
+from tsbench.run.contract import contract_hash
+from tsbench.run.log.folder import SUMMARY
+from tsbench.run.log.journal import Key
+from tsbench.run.log.manifest import Manifest, read_manifest
+from tsbench.run.log.record import Row
+from tsbench.run.log.score import score
+from tsbench.run.log.tables import read_table
+from tsbench.scenarios.scene_loader import Roads, SceneLoader
+from tsbench.scenarios.table import read_table as read_scenarios
+from tsbench.scenarios.table import table_path
+from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.sim.scene import Scene
+from tsbench.tools.replay import replay
+
+
+@dataclass(frozen=True)
+class Rescore:
+    """traces: judged again; untraced: episodes without a readable one; disagreements: one line each.
+
+    contract: of this tsbench for the run's split. note: what to know before reading them, "" if nothing.
+    """
+
+    contract: str
+    traces: int
+    untraced: int
+    note: str
+    disagreements: tuple[str, ...]
+
+
+def rescore(folder: Path) -> Rescore:
+    """Compare a run with what its traces say. Raises InputError for a folder or trace that cannot be read."""
+    manifest = read_manifest(folder)
+    if manifest is None:
+        raise InputError(f"{folder}: no run folder (it has no run.json)")
+    episodes = read_table(folder / "episodes.parquet")
+    rows: dict[Key, Row] = {(row["planner"], row["scenario_id"]): row for row in episodes.to_pylist()}
+    events: dict[Key, list[Row]] = {key: [] for key in rows}
+    lines: list[str] = []
+    for event in read_table(folder / "violations.parquet").to_pylist():
+        key = (event["planner"], event["scenario_id"])
+        if key in events:
+            events[key].append(event)
+        else:
+            lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
+    catalog = load_catalog()
+    table = read_scenarios(table_path(manifest["effective"]["split"]))
+    now = contract_hash(table, catalog)
+    known = {spec.scenario_id: spec for spec in table} if now == manifest["contract"] else None
+    judge = Judge(catalog)
+    judged = 0
+    for key, row in rows.items():
+        path = trace_path(folder, *key)
+        if not path.is_file():
+            if _had_trace(row, events[key], manifest["effective"]["trace"]):
+                lines.append(f"{key[0]} {key[1]}: its trace is gone")
+            continue
+        try:
+            trace = read_trace(path)
+        except InputError as problem:
+            lines.append(f"{key[0]} {key[1]}: {problem}")
+            continue
+        judged += 1
+        if known is not None and trace.spec != known.get(key[1]):
+            lines.append(f"{key[0]} {key[1]}: its trace is of another scenario than the table's row")
+        try:
+            for line in judge.compare(trace, key, row, events[key]):
+                lines.append(f"{key[0]} {key[1]}: {line}")
+        except (ValueError, InputError) as problem:
+            lines.append(f"{key[0]} {key[1]}: its trace cannot be judged: {problem}")
+    expected = {trace_path(folder, *key) for key in rows}
+    for path in sorted((folder / "traces").rglob("*.parquet")):
+        if path not in expected and not path.name.startswith("."):
+            lines.append(f"{path}: a trace without its episode")
+    lines += _summary_lines(folder, manifest, episodes)
+    return Rescore(now, judged, len(rows) - judged, _contract_note(manifest, now), tuple(lines))
+
+
+def _had_trace(row: Row, events: list[Row], kept: str) -> bool:
+    """Was a trace written with this record? Of an error that is not known: it may have had no tick."""
+    if Outcome(row["outcome"]).is_error:
+        return False
+    return kept == "all" or (kept == "violations" and (bool(events) or not row["scd"]))
+
+
+class Judge:
+    """Monitors and metrics run on traces."""
+
+    def __init__(self, catalog: Catalog) -> None:
+        self._catalog = catalog
+        self._loader = SceneLoader()
+
+    def compare(self, trace: Trace, key: Key, row: Row, events: list[Row]) -> Iterator[str]:
+        """What differs between an episode's record and its trace judged again."""
+        if (trace.planner, trace.spec.scenario_id) != key:
+            yield f"its trace is that of {trace.planner} {trace.spec.scenario_id}"
+            return
+        scene, roads = self._loader.load(trace.spec)
+        yield from replay(trace, scene, roads)
+        if trace.outcome.value != row["outcome"]:
+            yield f"outcome is {row['outcome']}, by its trace {trace.outcome.value}"
+            return
+        if trace.outcome.is_error:
+            # An error outcome has no figures: there is nothing more to agree on.
+            return
+        facts = self._facts(trace, scene, roads)
+        if (facts.outcome, facts.contact) != (trace.outcome, trace.contact):
+            yield f"outcome is {trace.outcome} ({trace.contact}), judged again {facts.outcome} ({facts.contact})"
+            return
+        new_row, new_events = score(trace.spec, trace.planner, row["privileged"], facts)
+        yield from (
+            f"{name} is {row[name]!r}, by its trace {new_row[name]!r}"
+            for name in row
+            if not _same(row[name], new_row[name])
+        )
+        if len(events) != len(new_events):
+            yield f"{len(events)} events, by its trace {len(new_events)}"
+            return
+        for old, new in zip(sorted(events, key=lambda event: event["number"]), new_events, strict=True):
+            for name in old:
+                if not _same(old[name], new[name]):
+                    yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
+
+    def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
+        target, others = make_monitors(self._catalog, scene)
+        ending = TerminationCheck(scene, target)
+        outcome, seen = None, []
+        for snapshot in trace.snapshots:
+            seen.append(snapshot)
+            for monitor in (target, *others):
+                monitor.update(snapshot)
+            outcome = ending.at(snapshot)
+            if outcome is not None:
+                break
+        # A trace that ends for no reason of its own is that of an ego that has left the map.
+        return replace(
+            trace.facts(roads.graph, scene),
+            snapshots=seen,
+            outcome=outcome or Outcome.OFF_ROAD,
+            contact=ending.contact,
+            target=target.finish(),
+            others=tuple(monitor.finish() for monitor in others),
+        )
+
+
+def _contract_note(manifest: Manifest, now: str) -> str:
+    """Under another contract a disagreement is no wonder."""
+    if now == manifest["contract"]:
+        return ""
+    return f"the run's contract is {manifest['contract'][:12]}, that of this tsbench {now[:12]}"
+
+
+def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iterator[str]:
+    """An interrupted run has no summary, one with holes has a partial one."""
+    path = folder / SUMMARY
+    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    holes = len(episodes) < sum(asked.values())
+    if not path.is_file():
+        if not holes:
+            yield f"{path}: missing, though no episode is"
+        return
+    now = summarise(
+        episodes,
+        contract_hash=manifest["contract"],
+        edition=str(manifest.get("edition", "")),
+        asked=asked,
+        allow_partial=holes,
+    )
+    with io_errors_as_input_errors(path):
+        if path.read_bytes() != now.to_json().encode():
+            yield f"{path}: differs from the aggregates of the {len(episodes)} records"
+
+
+def _same(a: Any, b: Any) -> bool:
+    return bool(a == b) or (a != a and b != b)
