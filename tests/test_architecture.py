@@ -1,4 +1,4 @@
-"""The house's order: imports go down its floors only, no two files import each other, nothing that runs imports `dataset`."""
+"""The house's order: imports go down its floors, no two files import each other, no run needs `dataset`."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_nothing_that_runs_imports_what_makes_data() -> None:
 
 
 @pytest.mark.parametrize(
-    "library, owner", [("libsumo", "tsbench.sim.sumo"), ("ray", "tsbench.run.execution.ray")]
+    ("library", "owner"), [("libsumo", "tsbench.sim.sumo"), ("ray", "tsbench.run.execution.ray")]
 )
 def test_a_library_has_one_door(library: str, owner: str) -> None:
     users = [
@@ -148,10 +148,8 @@ def test_no_files_import_each_other_in_a_circle() -> None:
 
 
 def test_the_circle_finder_finds_circles() -> None:
-    assert sorted(map(sorted, _components({"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]}))) == [
-        ["a", "b", "c"],
-        ["d"],
-    ]
+    found = _components({"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]})
+    assert sorted(map(sorted, found)) == [["a", "b", "c"], ["d"]]
 
 
 def _components(graph: dict[str, list[str]]) -> list[list[str]]:

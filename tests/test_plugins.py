@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from stop_policy import HANG_S
+from patience import HANG_S
 
 HERE = Path(__file__).parent
 CONFTEST = """

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.cli.planners import planners

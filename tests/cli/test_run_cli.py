@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.run.log.schema import EPISODES

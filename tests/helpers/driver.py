@@ -16,7 +16,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import faults
-from stop_policy import HANG_S
+from patience import HANG_S
 
 import tsbench.cli
 import tsbench.cli.run as command

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import driver
 import pytest
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
 
 HERE = Path(__file__).parent
 # The hand-made episodes are shared with the tests of the metrics.
-handmade = importlib.import_module("episode_builders")
+episode_builders = importlib.import_module("episode_builders")
 ROOT = HERE.parent.parent
 TYPES = (("yield", "priority", "2.4", None), ("speed_limit", "speed", "3.24", 40.0))
 

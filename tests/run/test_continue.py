@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from patience import HANG_S
 from run_helpers import Bench, assert_gone, workers_of
-from stop_policy import HANG_S
 
 from tsbench.run.log.tables import read_table
 from tsbench.scenarios.table import read_table as read_scenarios

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANG_S
 from run_helpers import ROOT, Bench, assert_gone, workers_of
-from stop_policy import HANG_S
 
 from tsbench.run.log.tables import read_table
 

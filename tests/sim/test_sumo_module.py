@@ -12,8 +12,8 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from patience import HANG_S
 from simworld import CALM, SceneMaker, motion_at, obstacle, plate
-from stop_policy import HANG_S
 
 from tsbench.core.errors import SimulationError
 from tsbench.dataset.scenes.traffic import Car

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import HANG_S
 from pool_builders import corridor
 from simworld import CALM, LIMIT, simulation
-from stop_policy import HANG_S
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode

@@ -11,17 +11,17 @@ import torch
 from training_helpers import break_off, fresh_weights
 
 from tsbench.core.errors import InputError
+from tsbench.learn.finetune import task as finetune
 from tsbench.learn.finetune.frames import SIGN_FRAME, LessonSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.recipe import FineTuning, lessons_of
 from tsbench.learn.finetune.report import report
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.finetune.task import FinetuneTask, capped_batches, quotas, share_of
-from tsbench.learn.finetune.task import task as finetune
+from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.imitation.recipe import kept_for_validation
 from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import trainer
 from tsbench.learn.imitation.trainer import Place, train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at

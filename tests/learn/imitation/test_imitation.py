@@ -12,13 +12,14 @@ import torch
 from training_helpers import break_off
 
 from tsbench.core.errors import InputError
+from tsbench.learn.imitation import task as imitation
+from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.frames import FRAME
 from tsbench.learn.imitation.frames_store import ImitationSource, plan_hash
 from tsbench.learn.imitation.loss import losses, total, two_hot
 from tsbench.learn.imitation.recipe import Recipe, drives_of, kept_for_validation, validation_rows
 from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import Imitation, batches_of, rate_at, trainer
-from tsbench.learn.imitation.task import task as imitation
+from tsbench.learn.imitation.task import Imitation, batches_of, rate_at
 from tsbench.learn.imitation.trainer import Place, train, trimmed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network

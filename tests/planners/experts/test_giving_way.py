@@ -8,7 +8,7 @@ from planner_loop import Body, World, constant, ids, load, verdict
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import IdmExpert
-from tsbench.planners.experts.rules.conflict_check import GapRequirement, ObservedVehicle, Plan
+from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.junction import crossing, paths_through
 from tsbench.roads.destination import Destination
@@ -156,7 +156,7 @@ def seen(
     return ObservedVehicle(PriorityVehicle(0, 0, 0, s, 4.5, speed), way, zone, accel, standing)
 
 
-PLAN = Plan(at_line=1.0, enters=2.0, left=5.0)
+PLAN = CrossingPlan(at_line=1.0, enters=2.0, left=5.0)
 
 
 def test_one_who_comes_fast_is_in_the_way_and_one_who_brakes_for_its_line_is_not() -> None:

@@ -15,7 +15,7 @@ import pytest
 import shapely
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError

@@ -12,7 +12,7 @@ from urllib.parse import quote
 import page_runs
 import pytest
 from page_runs import HOSTILE, SENTENCE, TRACED
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.report.page import embed as embedding
 from tsbench.report.page import server as serving

@@ -14,7 +14,7 @@ from pathlib import Path
 import page_runs
 import pytest
 from page_runs import HOSTILE, TRACED
-from stop_policy import HANG_S
+from patience import HANG_S
 from test_page_packing import unpack
 
 from tsbench.cli import main

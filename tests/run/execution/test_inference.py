@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stop_policy import HANG_S
+from patience import HANG_S
 
 from tsbench.core.errors import InputError
 from tsbench.planners.common.batching import is_served

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from patience import HANG_S
 from run_helpers import Bench
-from stop_policy import HANG_S
 
 RUN = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Exits", "--split", "test"]
 RUN += ["--trace", "all"]

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 from run_helpers import HERE, Bench, specs
-from stop_policy import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.run.contract import contract_hash

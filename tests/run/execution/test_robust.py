@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 from run_helpers import Bench
-from stop_policy import HANG_S
 
 from tsbench.core.errors import InputError
 from tsbench.run.execution.base import Limits

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from patience import HANG_S
 from run_helpers import Bench
-from stop_policy import HANG_S
 
 RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4"]
 

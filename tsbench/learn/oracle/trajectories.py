@@ -1,7 +1,8 @@
 """Drives kept by their commands: a drive is simulated again from them, bit for bit, wherever its ticks are needed.
 
-Commands are whole numbers of small steps (`STEPS`), and the drive itself is driven with the rounded ones (`QuantisedPlanner`),
-so nothing is lost by storing them. The table keeps fingerprints of what was driven, which a replay must meet.
+Commands are whole numbers of small steps (`STEPS`), and the drive itself is driven with the rounded ones
+(`QuantisedPlanner`), so nothing is lost by storing them. The table keeps fingerprints of what was driven, which a
+replay must meet.
 Units: m/s2, rad.
 """
 

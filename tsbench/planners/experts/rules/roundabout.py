@@ -10,8 +10,8 @@ from tsbench.signs.plate_params import RoundaboutParams
 class RoundaboutConstraint(GiveWayConstraint):
     """Gives way to whoever comes to the entry along the ring, or is about to come onto it before.
 
-    Which way round and where out is the route's business. `alert_edges`: the ring's edges. At their ends the ego has right
-    of way, but who has driven in in front of it is let go on.
+    Which way round and where out is the route's business. `alert_edges`: the ring's edges. At their ends the ego
+    has right of way, but who has driven in in front of it is let go on.
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
