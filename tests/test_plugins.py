@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 from patience import HANG_S
 
-HERE = Path(__file__).parent
-CONFTEST = """
+HERE = Path(__file__).parent / "helpers"
+CONFTEST = f"""
 import sys
+sys.path.insert(0, {str(HERE)!r})
 import memory_guard
 pytest_plugins = ["memory_guard", "own_process"]
 memory_guard.MOST_MB = @MOST@

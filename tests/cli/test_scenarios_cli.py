@@ -42,7 +42,9 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     net = built / "cross.net.xml.gz"
     shutil.move(root / "cross.net.xml.gz", net)
     maker = world.SceneMaker(built, net, read_network(net))
-    sign = world.plate(maker.network, "s_in", 139.0, junction="x", approach="s_in", main_in="w_in e_in")
+    sign = world.plate(
+        maker.network, "s_in", 139.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in"
+    )
     start, way = EgoStart("s_in_0", 60.0, 7.75), ("s_in", "n_out")
     rows: dict[str, list[ScenarioSpec]] = {"train": [], "test": []}
     for split in rows:
@@ -206,7 +208,7 @@ def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.Captur
 def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     report = data / "scenarios" / "build_report.json"
     report.write_text("{")
-    assert "not a build report" in run(capsys, "stats", expect=2)
+    assert "cannot be read as a build report" in run(capsys, "stats", expect=2)
     report.unlink()
     assert "no build report" in run(capsys, "stats", expect=2)
     (data / "sumo_nets" / "pool.parquet").unlink()

@@ -25,8 +25,8 @@ def test_a_fine_tuning_without_drives_or_base_is_refused(
 def test_measure_refuses_what_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     train = in_process("train", capsys)
     assert "plant2-ft.json" in refused(train, "measure", str(tmp_path))
-    assert "--patience" in refused(
-        train, "measure", "--planner", "plant2", "--patience", "0.1", "5", "0.02", "0", "3"
+    assert "--stop-policy" in refused(
+        train, "measure", "--planner", "plant2", "--stop-policy", "0.1", "5", "0.02", "0", "3"
     )
 
 
@@ -40,4 +40,4 @@ def test_measure_says_how_weights_drive_by_type(capsys: pytest.CaptureFixture[st
         ["speed_limit", "1"],
         ["zone_speed_limit", "1"],
     ]
-    assert "SCD 0.0 %" in train(*few, "--patience", "0", "5", "0", "0", "3")[0]
+    assert "SCD 0.0 %" in train(*few, "--stop-policy", "0", "5", "0", "0", "3")[0]

@@ -13,7 +13,7 @@ import pytest
 from tsbench.cli import COMMANDS, main
 from tsbench.core.extras import EXTRA_OF
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_each_module_is_of_a_package_that_its_extra_brings() -> None:

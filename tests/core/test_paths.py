@@ -11,7 +11,7 @@ import tsbench
 from tsbench.core import paths
 from tsbench.core.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(autouse=True)

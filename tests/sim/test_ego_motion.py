@@ -178,12 +178,12 @@ def test_bad_trajectories_are_refused_in_words(words: str) -> None:
         (Control(math.nan, 0.0), "acceleration nan"),
         (Control(0.0, -math.inf), "steering -inf"),
         (Control("fast", 0.0), "str"),
-        (Control(np.zeros(3), 0.0), "ndarray"),
+        (Control(np.zeros(3), 0.0), "no number"),
         (Control(1.0, 0.0, ["road"]), "intent is list"),
         (Control(1.0, 0.0, ("road", "lane")), "edge 'lane'"),
-        (Trajectory([0.5], [[1, 0, 0]]), "NumPy arrays"),
-        (Trajectory(np.array(["a"]), np.array([["1", "0", "0"]])), "NumPy arrays"),
-        (Trajectory(np.array([0.5]), np.array([[1.0, 0.0, None]])), "NumPy arrays"),
+        (Trajectory([0.5], [[1, 0, 0]]), "a NumPy array of numbers"),
+        (Trajectory(np.array(["a"]), np.array([["1", "0", "0"]])), "a NumPy array of numbers"),
+        (Trajectory(np.array([0.5]), np.array([[1.0, 0.0, None]])), "a NumPy array of numbers"),
     ],
 )
 def test_what_is_no_command_is_refused_in_words(road: RoadNetwork, output: object, words: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+import simworld
 from patience import HANG_S
 from simworld import CALM, SceneMaker, motion_at, obstacle, plate
 
@@ -146,9 +148,10 @@ def stream(sim: Simulation, made: SceneMaker, spec: ScenarioSpec) -> str:
     return digest.hexdigest()
 
 
+FOLDERS = [str(Path(file).parent) for file in (__file__, str(simworld.__file__))]
 CHILD = """
 import sys
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = sys.argv[1].split(":")
 from pathlib import Path
 from simworld import SceneMaker, simulation
 from test_sumo_module import stream
@@ -169,7 +172,7 @@ def test_the_same_scene_is_the_same_to_the_byte(
     between = stream(sim, on_cross, other)
     again = stream(sim, on_cross, busy)
     child = subprocess.run(
-        [sys.executable, "-c", CHILD, str(Path(__file__).parent), str(on_cross.net), repr(busy)],
+        [sys.executable, "-c", CHILD, os.pathsep.join(FOLDERS), str(on_cross.net), repr(busy)],
         capture_output=True, text=True, check=True, timeout=HANG_S,
         env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip

@@ -20,7 +20,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.countries import Country
 
-PROVER = "tsbench.dataset.certify.rejection_test:Screener"
+PROVER = "tsbench.dataset.certify.rejection_test:RejectionTest"
 
 
 def _all_rows(split: str | None = None) -> list[ScenarioSpec]:

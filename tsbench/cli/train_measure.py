@@ -26,7 +26,7 @@ _SHARES = {
 @click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
 @click.option("--each", default=4, show_default=True, type=click.IntRange(min=1), help="Episodes of a type.")
 @click.option(
-    "--patience", type=(float,) * 5, metavar="SHARE WAITS RISE SETTLES BRAKES",
+    "--stop-policy", type=(float,) * 5, metavar="SHARE WAITS RISE SETTLES BRAKES",
     help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
     "each second (1/s) after a wait of so many seconds, how many seconds a halt lasts beyond the last such plan, and "
     "its least deceleration (m/s2).",
@@ -47,7 +47,7 @@ def measure(
 
     network(planner, folder)
     if stop_policy and planner != "plant2-ft":
-        raise InputError(f"--patience: {planner} has none")
+        raise InputError(f"--stop-policy: {planner} has none")
     rows = share.train_rows(words_of(types))
     rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
     ends = drive(

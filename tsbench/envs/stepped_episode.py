@@ -56,7 +56,7 @@ class SteppedEpisode:
         self.end()
         if mask_signs not in self._runners:
             self._runners[mask_signs] = EpisodeRunner(
-                f"{__name__}:Pilot",
+                f"{__name__}:SteppedPlanner",
                 "env",
                 mask_signs=mask_signs,
                 simulation=self._simulation,

@@ -19,11 +19,8 @@ ROOTS = (
     "tsbench/run/log/score.py",
     "tsbench/run/execution/local.py",
 )
-# Known and left out. Planners are in nobody's way here: `planners.registry` finds them by name, and what they consist
-# of stands in their own hashes (`run.contestant`).
-LEFT_OUT = {
-    "tsbench/run/execution/ray.py": "carries rows to the same pools on other machines, and their records back",
-}
+# Planners are in nobody's way here: `planners.registry` finds them by name, and what they consist of stands in their
+# own hashes (`run.planner_info`). Who carries rows to other machines (`run.execution.ray`) runs the same pools there.
 
 
 def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
@@ -43,4 +40,4 @@ def code_hash() -> str:
 
 def code_files(place: Path = Path(tsbench.__file__).parent.parent) -> Files:
     """The files of the contract, from the tsbench below `place`."""
-    return closure([place / name for name in ROOTS], LEFT_OUT)
+    return closure([place / name for name in ROOTS])

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 from simworld import simulation
 
-from tsbench.core.paths import data_root
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.recertify import draw_sample
 from tsbench.dataset.scenes.verify import verify_certificates
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, read_certificates
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -29,7 +29,7 @@ def proofs() -> dict[str, Certificate]:
 
 @pytest.fixture(scope="module")
 def prover() -> Certifier:
-    return Certifier(simulation(), data_root() / "scenarios")
+    return Certifier(simulation(), SceneLoader())
 
 
 def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:

@@ -77,13 +77,13 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(
+def place(
     networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1, speed: float = 7.75
 ) -> Arrangement:
     network, variant = networks[name], Variant(1, 90.0, 4.0, speed, 0, layout)
     rng = np.random.default_rng(seed)
     task = SceneTask(road(name)[0], network, LaneGraph(network), recipe(), variant, (CALM,) * 12, rng)
-    return placement_of(recipe()).arrange(task)
+    return placement_of(recipe()).place(task)
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -123,7 +123,7 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
     (crossing,) = network.crossings.values()
     first = network.edge_lanes("road.0")[0]
     for seed in range(8):
-        a = arrange(networks, name, layout, seed)
+        a = place(networks, name, layout, seed)
         assert a.walkers is not None
         persons = [e for e in a.extra if e.tag == "person"]
         assert tuple(p.get("id") for p in persons) == a.walkers.persons
@@ -156,7 +156,7 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(
     networks: dict[str, RoadNetwork], name: str, seed: int
 ) -> None:
     network = networks[name]
-    a = arrange(networks, name, seed, seed)
+    a = place(networks, name, seed, seed)
     (crossing,), (sign,) = network.crossings.values(), a.signs
     assert a.walkers is not None
     assert sign.params == CrosswalkParams(crossing.id, "road.1")
@@ -190,7 +190,7 @@ def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNet
     assert allowed("two_way") > 30.0
     # 13.5 degrees at one corner within 6 m: a radius of 25 m.
     assert allowed("bent") == pytest.approx(math.sqrt(2.2 * 6.0 / math.atan2(12.0, 50.0)), rel=0.15)
-    a = arrange(networks, "bent")
+    a = place(networks, "bent")
     assert a.walkers is not None
     assert a.walkers.ego_cruise_mps == pytest.approx(allowed("bent"), abs=0.01)
 
@@ -307,7 +307,7 @@ def test_an_episode_with_people_is_the_same_in_two_processes(
 ) -> None:
     row = build("two_way", tmp_path, monkeypatch, (1,)).rows[0]
     here = [digest(row, tmp_path, simulation()) for _ in range(2)]
-    paths = [str(p) for p in (Path(__file__).parent, Path(__file__).parents[1] / "sim")]
+    paths = [str(p) for p in (Path(__file__).parent, Path(__file__).parents[2] / "helpers")]
     child = subprocess.run(
         [sys.executable, "-c", CHILD, *paths, str(tmp_path), repr(row)],
         capture_output=True, text=True, check=True, timeout=HANG_S,

@@ -63,12 +63,12 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]
     return built
 
 
-def arrange(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
+def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
     recipe, network = recipe_of(key[0]), networks[key]
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
     rng = np.random.default_rng(seed)
     task = SceneTask(MAPS[key[1]][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 def paths(network: RoadNetwork, a: Arrangement) -> tuple[Connection, Connection]:
@@ -89,7 +89,7 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     networks: dict[Key, RoadNetwork], key: Key, layout: int
 ) -> None:
     network, recipe = networks[key], recipe_of(key[0])
-    a = arrange(networks, key, layout)
+    a = place(networks, key, layout)
     convoy, target = a.convoy, a.signs[0]
     assert convoy is not None
     lane = network.lane(a.start.lane)
@@ -121,7 +121,7 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
 def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, RoadNetwork], key: Key) -> None:
     """All pairs of paths, not only the convoy's: where they conflict, those of `main_in` never wait for the ego's."""
     network = networks[key]
-    params = arrange(networks, key, 0).signs[0].params
+    params = place(networks, key, 0).signs[0].params
     egos = [c for i in network.edges[params.approach].lanes for c in network.outgoing[i]]
     foes = [c for e in params.main_in for i in network.edges[e].lanes for c in network.outgoing[i]]
     assert any(set(f.via) & c.yields_to for c in egos for f in foes)
@@ -130,7 +130,7 @@ def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, Road
 
 @pytest.mark.parametrize("key", KEYS)
 def test_layouts_differ(networks: dict[Key, RoadNetwork], key: Key) -> None:
-    scenes = [arrange(networks, key, layout) for layout in LAYOUTS]
+    scenes = [place(networks, key, layout) for layout in LAYOUTS]
     seen = {(a.destination.edge, a.convoy.edges) for a in scenes if a.convoy is not None}
     # Where a T's main road bends, the ego meets the other main arm on one of its ways only.
     assert len(seen) >= {"X": 4, "T": 3}[key[1]] - (key == ("main_road", "T"))
@@ -174,9 +174,9 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
 
 def test_plates_of_a_secondary_road_face_the_main_arms(networks: dict[Key, RoadNetwork]) -> None:
     for layout in LAYOUTS:
-        a = arrange(networks, ("secondary_road", "X"), layout)
+        a = place(networks, ("secondary_road", "X"), layout)
         assert {s.code for s in a.signs} == {"2.3.1"}
-        a = arrange(networks, ("secondary_road", "T"), layout)
+        a = place(networks, ("secondary_road", "T"), layout)
         # The side road comes from the south: from the right for those who drive east, from the left for the others.
         assert {s.edge: s.code for s in a.signs} == {"w_in": "2.3.2", "e_in": "2.3.3"}
         assert a.convoy is not None
@@ -191,7 +191,7 @@ def test_plates_of_a_secondary_road_face_the_main_arms(networks: dict[Key, RoadN
 def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], type_id: str, code: str) -> None:
     recipe = recipe_of(type_id)
     for shape in MAPS:
-        a = arrange(networks, (type_id, shape), 0)
+        a = place(networks, (type_id, shape), 0)
         end = networks[type_id, shape].lane(a.start.lane).line.length
         sign = a.signs[0]
         assert (sign.code, sign.edge) == (code, sign.params.approach)
@@ -201,7 +201,7 @@ def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], typ
 def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
     networks: dict[Key, RoadNetwork],
 ) -> None:
-    a = arrange(networks, ("main_road", "X"), 0)
+    a = place(networks, ("main_road", "X"), 0)
     target, *others = a.signs
     told = {s.edge: s.code for s in others}
     [main_in] = target.params.main_in
@@ -213,24 +213,24 @@ def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
 
 def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNetwork]) -> None:
     share = recipe_of("main_road").number("waiting_share")
-    scenes = [arrange(networks, ("main_road", "X"), 0, seed) for seed in range(120)]
+    scenes = [place(networks, ("main_road", "X"), 0, seed) for seed in range(120)]
     waiting = [a.extra for a in scenes if a.extra]
     assert len(waiting) / len(scenes) == pytest.approx(share, abs=0.12)
     for _, vehicle in waiting:
         edge = str(vehicle[0].get("edges")).split()[0]
         assert edge not in (scenes[0].signs[0].edge, *scenes[0].signs[0].params.main_in)
-    assert not any(arrange(networks, ("yield", "X"), 0, seed).extra for seed in range(20))
+    assert not any(place(networks, ("yield", "X"), 0, seed).extra for seed in range(20))
 
 
 def test_nobody_turns_off_the_main_road_where_it_has_to_wait(networks: dict[Key, RoadNetwork]) -> None:
-    assert arrange(networks, ("yield", "X"), 0).avoid_turns == {("w_in", "n_out"), ("e_in", "s_out")}
-    assert arrange(networks, ("yield", "T"), 0).avoid_turns == {("e_in", "s_out")}
+    assert place(networks, ("yield", "X"), 0).avoid_turns == {("w_in", "n_out"), ("e_in", "s_out")}
+    assert place(networks, ("yield", "T"), 0).avoid_turns == {("e_in", "s_out")}
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNetwork], layout: int) -> None:
     for type_id in TYPES:
-        network, a = networks[type_id, "X"], arrange(networks, (type_id, "X"), layout)
+        network, a = networks[type_id, "X"], place(networks, (type_id, "X"), layout)
         ego, _ = paths(network, a)
         first = {*a.signs[0].params.main_in, a.start.lane[:-2]}
         minor = {e for e in ("w_in", "e_in", "s_in", "n_in") if e not in first}

@@ -58,18 +58,18 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
+def place(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
     recipe, network = recipe_of(type_id), networks[type_id]
     variant, rng = Variant(1, 90.0, 4.0, 7.75, 0, layout), np.random.default_rng(layout)
     task = SceneTask(MAPS[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("type_id", DETOURS)
 def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a = arrange(networks, type_id, layout)
+    a = place(networks, type_id, layout)
     (thing,) = a.obstacles
     order = DETOURS[type_id]
     assert thing.lane == a.start.lane == f"road_{order}"
@@ -103,7 +103,7 @@ def test_a_road_of_one_lane_takes_no_detour() -> None:
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
     network, recipe = networks["blocked_road"], recipe_of("blocked_road")
-    graph, a = LaneGraph(network), arrange(networks, "blocked_road", layout)
+    graph, a = LaneGraph(network), place(networks, "blocked_road", layout)
     lane, sign = network.lane(a.start.lane), a.signs[0]
     assert lane.edge in ("w_in", "e_in")
     front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
@@ -129,7 +129,7 @@ def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
 
 
 def test_the_closed_exit_varies(networks: dict[str, RoadNetwork]) -> None:
-    hints = {arrange(networks, "blocked_road", layout).route_hint for layout in LAYOUTS}
+    hints = {place(networks, "blocked_road", layout).route_hint for layout in LAYOUTS}
     assert len(hints) == 6
 
 
@@ -160,7 +160,7 @@ def test_an_exit_that_is_short_or_the_only_one_is_not_closed(
         with pytest.raises(
             UnfitMapError, match="no way from the main road into an exit that could be closed"
         ):
-            placement_of(numbers).arrange(task)
+            placement_of(numbers).place(task)
 
 
 @pytest.fixture(scope="module")

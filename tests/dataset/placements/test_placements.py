@@ -80,12 +80,12 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
+def place(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
     recipe, network = recipe_of(type_id), networks[type_id]
     row = MAPS[type_id][0]
     rng = np.random.default_rng(seed)
     task = SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 VARIANT = st.builds(
@@ -99,7 +99,7 @@ VARIANT = st.builds(
 def test_what_holds_for_every_scene(
     networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int
 ) -> None:
-    a, network = arrange(networks, type_id, variant, seed), networks[type_id]
+    a, network = place(networks, type_id, variant, seed), networks[type_id]
     graph, start = LaneGraph(network), network.lane(a.start.lane)
     kind = load_catalog().type(type_id)
     # Exactly one plate is what the scenario is about; navigation leads to the destination, whatever it says.
@@ -119,15 +119,15 @@ def test_what_holds_for_every_scene(
         if sign.lane < 0:
             assert d == pytest.approx(-lane.width / 2 - 1.2, abs=0.01)
     # The same draw gives the same scene.
-    assert arrange(networks, type_id, variant, seed).signs == a.signs
-    assert arrange(networks, type_id, variant, seed).start == a.start
+    assert place(networks, type_id, variant, seed).signs == a.signs
+    assert place(networks, type_id, variant, seed).start == a.start
 
 
 @pytest.mark.parametrize("initial", [3.61, 7.75, 11.05])
 @pytest.mark.parametrize("seed", range(5))
 def test_speed_limit(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
     network, recipe = networks["speed_limit"], recipe_of("speed_limit")
-    a = arrange(networks, "speed_limit", Variant(1, 90.0, 4.0, initial, 0, seed), seed)
+    a = place(networks, "speed_limit", Variant(1, 90.0, 4.0, initial, 0, seed), seed)
     plate, end = a.signs
     assert (plate.code, end.code, end.ends) == ("3.24", "3.25", plate.id)
     v = float(plate.value or 0.0) / 3.6

@@ -57,7 +57,7 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(
+def place(
     networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
 ) -> Arrangement:
     recipe, network = recipe_of(type_id), networks[type_id]
@@ -65,7 +65,7 @@ def arrange(
     task = SceneTask(
         ROW, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
     )
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 @pytest.mark.parametrize("type_id", TYPES)
@@ -74,7 +74,7 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
     networks: dict[str, RoadNetwork], type_id: str, seed: int
 ) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a = arrange(networks, type_id, seed, seed=seed)
+    a = place(networks, type_id, seed, seed=seed)
     (sign,) = a.signs
     lane = network.lane(a.start.lane)
     assert lane.edge == "road.0" == sign.params.approach
@@ -96,7 +96,7 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    network, a = networks[type_id], arrange(networks, type_id)
+    network, a = networks[type_id], place(networks, type_id)
     graph, start = LaneGraph(network), network.lane(a.start.lane)
     assert a.route_hint == graph.route(start.edge, a.destination.edge)
     path = graph.path(a.route_hint, start.index, a.start.s, a.destination)
@@ -113,7 +113,7 @@ def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetw
 
 @pytest.mark.parametrize("type_id", SAME)
 def test_behind_the_zone_the_lane_is_everybodys(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    network, a = networks[type_id], arrange(networks, type_id)
+    network, a = networks[type_id], place(networks, type_id)
     reserved = network.lane("road.1_0")
     assert a.signs[0].params.lanes == (reserved.id,)
     assert network.lane("road.2_0").permits("passenger")
@@ -167,7 +167,7 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     networks: dict[str, RoadNetwork], type_id: str, layout: int, speed: float
 ) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a = arrange(networks, type_id, layout, speed, seed=layout)
+    a = place(networks, type_id, layout, speed, seed=layout)
     c = a.convoy
     assert c is not None
     lane, user = network.lane(c.lane), c.drivers[0]

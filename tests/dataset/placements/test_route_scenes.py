@@ -74,14 +74,14 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> Arrangement:
+def place(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> Arrangement:
     network, recipe = networks[type_id], recipe_of(type_id)
     row = replace(ways(*TYPES[type_id])[0], **change)
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
     task = SceneTask(
         row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(layout)
     )
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 def yields_to_who_goes_first(network: RoadNetwork, link: Connection) -> bool:
@@ -94,7 +94,7 @@ def test_navigation_leads_into_what_the_plate_prohibits(
     networks: dict[str, RoadNetwork], type_id: str, layout: int
 ) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a, graph = arrange(networks, type_id, layout), LaneGraph(networks[type_id])
+    a, graph = place(networks, type_id, layout), LaneGraph(networks[type_id])
     row = ways(*TYPES[type_id])[0]
     assert a.route_hint == ("ab", *row.fields["short"]) == graph.route("ab", "pd")
     assert a.compliant_hint == ("ab", *row.fields["compliant"])
@@ -112,7 +112,7 @@ def test_navigation_leads_into_what_the_plate_prohibits(
 
 @pytest.mark.parametrize("type_id", sorted(set(TYPES) - {"no_entry"}))
 def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    sign = arrange(networks, type_id).signs[0]
+    sign = place(networks, type_id).signs[0]
     line = networks[type_id].edge_lanes("ab")[0].line
     assert (sign.edge, sign.params) == ("ab", JunctionParams("ab", "b"))
     assert sign.position_m == pytest.approx(line.length - recipe_of(type_id).number("plate_before_line_m"))
@@ -121,7 +121,7 @@ def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    a, network = arrange(networks, type_id), networks[type_id]
+    a, network = place(networks, type_id), networks[type_id]
     graph, rng = LaneGraph(network), np.random.default_rng(3)
     ask = TrafficRequest(
         40.0, (CALM,) * 12, a.start, a.avoid_turns, a.quiet_edges, a.blocked, a.platoons, a.closed_edges
@@ -140,7 +140,7 @@ def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwor
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_the_obedient_way_is_the_main_road(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    network, a = networks[type_id], arrange(networks, type_id)
+    network, a = networks[type_id], place(networks, type_id)
     graph = LaneGraph(network)
     for x, y in pairwise(a.compliant_hint):
         assert not any(yields_to_who_goes_first(network, c) for c in graph.connections(x, y))
@@ -148,7 +148,7 @@ def test_the_obedient_way_is_the_main_road(networks: dict[str, RoadNetwork], typ
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    a, graph = arrange(networks, type_id), LaneGraph(networks[type_id])
+    a, graph = place(networks, type_id), LaneGraph(networks[type_id])
     for here in a.compliant_hint[:-1]:
         turns = {(here, x) for x in graph.successors(here)} - a.avoid_turns
         assert turns
@@ -158,7 +158,7 @@ def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: dict[str, RoadNet
 
 
 def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) -> None:
-    a, recipe = arrange(networks, "no_entry"), recipe_of("no_entry")
+    a, recipe = place(networks, "no_entry"), recipe_of("no_entry")
     sign = a.signs[0]
     assert (sign.code, sign.edge) == ("3.1", "bp")
     assert sign.position_m == recipe.number("plate_after_start_m")
@@ -188,7 +188,7 @@ def test_a_one_way_road_has_to_go_on() -> None:
 
 def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:
     with pytest.raises(UnfitMapError, match="slot r_s, but the way over bp goes left"):
-        arrange(networks, "no_turn_left", slot="r_s")
+        place(networks, "no_turn_left", slot="r_s")
 
 
 def test_a_way_on_which_others_go_first_is_unfit(
@@ -202,7 +202,7 @@ def test_a_way_on_which_others_go_first_is_unfit(
     )
     monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))
     with pytest.raises(UnfitMapError, match="others go first on the obedient way at the end of qu0"):
-        arrange(networks, "no_turn_left")
+        place(networks, "no_turn_left")
 
 
 def test_a_turn_that_sumo_calls_by_another_name_is_unfit(
@@ -214,7 +214,7 @@ def test_a_turn_that_sumo_calls_by_another_name_is_unfit(
     )
     monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))
     with pytest.raises(UnfitMapError, match="SUMO calls the turn into bt 's', by its angle it is right"):
-        arrange(networks, "no_turn_left")
+        place(networks, "no_turn_left")
 
 
 def test_a_way_that_takes_too_long_is_unfit_before_anything_is_built() -> None:

@@ -48,7 +48,7 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def arrange(
+def place(
     networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, seed: int = 1, row: PoolRow = ROW
 ) -> Arrangement:
     recipe, network = recipe_of(type_id), networks[type_id]
@@ -56,13 +56,13 @@ def arrange(
     task = SceneTask(
         row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
     )
-    return placement_of(recipe).arrange(task)
+    return placement_of(recipe).place(task)
 
 
 @pytest.mark.parametrize("type_id", ZONES)
 def test_a_zone_spans_edges_up_to_its_end_plate(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a = arrange(networks, type_id)
+    a = place(networks, type_id)
     plate, end = a.signs
     kind = load_catalog().type(type_id)
     assert (plate.code, end.code, end.ends) == (kind.codes[0], kind.end_codes[0], plate.id)
@@ -84,7 +84,7 @@ def test_a_zone_spans_edges_up_to_its_end_plate(networks: dict[str, RoadNetwork]
 def test_half_to_all_of_the_drivers_obey(networks: dict[str, RoadNetwork], type_id: str) -> None:
     shares = []
     for seed in range(40):
-        a = arrange(networks, type_id, seed=seed)
+        a = place(networks, type_id, seed=seed)
         minimum = float(a.signs[0].value or 0.0) / 3.6
         obey = (
             [d.speed >= minimum for d in a.drivers]
@@ -101,7 +101,7 @@ def test_half_to_all_of_the_drivers_obey(networks: dict[str, RoadNetwork], type_
 @pytest.mark.parametrize("seed", range(6))
 def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
     network, recipe = networks["min_speed"], recipe_of("min_speed")
-    a = arrange(networks, "min_speed", initial, seed)
+    a = place(networks, "min_speed", initial, seed)
     (plate,) = a.signs
     lane = network.lane(a.start.lane)
     minimum = float(plate.value or 0.0)
@@ -127,9 +127,9 @@ def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) 
 
 
 def test_slower_variants_start_farther_below_and_leaders_are_rare(networks: dict[str, RoadNetwork]) -> None:
-    starts = [arrange(networks, "min_speed", v).start.speed for v in INITIAL_SPEEDS_MPS]
+    starts = [place(networks, "min_speed", v).start.speed for v in INITIAL_SPEEDS_MPS]
     assert starts == sorted(set(starts))
-    leaders = [bool(arrange(networks, "min_speed", seed=s).extra) for s in range(100)]
+    leaders = [bool(place(networks, "min_speed", seed=s).extra) for s in range(100)]
     assert 10 <= sum(leaders) <= 45
 
 
@@ -152,7 +152,7 @@ def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork])
     one = replace(net.edges["road"], lanes=net.edges["road"].lanes[:1])
     narrow["min_speed"] = replace(net, edges={**net.edges, "road": one})
     with pytest.raises(UnfitMapError, match="1 lanes for cars"):
-        arrange(narrow, "min_speed")
+        place(narrow, "min_speed")
 
 
 @pytest.mark.parametrize("type_id", TYPES)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import served_expert
 from rich.console import Console
 
 from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_lot
@@ -185,7 +186,7 @@ def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.
             served.append(device)
 
     monkeypatch.setattr("tsbench.run.execution.inference_client.InferenceServer", Seen)
-    expert = f"{Path(__file__).with_name('served_expert.py')}:ServedExpert"
+    expert = f"{Path(served_expert.__file__)}:ServedExpert"
     request = Request((expert,), "train", ("bus_lane_road",), limit=2)
     lines = []
     for workers, servers in ((1, []), (2, ["cpu"])):

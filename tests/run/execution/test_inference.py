@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from patience import HANG_S
+from run_helpers import HERE
 
 from tsbench.core.errors import InputError
 from tsbench.planners.common.batching import is_served
@@ -19,7 +20,7 @@ from tsbench.run.execution.inference_client import InferenceClient, InferenceSer
 from tsbench.run.execution.inference_server import FINE, PROBLEM, ModelServer
 
 TSBENCH = str(Path(sys.executable).with_name("tsbench"))
-PLANNER = f"{Path(__file__).with_name('served_planner.py')}:Steady"
+PLANNER = f"{HERE / 'served_planner.py'}:Steady"
 
 
 def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -> Path:

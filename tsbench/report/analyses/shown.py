@@ -26,7 +26,8 @@ def print_analysis(analysis: Analysis, console: Console) -> None:
         console.print(_rich(analysis.table, block))
     for line in (*analysis.notes, analysis.contract_line):
         if line:
-            console.print(Text(line, style="dim"), soft_wrap=line == analysis.contract_line)
+            # A hash is copied, so it stays whole.
+            console.print(Text(line, style="dim"), soft_wrap="contract " in line)
 
 
 def is_partial(analysis: Analysis) -> bool:

@@ -53,8 +53,8 @@ def comparison_analyses(matched: Matched) -> tuple[Analysis, Analysis]:
     editions = [
         f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)
     ]
-    others = f"A {editions[0]}; B {editions[1]}" if a != b else ""
-    notes = (*(f"note: {line}" for line in matched.notes), others)
+    others = (f"A {editions[0]}", f"B {editions[1]}") if a != b else ()
+    notes = (*(f"note: {line}" for line in matched.notes), *others)
     names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
     rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
     metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)
