@@ -26,6 +26,9 @@ PLACE = Path(tsbench.__file__).parent.parent
 NO_MATTER = {
     "tsbench/planners/builtin.py": "the list of tsbench's planners: run.json has what it says of the one that drives",
     "tsbench/planners/weights.py": "reads how many parameters the listed networks have",
+    "tsbench/data/__init__.py": "of the fetching of weights, whose hash is the planner's",
+    "tsbench/data/fetch.py": "fetches weights, whose hash is the planner's",
+    "tsbench/data/manifest.py": "reads which weights could be fetched",
 }
 DRIVEN = """
 import io, json, sys

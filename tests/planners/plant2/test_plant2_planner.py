@@ -69,11 +69,11 @@ def straight_plans(count: int, speed: float, standing: float = 0.0, step_m: floa
 
 def test_patience_ends() -> None:
     stop_policy = StopPolicy(share=0.1, waits=5.0, rise=0.02)
-    assert stop_policy.halts(0.1, 0.0)
-    assert not stop_policy.halts(0.09, 0.0)
-    assert stop_policy.halts(0.3, 14.9)
-    assert not stop_policy.halts(0.3, 15.1)
-    assert not stop_policy.halts(1.0, 60.0)
+    assert stop_policy.stop_decision(0.1, 0.0)
+    assert not stop_policy.stop_decision(0.09, 0.0)
+    assert stop_policy.stop_decision(0.3, 14.9)
+    assert not stop_policy.stop_decision(0.3, 15.1)
+    assert not stop_policy.stop_decision(1.0, 60.0)
 
 
 def test_it_halts_where_it_may_have_to_stand_until_it_has_waited(drive: Recorder, folder: Path) -> None:
