@@ -49,6 +49,7 @@ def one_thread() -> None:
     torch.set_num_threads(1)
 
 
+@pytest.mark.own_process
 def test_counts_are_the_published_ones() -> None:
     counted = {part.name: part.parameters for part in parts("medium")}
     assert counted["added by plant2-ft but ways"] == PUBLISHED_ADDED
@@ -120,6 +121,7 @@ def test_naming_the_planner_does_not_import_torch() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.own_process
 def test_the_list_prints_counts_beside_the_published_ones() -> None:
     printed = CliRunner().invoke(planners, ["list", "--parts"]).output
     rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}
