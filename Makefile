@@ -15,8 +15,12 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
+# In two halves, or every worker would hold torch beside all else: they stay below 700 MB (tests/memory_guard.py).
+WITHOUT := $(wildcard tests/learn/test_oracle_*.py) tests/learn/test_trajectories.py
+WITH_TORCH := tests/envs tests/planners $(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py))
 test: setup
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(addprefix --ignore=,$(WITH_TORCH))
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(WITH_TORCH)
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
 # in docs/results.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes,

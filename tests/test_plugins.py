@@ -70,6 +70,7 @@ def run_suite(folder: Path, text: str, most_mb: float) -> tuple[int, str]:
     done = subprocess.run(
         [*command, "--rootdir", str(folder), str(folder)],
         cwd=folder,
+        env={**os.environ, "PYTEST_XDIST_WORKER": "gw0"},
         text=True,
         capture_output=True,
         timeout=HANG_S,
@@ -81,7 +82,7 @@ def test_who_makes_a_process_too_large_is_named(tmp_path: Path) -> None:
     code, told = run_suite(tmp_path, SUITE, 200.0)
     assert code == 1, told
     assert "ERROR test_it.py::test_large" in told
-    assert "test_it.py::test_large: this process of the suite has held" in told
+    assert "test_it.py::test_large: this worker of the suite has held" in told
     assert ("3 passed" in told, "1 error" in told) == (True, True)
 
 
@@ -93,7 +94,7 @@ def test_who_stays_small_is_not(tmp_path: Path) -> None:
 def test_imports_that_are_too_large_are_named(tmp_path: Path) -> None:
     code, told = run_suite(tmp_path, "X = b'x' * 200_000_000\n" + SUITE, 150.0)
     assert code != 0
-    assert "collecting the tests: this process of the suite has held" in told
+    assert "collecting the tests: this worker of the suite has held" in told
 
 
 def test_a_test_in_a_process_of_its_own_passes_or_says_why(tmp_path: Path) -> None:

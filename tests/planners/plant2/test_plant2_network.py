@@ -54,6 +54,7 @@ def engine(net: Plant2Network, size: str = "mini") -> Engine:
     return Engine(size, {name: value.numpy() for name, value in net.state_dict().items()})
 
 
+@pytest.mark.own_process
 def test_counts_are_the_published_ones() -> None:
     counted = {part.name: part.parameters for part in parts("medium")}
     assert counted["added by plant2-ft but ways"] == PUBLISHED_ADDED
@@ -177,6 +178,7 @@ def test_on_a_cpu_no_planner_imports_torch(name: str) -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+@pytest.mark.own_process
 def test_the_list_prints_counts_beside_the_published_ones() -> None:
     printed = CliRunner().invoke(planners, ["list", "--parts"]).output
     rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}
