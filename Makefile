@@ -17,7 +17,7 @@ run: base
 
 # In two halves, or every worker would hold torch beside all else: they stay below 700 MB (tests/memory_guard.py).
 WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/test_trajectories.py
-WITH_TORCH := tests/envs tests/planners $(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py))
+WITH_TORCH := tests/envs tests/planners $(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
 test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(addprefix --ignore=,$(WITH_TORCH))
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(WITH_TORCH)
