@@ -15,9 +15,10 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
-# In two halves, or every worker would hold torch beside all else: they stay below 700 MB (tests/memory_guard.py).
-WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/test_trajectories.py
-WITH_TORCH := tests/envs tests/planners $(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
+# In two halves, or every worker would hold torch beside all else: they stay below 700 MB (tests/helpers/memory_guard.py).
+WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/oracle/test_trajectories.py
+WITH_TORCH := tests/envs tests/planners tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
+	$(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
 test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(addprefix --ignore=,$(WITH_TORCH))
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(WITH_TORCH)

@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.paths import data_root
+from tsbench.core.paths import data_file
 
 # SHA-256 (hex) of files, by name as in "package/module.py": below the folder that they are imported from.
 Files = dict[str, str]
@@ -101,9 +101,9 @@ class _Search:
             code = _read(path.read_bytes(), path.suffix)
             found[name] = code.digest
             for text in code.data:
-                # tsbench's own data lies in its folder, what a planner loads may be named from where a run was started.
-                places = (path.parent, data_root() if name.startswith(f"{_OURS}/") else Path.cwd())
-                data = next((place / text for place in places if (place / text).is_file()), None)
+                # tsbench's own data is looked up as data, what a planner loads may be named from where a run was started.
+                named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
+                data = next((place for place in (path.parent / text, named) if place.is_file()), None)
                 if data is not None:
                     found[f"{name}: {text}"] = hashlib.sha256(data.read_bytes()).hexdigest()
             for module, level in code.imports:
