@@ -101,7 +101,7 @@ class _Search:
             code = _read(path.read_bytes(), path.suffix)
             found[name] = code.digest
             for text in code.data:
-                # tsbench's own data is looked up as data, what a planner loads may be named from where a run was started.
+                # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
                 named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
                 data = next((place for place in (path.parent / text, named) if place.is_file()), None)
                 if data is not None:
