@@ -85,7 +85,9 @@ def test_networks_do_not_hang_on_the_c_library_either() -> None:
         assert own["libm"] != other["libm"]
 
 
-@pytest.mark.skipif("avx2" not in Path("/proc/cpuinfo").read_text(), reason="a processor without AVX2 has one kernel")
+@pytest.mark.skipif(
+    "avx2" not in Path("/proc/cpuinfo").read_text(), reason="a processor without AVX2 has one kernel"
+)
 def test_another_kernel_is_seen() -> None:
     _, one = json.loads(under({"OPENBLAS_CORETYPE": "Haswell"}, _NETWORKS))
     _, other = json.loads(under({"OPENBLAS_CORETYPE": "Prescott"}, _NETWORKS))
