@@ -92,7 +92,7 @@ def test_same_company_of_equals_does_not_matter_either() -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("size", ["mini", "medium"])
+@pytest.mark.parametrize("size", ["mini", pytest.param("medium", marks=pytest.mark.own_process)])
 def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: str) -> None:
     net = made(kind, size)
     infer = engine(net, size)
