@@ -127,6 +127,7 @@ def test_changed_content_and_a_size_that_is_not_so(made: ScenarioSpec, tmp_path:
     assert refuse(tmp_path, made) == f"{path / made.additional}: {told}"
 
 
+@pytest.mark.own_process
 def test_what_would_unpack_to_too_much_is_not_unpacked(
     made: ScenarioSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
