@@ -15,16 +15,18 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
-# In three parts, or every worker would hold what draws and what learns beside all else: they stay below 700 MB
+# In parts, or every worker would hold what draws and what learns beside all else: they stay below 700 MB
 # (tests/helpers/memory_guard.py).
 WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/oracle/test_trajectories.py
-WITH_TORCH := tests/envs tests/planners tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
+DRIVING := tests/envs tests/planners
+WITH_TORCH := tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
 	$(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
 WITH_PICTURES := tests/report tests/cli
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
-	$(PYTEST) $(addprefix --ignore=,$(WITH_TORCH) $(WITH_PICTURES))
+	$(PYTEST) $(addprefix --ignore=,$(DRIVING) $(WITH_TORCH) $(WITH_PICTURES))
 	$(PYTEST) $(WITH_PICTURES) $(addprefix --ignore=,$(WITH_TORCH))
+	$(PYTEST) $(DRIVING)
 	$(PYTEST) $(WITH_TORCH)
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures

@@ -19,9 +19,11 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     """Called by pytest: the test as pytest runs it alone. Its fixtures are made there once more."""
     if pyfuncitem.get_closest_marker("own_process") is None or _THERE in os.environ:
         return None
+    # No worker's, whose memory is watched (memory_guard.py).
+    outside = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_XDIST")} | {_THERE: "1"}
     pytest_alone = [sys.executable, "-m", "pytest", "-p", "no:xdist", "-p", "no:cacheprovider"]
     done = subprocess.run(
-        [*pytest_alone, pyfuncitem.nodeid], cwd=pyfuncitem.config.rootpath, env={**os.environ, _THERE: "1"},
+        [*pytest_alone, pyfuncitem.nodeid], cwd=pyfuncitem.config.rootpath, env=outside,
         text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
     )  # fmt: skip
     if done.returncode:

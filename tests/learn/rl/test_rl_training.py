@@ -49,6 +49,7 @@ def policy(planner: str) -> Any:
     return made
 
 
+@pytest.mark.own_process
 def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     made = policy("ppo")
     save_weights("ppo", tmp_path, actor_tensors("ppo", made), {})
