@@ -18,13 +18,15 @@ run: base
 # In parts, or every worker would hold what draws and what learns beside all else: they stay below 700 MB
 # (tests/helpers/memory_guard.py).
 WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/oracle/test_trajectories.py
+MAKING := tests/dataset tests/scenarios
 DRIVING := tests/envs tests/planners
 WITH_TORCH := tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
 	$(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
 WITH_PICTURES := tests/report tests/cli
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
-	$(PYTEST) $(addprefix --ignore=,$(DRIVING) $(WITH_TORCH) $(WITH_PICTURES))
+	$(PYTEST) $(addprefix --ignore=,$(MAKING) $(DRIVING) $(WITH_TORCH) $(WITH_PICTURES))
+	$(PYTEST) $(MAKING)
 	$(PYTEST) $(WITH_PICTURES) $(addprefix --ignore=,$(WITH_TORCH))
 	$(PYTEST) $(DRIVING)
 	$(PYTEST) $(WITH_TORCH)

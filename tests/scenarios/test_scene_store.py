@@ -52,6 +52,7 @@ def refuse(root: Path, spec: ScenarioSpec) -> str:
     return str(told.value)
 
 
+@pytest.mark.own_process
 @given(maps=MAPS)
 def test_what_is_written_is_read_and_always_the_same_bytes(
     maps: dict[str, dict[str, bytes]], tmp_path_factory: pytest.TempPathFactory
