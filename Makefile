@@ -22,6 +22,7 @@ MAKING := tests/dataset tests/scenarios
 DRIVING := tests/envs tests/planners
 WITH_TORCH := tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
 	$(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
+WITH_RL := $(wildcard tests/learn/rl/test_*.py)
 WITH_PICTURES := tests/report tests/cli
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
@@ -29,7 +30,8 @@ test: setup
 	$(PYTEST) $(MAKING)
 	$(PYTEST) $(WITH_PICTURES) $(addprefix --ignore=,$(WITH_TORCH))
 	$(PYTEST) $(DRIVING)
-	$(PYTEST) $(WITH_TORCH)
+	$(PYTEST) $(filter-out $(WITH_RL),$(WITH_TORCH))
+	$(PYTEST) $(WITH_RL)
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
 # in docs/results.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes,

@@ -64,6 +64,7 @@ def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2 + 2
 
 
+@pytest.mark.own_process
 def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
     made = policy("carl")
     save_weights("carl", tmp_path, actor_tensors("carl", made), {})
