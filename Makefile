@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results torture mutation base setup lock package manifest lint format maps scenarios edition bench clean
+.PHONY: run test results torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -18,6 +18,7 @@ run: base
 # In parts, or every worker would hold what draws and what learns beside all else: they stay below 700 MB
 # (tests/helpers/memory_guard.py).
 WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/oracle/test_trajectories.py
+RUNNING := tests/run tests/episode tests/extending
 MAKING := tests/dataset tests/scenarios
 DRIVING := tests/envs tests/planners
 WITH_TORCH := tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
@@ -26,10 +27,11 @@ WITH_RL := $(wildcard tests/learn/rl/test_*.py)
 WITH_PICTURES := tests/report tests/cli
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
-	$(PYTEST) $(addprefix --ignore=,$(MAKING) $(DRIVING) $(WITH_TORCH) $(WITH_PICTURES))
+	$(PYTEST) $(addprefix --ignore=,$(RUNNING) $(MAKING) $(DRIVING) $(WITHOUT) $(WITH_TORCH) $(WITH_PICTURES))
+	$(PYTEST) $(RUNNING)
 	$(PYTEST) $(MAKING)
 	$(PYTEST) $(WITH_PICTURES) $(addprefix --ignore=,$(WITH_TORCH))
-	$(PYTEST) $(DRIVING)
+	$(PYTEST) $(DRIVING) $(WITHOUT)
 	$(PYTEST) $(filter-out $(WITH_RL),$(WITH_TORCH))
 	$(PYTEST) $(WITH_RL)
 
@@ -117,6 +119,10 @@ package: setup
 # Sizes and SHA-256 of all data files anew, after data were made.
 manifest: setup
 	$(BIN)/python packaging/data_sets.py manifest
+
+# Who imports whom, drawn from the code into docs/architecture.md.
+picture: setup
+	PYTHONPATH=. $(BIN)/python tests/helpers/import_graph.py
 
 lint: setup
 	$(BIN)/ruff check .

@@ -1,5 +1,5 @@
 """Follows the route, keeps its distance and obeys speed limit signs: in 20 lines."""
-# ruff: noqa: D101, D102, ARG002
+# ruff: noqa: ARG002
 
 from tsbench import Control, Observation, PlannerContext, RoadAhead, pursue_route, sign_ahead
 

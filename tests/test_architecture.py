@@ -3,91 +3,12 @@
 from __future__ import annotations
 
 import ast
-from functools import cache
-from pathlib import Path
 
 import pytest
+from import_graph import FLOOR, PICTURE, ROOT, draw, imports, modules, package_of
 
-import tsbench
-
-ROOT = Path(tsbench.__file__).parent
-# From the top down. Packages of one floor may import each other, as long as no files go in circles.
-FLOORS: tuple[frozenset[str], ...] = tuple(
-    map(
-        frozenset,
-        (
-            {"cli"},
-            {"tools", "learn", "envs", "report"},
-            {"dataset", "run"},
-            {"metrics"},
-            {"episode"},
-            {"planners", "rules"},
-            {"scenarios"},
-            {"sim"},
-            {"roads", "signs"},
-            {"geometry", "data"},
-            {"core"},
-        ),
-    )
-)
-FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
 # What is left out of an installation without the extra `make`: only who makes or shows data may ask for it.
 MAY_IMPORT_DATASET = {"dataset", "cli", "learn", "report", "tools"}
-
-
-@cache
-def modules() -> dict[str, Path]:
-    """Dotted names of all modules of tsbench and their files."""
-    found = {}
-    for path in sorted(ROOT.rglob("*.py")):
-        parts = path.relative_to(ROOT.parent).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
-
-
-@cache
-def imports() -> dict[str, tuple[tuple[str, bool], ...]]:
-    """Who imports what: for each module the modules of tsbench that it names, and whether at import time."""
-    return {name: tuple(_imported(path)) for name, path in modules().items()}
-
-
-def _imported(path: Path) -> list[tuple[str, bool]]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    inside = {
-        id(node)
-        for function in ast.walk(tree)
-        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
-        for node in ast.walk(function)
-    }
-    # For the reader of types only: nothing is imported.
-    inside_types = {
-        id(node)
-        for test in ast.walk(tree)
-        if isinstance(test, ast.If) and "TYPE_CHECKING" in ast.unparse(test.test)
-        for node in ast.walk(test)
-    }
-    found = []
-    for node in ast.walk(tree):
-        if id(node) in inside_types:
-            continue
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            assert not node.level, f"{path}: relative import"
-            names = [_module_of(node.module, alias.name) for alias in node.names]
-        else:
-            continue
-        found += [(name, id(node) not in inside) for name in names if name in modules()]
-    return found
-
-
-def _module_of(module: str, name: str) -> str:
-    return f"{module}.{name}" if f"{module}.{name}" in modules() else module
-
-
-def package_of(module: str) -> str:
-    """The floor's package of a module; "" for tsbench itself, which shows the public names of all."""
-    return module.split(".")[1] if "." in module else ""
 
 
 def test_every_package_has_a_floor() -> None:
@@ -95,6 +16,10 @@ def test_every_package_has_a_floor() -> None:
     assert folders == set(FLOOR)
     alone = {path.name for path in ROOT.glob("*.py")} - {"__init__.py"}
     assert not alone, f"files beside the packages: {alone}"
+
+
+def test_the_picture_is_what_is_drawn_now() -> None:
+    assert PICTURE.read_text(encoding="utf-8") == draw(), "make picture"
 
 
 def test_imports_go_down_only() -> None:

@@ -12,9 +12,10 @@ from PIL import Image
 from run_builders import CONTRACT, episodes, failed, lost, make_run
 
 from tsbench.report.analyses.correlations import metric_mean
-from tsbench.report.analyses.output import write_analysis
+from tsbench.report.analyses.model import ALL
 from tsbench.report.analyses.pool import read_pool
 from tsbench.report.analyses.registry import analyse_runs
+from tsbench.report.analyses.writing import write_analysis
 
 KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
 
@@ -169,8 +170,8 @@ def test_means_by_group_are_those_of_the_summary(tmp_path: Path) -> None:
         for metric in ("driving_score", "collision", "comfort", "mean_speed"):
             figure = p.metrics[metric]
             strict = figure.completed if figure.strict is None else figure.strict
-            assert metric_mean(pool, p.planner, None, metric, "strict") == pytest.approx(strict.value)
-            completed = metric_mean(pool, p.planner, None, metric, "completed")
+            assert metric_mean(pool, p.planner, ALL, metric, "strict") == pytest.approx(strict.value)
+            completed = metric_mean(pool, p.planner, ALL, metric, "completed")
             assert completed == pytest.approx(figure.completed.value)
 
 

@@ -119,10 +119,12 @@ def test_holes_are_refused_unless_allowed(run, tmp_path: Path) -> None:
     make_run(tmp_path / "a", episodes("idm"))
     make_run(tmp_path / "b", episodes("idm")[:-3], asked=48)
     told = refused(run, "a", "b")
-    assert "scenarios without a record (idm (b): 3): continue the run, or pass --allow-partial" in told
+    assert "scenarios without a record (idm (b): 3 of 48): continue the run, or pass --allow-partial" in told
     refused(run, "a", "b", "--force")
     out, _ = run("a", "b", "--allow-partial")
-    assert out.startswith("PARTIAL, scenarios without a record (idm (b): 3): A idm (a), B idm (b): 45 paired")
+    assert out.startswith(
+        "PARTIAL, scenarios without a record (idm (b): 3 of 48): A idm (a), B idm (b): 45 paired"
+    )
 
 
 def test_few_maps_say_why_there_is_no_interval(run, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         ("oracle collect --limit 1 --out out", SCENES),
         ("train ppo --out out", SCENES),
         ("train plant2 --out out", SCENES),
-        ("train plant2-ft --driver idm-e --out out", SCENES),
+        ("train plant2-ft --planner idm-e --out out", SCENES),
         ("oracle stats", ORACLE),
         ("oracle verify", ORACLE),
         (

@@ -59,9 +59,9 @@ def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[
 def test_only_experts_are_asked(oracle: Command, tmp_path: Path) -> None:
     """A sign-blind planner is none; nothing is left behind."""
     told = refused(
-        oracle, "collect", "--types", "bus_lane_road", "--limit", "1", "--planners", "idm", "--workers", "1"
+        oracle, "collect", "--types", "bus_lane_road", "--limit", "1", "--planner", "idm", "--workers", "1"
     )
-    assert "--planners idm: is no expert" in told
+    assert "--planner idm: is no expert" in told
     assert not (tmp_path / "runs").exists()
 
 

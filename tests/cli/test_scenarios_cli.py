@@ -102,7 +102,7 @@ def test_list(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = run(capsys, "list").split()
     assert lines == [f"yield-j-{s}-v{k}" for s in ("train", "test") for k in range(3)]
     assert run(capsys, "list", "--split", "test").split() == lines[3:]
-    assert run(capsys, "list", "--type", "speed_limit") == ""
+    assert run(capsys, "list", "--types", "speed_limit") == ""
 
 
 def test_show(data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

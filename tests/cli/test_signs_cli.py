@@ -61,10 +61,10 @@ def test_a_sheet_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
 
 
 def test_sheet_with_another_country_s_codes(tmp_path: Path) -> None:
-    for name, more in (("own", ()), ("de", ("--jurisdiction", "de"))):
+    for name, more in (("own", ()), ("de", ("--country", "de"))):
         assert call("sheet", "--out", str(tmp_path / f"{name}.png"), *more).exit_code == 0
     assert (tmp_path / "own.png").read_bytes() != (tmp_path / "de.png").read_bytes()
-    unknown = call("sheet", "--out", str(tmp_path / "xx.png"), "--jurisdiction", "xx")
+    unknown = call("sheet", "--out", str(tmp_path / "xx.png"), "--country", "xx")
     assert isinstance(unknown.exception, InputError)
     assert not (tmp_path / "xx.png").exists()
 

@@ -17,7 +17,7 @@ def test_a_fine_tuning_without_drives_or_base_is_refused(
     missing = refused(train, "frames", "--trajectories", str(tmp_path / "none.parquet"), *out)
     assert "none.parquet" in missing
     (tmp_path / "empty").mkdir()
-    base = refused(train, "plant2-ft", "--driver", "idm-e", "--base", str(tmp_path / "empty"), *out)
+    base = refused(train, "plant2-ft", "--planner", "idm-e", "--base", str(tmp_path / "empty"), *out)
     assert "plant2.json" in base
     assert not (tmp_path / "out").exists()
 

@@ -59,16 +59,20 @@ def test_every_kind_of_import_counts(tmp_path: Path) -> None:
         (package / f"{name}.py").write_text("")
     (package / "__init__.py").write_text("from . import six")
     (package / "deep" / "__init__.py").write_text("")
+    (package / "more").mkdir()
+    for name in ("__init__", "seven"):
+        (package / "more" / f"{name}.py").write_text("")
     (tmp_path / "bare" / "inner.py").write_text("")
     (package / "deep" / "start.py").write_text(
         "import pack.one, json\nfrom pack import two\nfrom ..three import x\n"
         "def f():\n    from .. import four\n    import bare.inner\n    import importlib\n"
-        "    importlib.import_module('pack.five')\n"
+        "    importlib.import_module('pack.five')\n    import_all('pack.more')\n"
     )
     found = closure([package / "deep" / "start.py"])
     assert set(found) == {
         "bare/inner.py", "pack/__init__.py", "pack/deep/__init__.py", "pack/deep/start.py",
         *(f"pack/{name}.py" for name in ("one", "two", "three", "four", "five", "six")),
+        "pack/more/__init__.py", "pack/more/seven.py",
     }  # fmt: skip
     assert "pack/six.py" not in closure([package / "deep" / "start.py"], {"pack/__init__.py"})
 

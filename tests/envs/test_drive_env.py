@@ -17,6 +17,7 @@ from tsbench.envs.drive import DriveEnv
 from tsbench.envs.stepped_episode import process_episode
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
+from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import aim
 from tsbench.scenarios.table import read_table, table_path
 
@@ -55,7 +56,7 @@ def test_both_checkers_pass(kind: str) -> None:
 
 def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
     row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
-    runner = EpisodeRunner(f"{__file__}:onward", "onward", simulation=process_episode()._simulation)
+    runner = EpisodeRunner(resolve(f"{__file__}:onward"), simulation=process_episode().simulation)
     result = runner.run(row)
     _, told = env.reset(options={"scenario_id": row.scenario_id})
     assert told["scenario_id"] == row.scenario_id

@@ -16,8 +16,10 @@ from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.episode import outcome as outcome_module
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
-from tsbench.episode.runner import EpisodeRunner, Phase
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.registry import resolve
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -56,10 +58,8 @@ def on_cross(root: Path):
 
 def runner(root: Path, planner: str, **more: object) -> EpisodeRunner:
     """A runner on the hand-made scenes, with the one simulation of this process."""
-    made = EpisodeRunner(f"scripted:{planner}", planner.lower(), **more)  # type: ignore[arg-type]
-    made.simulation = world.simulation()
-    made._loader = SceneLoader(SceneFolder(root))
-    return made
+    shared = {"simulation": world.simulation(), "loader": SceneLoader(SceneFolder(root))}
+    return EpisodeRunner(resolve(f"scripted:{planner}"), **shared, **more)  # type: ignore[arg-type]
 
 
 def on_the_road(
@@ -388,7 +388,7 @@ def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:
     seconds = lead_time(
         world.simulation(), on_cross.net, on_cross.path(draft), network, 7, zone - fronts[0]
     )  # fmt: skip
-    plan = ConvoyPlan(("convoy_0", "convoy_1"), "s_in_0", 7.0, seconds, 8.0, 8.0)
+    plan = ConvoyPlan("s_in_0", 7.0, seconds, 8.0, 8.0, ("convoy_0", "convoy_1"))
     spec = on_cross.make("convoy", start, end, ("s_in", "n_out"), sign, convoy=plan, convoy_at=at)
     result = runner(root, "Follow").run(spec)
     assert result.facts is not None

@@ -17,11 +17,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
+from tsbench.core.plain import from_plain
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.trace import (
     read_trace,
     trace_path,
-    verdict_from_dict,
     verdict_to_dict,
     write_trace,
 )
@@ -189,7 +189,7 @@ def test_names_make_safe_files(tmp_path: Path) -> None:
 def test_verdicts_as_plain_values() -> None:
     verdict = made.verdict(made.violation(end_s=float("inf"), other="car.1"), engaged=True, steps=4)
     plain = verdict_to_dict(verdict)
-    assert verdict_from_dict(json.loads(json.dumps(plain, allow_nan=False))) == verdict
+    assert from_plain(Verdict, json.loads(json.dumps(plain, allow_nan=False))) == verdict
     with pytest.raises(ValueError, match="Verdict"):
-        verdict_from_dict({"violations": [], "engaged": True})
-    assert verdict_from_dict({**plain, "violations": []}) == Verdict("plate", True, (), 4)
+        from_plain(Verdict, {"violations": [], "engaged": True})
+    assert from_plain(Verdict, {**plain, "violations": []}) == Verdict("plate", True, (), 4)

@@ -13,7 +13,7 @@ from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.episode.command import to_command
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
-from tsbench.planners.registry import resolve
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import Motion, advance
 
@@ -24,15 +24,12 @@ LOADING, SIMULATING, PLANNING, SCORING = 1, 2, 3, 4
 class FakeRunner:
     def __init__(
         self,
-        planner_spec: str,
-        planner_name: str,
+        planner: LoadedPlanner,
         *,
         mask_signs: bool,
-        device: str,
         heartbeat: Callable[[int], None],
     ) -> None:
-        self.name = planner_name
-        self._factory = resolve(planner_spec).factory
+        self.name, self._factory = planner.name, planner.factory
         self._beat = heartbeat
         self._scene = episode_builders.scene()
 

@@ -117,12 +117,13 @@ def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
     lane = net.edge_lanes(spec["edge"])[0]
     x, y = lane.line.point_at(spec["position_m"], -3.0)
     role = spec.get("role", "context" if number else "target")
+    params = {k: str(v) for k, v in spec.get("params", {}).items()}
     return SignInstance(
         id=spec.get("id", f"sign{number}"), code=spec["code"], value=spec.get("value"), edge=spec["edge"],
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
         role=role, ends=spec.get("ends"),
-        params=plate_params(spec["code"], {k: str(v) for k, v in spec.get("params", {}).items()}, role),
+        params=plate_params(spec["code"], params, binds=role == "target"),
     )  # fmt: skip
 
 

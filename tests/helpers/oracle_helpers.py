@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -12,17 +11,18 @@ from tsbench.learn.oracle.runner import FIGURES, pack
 from tsbench.learn.oracle.store import KIND, Collection, basis
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 
-PLANNERS: list[dict[str, Any]] = [
-    {"name": "idm-e", "code_sha256": "c", "weights_sha256": None},
-    {"name": "idm-s4-e", "code_sha256": "c", "weights_sha256": None},
-    {"name": "net-e", "code_sha256": "c", "weights_sha256": "w"},
+PLANNERS = [
+    PlannerInfo("idm-e", "idm-e", True, True, (), None, "c"),
+    PlannerInfo("idm-s4-e", "idm-s4-e", True, True, (), None, "c"),
+    PlannerInfo("net-e", "net-e", True, True, (), "w", "c"),
 ]
 
 
 def collection(
-    folder: Path, table: list[ScenarioSpec], planners: list[dict[str, Any]] = PLANNERS, redrive: bool = False
+    folder: Path, table: list[ScenarioSpec], planners: list[PlannerInfo] = PLANNERS, redrive: bool = False
 ) -> Collection:
     effective = {"collection": KIND, "split": "train", "tries": 4}
     manifest = new_manifest(basis(), {}, effective, planners)

@@ -181,9 +181,10 @@ def verdict(world: World) -> Verdict:
     assert world.privilege is not None
     sign = world.privilege.sign
     scene = Scene(
-        SceneFile(Path("test.net.xml"), b""), SceneFile(Path("test.add.xml"), b""),
-        world.network, (sign,), sign.id, world.obstacles,
-        EgoStart(world.start_lane, world.start_s, world.start_speed), world.destination, None, 600, 1,
+        net=SceneFile(Path("test.net.xml"), b""), additional=SceneFile(Path("test.add.xml"), b""),
+        network=world.network, signs=(sign,), target=sign.id, obstacles=world.obstacles,
+        start=EgoStart(world.start_lane, world.start_s, world.start_speed), destination=world.destination,
+        horizon=600, seed=1,
     )  # fmt: skip
     monitor = make_monitor(sign, load_catalog(), scene)
     for snapshot in world.snapshots:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pyarrow.parquet as pq
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.schema import EPISODES, SCHEMA_VERSION, TABLES
 from tsbench.run.log.tables import file_hashes
+from tsbench.run.planner_info import PlannerInfo
 
 CONTRACT = "c0ffee" * 10 + "beef"
 TYPES = (("yield", "priority"), ("speed_limit", "speed"))
@@ -64,7 +66,8 @@ def make_run(
     names = list(dict.fromkeys(row["planner"] for row in rows))
     n = len(rows) // len(names) if asked is None else asked
     manifest = json.loads(_manifest())
-    manifest["contract"], manifest["planners"] = contract, [{"name": name, "spec": name} for name in names]
+    manifest["contract"] = contract
+    manifest["planners"] = [asdict(PlannerInfo(name, name, False, True, (), None, None)) for name in names]
     manifest["effective"] |= {"scenarios": n} | effective
     rows = sorted(rows, key=lambda row: (row["planner"], row["scenario_id"]))
     for name, schema in TABLES.items():

@@ -1,9 +1,9 @@
-"""`plant2-e` as a planner whose network is served on a CPU."""
+"""`plant2` as a planner whose network is served on a CPU."""
 
 from __future__ import annotations
 
-from tsbench.planners.plant2.planner import Plant2Expert
+from tsbench.planners.plant2.planner import Plant2
 
 
-class ServedExpert(Plant2Expert):
+class Served(Plant2):
     served_on = ("cpu",)

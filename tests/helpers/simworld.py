@@ -38,8 +38,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.sim.ego import Motion
-from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle
-from tsbench.sim.scene_file import SceneLayout, layout_elements
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, SceneLayout
+from tsbench.sim.scene_file import layout_elements
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import Actors, ActorTable, EgoState
 
@@ -199,7 +199,7 @@ def store_scenes(rows: Sequence[ScenarioSpec], built: Path, root: Path) -> None:
     stores: dict[Path, dict[str, dict[str, bytes]]] = {}
     folder = SceneFolder(built)
     for row in rows:
-        maps = stores.setdefault(store_path(row.split, row.scenario_type, root), {})
+        maps = stores.setdefault(store_path(row.split, row.pair_type, root), {})
         files = maps.setdefault(row.map_id, {})
         files |= {name: folder.read(row, name).content for name in (row.net, row.additional)}
     for path, maps in stores.items():

@@ -9,15 +9,24 @@ import pytest
 import torch
 
 from tsbench.learn.imitation.trainer import Trainer
-from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
+from tsbench.planners.plant2.vocabulary import READER, vocabulary_of
 from tsbench.planners.weights import save_weights
+
+
+def fresh_tuned(size: str) -> Plant2FtNetwork:
+    """A network for the words of tsbench's own `plant2-ft`."""
+    words = vocabulary_of()
+    return Plant2FtNetwork(size, len(words.classes), len(words.words))
 
 
 def fresh_weights(folder: Path, name: str, kind: Callable[[str], Plant2Network]) -> Path:
     """Save a `mini` network as it begins; returns the folder."""
     torch.manual_seed(1)
     arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
-    save_weights(name, folder, arrays, {"size": "mini"})
+    save_weights(
+        name, folder, arrays, {"size": "mini"}, vocabulary_of().metadata() if name == READER else None
+    )
     return folder
 
 

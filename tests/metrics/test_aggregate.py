@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table_builders import random_rows, records, row
 
+from tsbench.core.benchmark import TYPES
 from tsbench.core.errors import InputError
-from tsbench.metrics.aggregate import TYPES_IN_BENCHMARK, PlannerSummary, Summary, summarise
+from tsbench.metrics.aggregate import PlannerSummary, Summary, summarise
 from tsbench.signs.catalog import load_catalog
 
 
@@ -27,7 +28,7 @@ def only(rows: list[dict[str, object]], **options: bool) -> PlannerSummary:
 
 
 def test_the_number_of_types_is_the_catalogues() -> None:
-    assert len(load_catalog().types) == TYPES_IN_BENCHMARK
+    assert len(load_catalog().types) == TYPES
 
 
 def test_macro_and_episode_weighted_means() -> None:

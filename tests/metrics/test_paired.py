@@ -12,6 +12,7 @@ from table_builders import random_rows, records, row
 
 from tsbench.core.errors import InputError
 from tsbench.metrics.compare import Comparison, compare
+from tsbench.metrics.episode import METRICS, SCD
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import (
     Difference,
@@ -23,7 +24,6 @@ from tsbench.metrics.paired import (
     mcnemar_p,
     mcnemar_power,
 )
-from tsbench.metrics.records import METRICS, SCD
 
 COMFORT = METRICS["comfort"]
 

@@ -11,9 +11,10 @@ from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo, w
 from scipy.special import betaincinv, ndtri
 
 from tsbench.core.errors import InputError
-from tsbench.planners.carl.planner import Carl, CarlExpert, _by_torch, load
+from tsbench.planners.carl.planner import Carl, _by_torch
 from tsbench.planners.common.batching import is_served
 from tsbench.planners.ppo.planner import Ppo
+from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.planners.rl.base import LearnedPlanner
 from tsbench.planners.weights import load_weights, save_weights
@@ -63,7 +64,7 @@ def test_an_action_holds(make: Make, drive: Recorder, tmp_path: Path) -> None:
 
 def test_only_carl_is_served_and_only_by_a_gpu() -> None:
     assert is_served(Carl, "cuda")
-    assert is_served(CarlExpert, "cuda")
+    assert is_served(resolve("carl-e").batched, "cuda")
     assert not is_served(Carl, "cpu")
     assert not is_served(Ppo, "cuda")
 
@@ -83,7 +84,7 @@ def test_the_cnn_has_about_two_million_parameters() -> None:
 
 def test_carl_answers_as_by_torch(tmp_path: Path) -> None:
     asked = questions("carl")
-    mine = load("cpu")(asked)["action"]
+    mine = Carl.network("cpu")(asked)["action"]
     densities = _by_torch(load_weights("carl"), "cpu")(asked)
     its = [2.0 * betaincinv(a, b, p) - 1.0 for (a, b), p in zip(densities, asked["draw"], strict=True)]
     assert np.abs(its).max() > 0.1

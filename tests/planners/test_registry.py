@@ -12,6 +12,7 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.planners import registry
 from tsbench.planners.base import Planner
+from tsbench.planners.experts.expert import Expert
 
 GOOD = """
 from tsbench.planners.base import Control
@@ -54,6 +55,62 @@ def test_every_registered_planner_loads(name: str) -> None:
     assert loaded.name == loaded.spec == name
     assert isinstance(loaded.factory(), Planner)
     assert loaded.privileged is name.endswith("-e")
+
+
+EXPERTS = """
+from tsbench.planners.base import Control
+
+class Slow:
+    follows_route = True
+    def reset(self, context): self.told = context.privilege
+    def act(self, observation): return Control(-1.0, 0.0)
+
+class Wanderer(Slow):
+    chooses_route = True
+
+class Told(Slow):
+    privileged = True
+
+def steady(observation): return Control(1.0, 0.0)
+"""
+
+
+def test_every_planner_that_follows_a_route_has_an_expert(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bases.py").write_text(EXPERTS)
+    monkeypatch.chdir(tmp_path)
+    for spec in ("bases:Slow-e", "bases.py:Slow-e", f"{tmp_path / 'bases.py'}:steady-e"):
+        loaded = registry.resolve(spec)
+        assert (loaded.name, loaded.spec) == (f"{spec.rpartition(':')[2]}", spec)
+        assert loaded.privileged
+        assert loaded.sources[-1] == "tsbench.planners.experts.expert"
+        assert isinstance(loaded.factory(), Expert)
+    assert registry.names() == (
+        "carl", "carl-e", "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
+        "idm-s4", "idm-s4-e", "plant2", "plant2-e", "plant2-ft", "ppo", "ppo-e",
+    )  # fmt: skip
+    assert registry.resolve("carl-e").batched is registry.resolve("carl").batched
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("plant2-ft-e", "plant2-ft chooses its way by itself and follows no route"),
+        ("bases:Wanderer-e", "chooses its way by itself"),
+        ("bases:Told-e", "is told the rule already"),
+        ("idm-e-e", "no such planner"),
+        ("idn-e", "did you mean idm-e"),
+    ],
+)
+def test_who_can_have_no_expert_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec: str, words: str
+) -> None:
+    (tmp_path / "bases.py").write_text(EXPERTS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "bases", raising=False)
+    with pytest.raises(InputError, match=words):
+        registry.resolve(spec)
 
 
 def test_what_the_entry_says_is_what_the_class_says() -> None:

@@ -16,6 +16,7 @@ import pytest
 
 from tsbench.run import arithmetic
 from tsbench.run.log.manifest import difference, new_manifest
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.tools.doctor import arithmetic as doctor
 from tsbench.tools.doctor.finding import Status
 
@@ -115,8 +116,8 @@ def test_a_reference_that_is_written_is_met(tmp_path: Path, monkeypatch: pytest.
     assert written["planners"] == {name: reference()["planners"][name] for name in ("idm", "ppo")}
 
 
-OURS = [{"spec": "idm"}, {"spec": "plant2-ft"}, {"spec": "tsbench.dataset.certify.lawless:Lawless"}]
-THEIRS = [*OURS, {"spec": "mine.py:Mine"}]
+OURS = ["idm", "plant2-ft", "idm-e", "tsbench.dataset.certify.lawless:Lawless"]
+THEIRS = [*OURS, "mine.py:Mine"]
 
 
 def changed(part: str, name: str) -> arithmetic.Facts:
@@ -144,7 +145,9 @@ def test_who_may_go_on(part: str, name: str, ours: bool, theirs: bool) -> None:
 
 
 def test_a_run_says_with_what_it_was_made() -> None:
-    new = new_manifest("c", {}, {"device": "cpu"}, THEIRS)
+    new = new_manifest(
+        "c", {}, {"device": "cpu"}, [PlannerInfo(p, p, False, True, (), None, None) for p in THEIRS]
+    )
     assert new["arithmetic"] == arithmetic.facts()
     assert difference(new, new) is None
     told = difference({**new, "arithmetic": changed("answers", "blas")}, new)

@@ -32,24 +32,22 @@ NO_MATTER = {
 }
 DRIVEN = """
 import io, json, sys
-from dataclasses import asdict
+from tsbench.run.execution.messages import TO_RUN, Finished, Probe, Setup, Start, Task, decode, encode
 from tsbench.run.execution.worker_main import Worker
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import read_table, table_path
 
 class Line:
     def __init__(self):
-        who = {"spec": "idm", "name": "idm", "privileged": False, "served_on": []}
-        setup = {"planners": [who], "mask_signs": False, "device": "cpu", "trace": "all", "inference": "",
-                 "options": {}, "out": sys.argv[1], "runner": "tsbench.run.execution.inference_client:WorkerRunner",
-                 "recorder": "tsbench.run.log.score:make_record"}
-        row = asdict(min(read_table(table_path("test")), key=lambda row: row.horizon))
-        self.told = [{"sys_path": sys.path}, {"do": "setup", "setup": setup}, {"do": "probe", "spec": "idm"},
-                     {"do": "episode", "task": 1, "planner": 0, "spec": row}]
+        who = PlannerInfo("idm", "idm", False, False, (), None, None)
+        row = min(read_table(table_path("test")), key=lambda row: row.horizon)
+        self.told = [Start(tuple(sys.path)), Setup((who,), False, "cpu", "all", sys.argv[1], "test", ""), Probe("idm"),
+                     Task(1, 0, row)]
         self.before = {"tsbench.scenarios.table", "tsbench.core.parquet"}  # of this script
     def makefile(self, mode):
-        return io.BytesIO(b"".join(json.dumps(message).encode() + b"\\n" for message in self.told))
+        return io.BytesIO(b"".join(map(encode, self.told)))
     def sendall(self, answer):
-        self.answer = json.loads(answer)
+        self.answer = decode(answer, TO_RUN)
 
 class Pulse:
     task = 0
@@ -60,7 +58,8 @@ line = Line()
 worker = Worker(line, Pulse())
 worker.serve()
 worker.close()
-assert line.answer["row"]["scd"] in (True, False) and line.answer["row"]["error"] is None, line.answer
+row = line.answer.record.row
+assert row["scd"] in (True, False) and row["error"] is None, line.answer
 files = [m.__file__ for n, m in sys.modules.items() if n.partition(".")[0] == "tsbench" and n not in line.before]
 print(json.dumps([file for file in files if file]))
 """
@@ -138,17 +137,28 @@ def test_roots_are_there() -> None:
 
 def test_nothing_in_the_contract_imports_what_only_a_run_would_show() -> None:
     """But for two places: what a worker is told to run is among the roots, and a planner has its own hash."""
-    found = set()
+    found, packages = set(), set()
     for name in code_files():
         for node in ast.walk(ast.parse((PLACE / name).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_all"):
+                assert isinstance(node.args[0], ast.Constant), (
+                    f"{name}: only a package that is written out counts"
+                )
+                packages.add(node.args[0].value)
             if isinstance(node, ast.Attribute | ast.Name):
                 word = node.attr if isinstance(node, ast.Attribute) else node.id
                 if word in ("import_module", "__import__", "spec_from_file_location", "exec", "eval"):
                     found.add(name)
-    # Names of tsbench itself: `tsbench.__getattr__` imports what a planner asks for, `extras.load` what few have.
+    # Names of tsbench itself: `tsbench.__getattr__` imports what a planner asks for, `extras.load` what few have,
+    # `modules.import_all` whole packages, which are in the contract as a whole.
+    assert packages == {"tsbench.rules"}
+    assert {f"tsbench/rules/{path.name}" for path in (PLACE / "tsbench" / "rules").glob("*.py")} <= set(
+        code_files()
+    )
     assert found == {
         "tsbench/__init__.py",
         "tsbench/core/extras.py",
+        "tsbench/core/modules.py",
         "tsbench/planners/loading.py",
         "tsbench/run/execution/worker_main.py",
     }

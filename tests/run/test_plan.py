@@ -143,3 +143,20 @@ def test_what_is_given_back_is_handed_out_again() -> None:
     assert hand_out.next(1) is None
     hand_out.requeue(task)
     assert hand_out.next(1) is task
+
+
+def test_a_type_selects_both_halves_and_a_limit_keeps_pairs(
+    plan_of, data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = [replace(r, pair_id=r.scenario_id) for r in specs() if r.scenario_type == "yield"]
+    other = {"half": "contrast", "scenario_type": "speed_limit", "group": "speed", "sign_code": "3.24"}
+    table += [replace(r, scenario_id=f"{r.scenario_id}-c", **other) for r in table]
+    write_table(table, data / "scenarios" / "test.parquet")
+    monkeypatch.setattr("tsbench.run.plan.check_files", lambda *_: None)
+    plan = plan_of(types=("yield",))
+    assert len(plan.scenarios) == 40
+    assert plan.types == ("yield",)
+    assert ids(plan_of(limit=4)) == ["yield-000-0", "yield-000-0-c", "yield-001-0", "yield-001-0-c"]
+    drawn = plan_of(variants="one-per-map").scenarios
+    assert len(drawn) == 4
+    assert len({row.pair_id for row in drawn}) == 2

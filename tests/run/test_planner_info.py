@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
@@ -42,12 +41,18 @@ def mine(tmp_path: Path) -> Path:
 
 def test_our_own_planners_are_hashed_with_all_that_they_use() -> None:
     one, expert = describe("idm"), describe("idm-e")
-    # The expert has guards, which idm does not use, and they draw their style from a table.
-    assert one["code_sha256"] != expert["code_sha256"]
+    # The expert has constraints, which idm does not use.
+    assert one.code_sha256 != expert.code_sha256
     files = closure(["tsbench.planners.experts.expert"], code_files())
-    assert {"tsbench/planners/experts/rules/detour.py", "tsbench/sim/nuplan.py"} <= set(files)
-    assert "tsbench/sim/nuplan.py: scenarios/nuplan_statistics.json" in files
+    assert "tsbench/planners/experts/rules/detour.py" in files
     assert not set(files) & set(code_files())
+    # A style is drawn from a table, and it is the expert's as well.
+    files = closure(["tsbench.planners.styles"], code_files())
+    assert "tsbench/sim/nuplan.py: scenarios/nuplan_statistics.json" in files
+    assert (
+        len({describe(f"{name}{end}").code_sha256 for name in ("idm", "idm-s1", "ppo") for end in ("", "-e")})
+        == 6
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,9 +72,9 @@ def test_a_planner_of_ones_own_is_its_file_with_all_that_lies_beside_it(
     mine: Path, name: str, text: str, same: bool
 ) -> None:
     spec = f"{mine / 'planner.py'}:drive"
-    before = describe(spec)["code_sha256"]
+    before = describe(spec).code_sha256
     (mine / name).write_text(text)
-    assert (describe(spec)["code_sha256"] == before) is same
+    assert (describe(spec).code_sha256 == before) is same
 
 
 def test_weights_that_are_named_from_the_folder_of_the_run(
@@ -78,10 +83,10 @@ def test_weights_that_are_named_from_the_folder_of_the_run(
     monkeypatch.chdir(tmp_path)
     spec = f"{mine / 'planner.py'}:drive"
     (mine / "net.npz").unlink()
-    codes = [describe(spec)["code_sha256"]]
+    codes = [describe(spec).code_sha256]
     for content in (b"one", b"two"):
         (tmp_path / "net.npz").write_bytes(content)
-        codes.append(describe(spec)["code_sha256"])
+        codes.append(describe(spec).code_sha256)
     assert len(set(codes)) == 3
 
 
@@ -90,10 +95,9 @@ def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPa
     (mine / "planner.py").write_text(
         MINE.replace("import neighbour", "from mine import neighbour").replace("from kit", "from mine.kit")
     )
-    before = describe("mine.planner:drive")["code_sha256"]
+    before = describe("mine.planner:drive").code_sha256
     (mine / "kit" / "more.py").write_text("STEERING = 0.2\n")
-    assert describe("mine.planner:drive")["code_sha256"] != before
-    assert json.dumps(describe("mine.planner:drive"))
+    assert describe("mine.planner:drive").code_sha256 != before
 
 
 @pytest.mark.parametrize(

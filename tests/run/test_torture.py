@@ -156,7 +156,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Target:
     if not (ROOT / "scenarios" / "test.parquet").is_file():
         pytest.skip("no scenarios have been built")
     bench = Bench(ROOT, tmp_path_factory.mktemp("torture-real"))
-    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.run.execution.inference_client:WorkerRunner")
+    return Target(bench, REAL, 0, TSBENCH_TEST_RUNNER="tsbench.episode.runner:EpisodeRunner")
 
 
 @pytest.mark.torture

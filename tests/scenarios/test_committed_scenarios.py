@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from simworld import simulation
 
+from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.scenarios.map_pool import pool_file
 from tsbench.scenarios.map_pool import PoolRow, read_pool
-from tsbench.dataset.scenes.build import APART_M, TEST_PER_TRAIN, stratum_of
+from tsbench.dataset.scenes.build import APART_M, stratum_of
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.dataset.scenes.recipe import load_recipe

@@ -50,7 +50,7 @@ def test_round_trip_sorted_by_id(tmp_path: Path, specs: list[ScenarioSpec]) -> N
     path = tmp_path / "t.parquet"
     write_table(specs, path)
     assert read_table(path) == sorted(specs, key=lambda s: s.scenario_id)
-    assert not path.with_suffix(".part").exists()
+    assert list(path.parent.iterdir()) == [path]
 
 
 def test_the_same_rows_are_the_same_bytes_in_any_order(tmp_path: Path) -> None:
@@ -163,3 +163,33 @@ def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> No
 
 def test_no_table(tmp_path: Path) -> None:
     assert "no such table (tsbench data fetch --from DIR|URL train brings" in refuse(tmp_path / "train.parquet")
+
+
+def pair(number: int) -> list[ScenarioSpec]:
+    name = f"yield-j-1-v{number}"
+    signed = replace(BASE, scenario_id=name, variant=number, pair_id=name)
+    return [signed, replace(signed, scenario_id=f"{name}-c", half="contrast", scenario_type="main_road")]
+
+
+def test_halves_of_a_pair_are_neighbours_and_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_table([*pair(1), *reversed(pair(0))], path)
+    assert read_table(path) == [*pair(0), *pair(1)]
+    assert {r.pair_type for r in read_table(path)} == {"yield"}
+
+
+def test_a_table_from_before_pairs_has_signed_rows_only(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(rows(3), path)
+    table = pq.read_table(path)
+    assert table["pair_id"].null_count == 3
+    pq.write_table(table.drop_columns(["pair_id", "half"]), path)
+    assert read_table(path) == rows(3)
+
+
+@pytest.mark.parametrize("wrong", [{"half": "other"}, {"half": "contrast"}, {"pair_id": "yield-j-2-v0"}])
+def test_a_half_that_contradicts_its_pair_is_an_error(tmp_path: Path, wrong: dict[str, str]) -> None:
+    path = tmp_path / "t.parquet"
+    write_table([replace(BASE, **wrong)], path)
+    with pytest.raises(InputError, match="is impossible"):
+        read_table(path)

@@ -7,14 +7,16 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.learn.finetune.targets import LESSONS
+from tsbench.core.modules import import_all
+from tsbench.learn.finetune.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
+from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.report.drawing.zone import rule_zone
 from tsbench.rules.registry import MONITORS
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, for_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, class_of_every_kind
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -25,7 +27,7 @@ def test_every_kind_is_there_as_a_whole(name: str) -> None:
     assert any(sign.rule.name == name for sign in load_catalog().signs.values())
     assert name in MONITORS
     assert name in CONSTRAINTS
-    assert name in LESSONS
+    assert name in TARGET_SPECS
     assert list((ROOT / "tests" / "cases" / name).glob("*.yaml"))
     headings = [
         line for line in (ROOT / "docs" / "rules.md").read_text().splitlines() if line.startswith("## ")
@@ -50,18 +52,18 @@ def test_every_kind_has_a_zone_to_draw() -> None:
     assert drawn == set(RULE_KINDS)
 
 
-def test_what_attaches_to_some_kinds_only_is_refused() -> None:
-    table = dict.fromkeys(RULE_KINDS, 1)
-    assert dict(for_every_kind("thing", table)) == table
+def test_a_kind_without_its_file_or_its_class_is_refused() -> None:
+    modules = dict(import_all("tsbench.planners.experts.rules"))
+    assert set(class_of_every_kind(modules, RuleConstraint)) == set(RULE_KINDS)
+    modules["stop"] = modules["constraint"]
+    with pytest.raises(ValueError, match=r"constraint\.py: defines 0 StopLike classes, not one$"):
+        class_of_every_kind(dict.fromkeys(RULE_KINDS, modules["stop"]), type("StopLike", (), {}))
+    del modules["stop"]
     with pytest.raises(
-        ValueError, match=r"^a thing for rule 'fly', which is not declared in signs/rule_kinds\.py$"
+        ValueError,
+        match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but tsbench\.planners\.\S+\.rules has no stop\.py$",
     ):
-        for_every_kind("thing", {**table, "fly": 1})
-    del table["stop"]
-    with pytest.raises(
-        ValueError, match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but has no thing$"
-    ):
-        for_every_kind("thing", table)
+        class_of_every_kind(modules, RuleConstraint)
 
 
 def test_a_threshold_says_its_unit() -> None:

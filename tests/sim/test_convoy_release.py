@@ -14,7 +14,7 @@ from tsbench.sim.convoy import RELEASE_AT_M, ConvoyRelease, predicted_arrival
 from tsbench.sim.scene import ConvoyPlan
 from tsbench.sim.world import EGO_LENGTH_M
 
-PLAN = ConvoyPlan(("convoy_0",), "s_in_0", 4.0, 3.0, 13.89, 5.0)
+PLAN = ConvoyPlan("s_in_0", 4.0, 3.0, 13.89, 5.0, ("convoy_0",))
 
 
 def slowly(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:

@@ -17,9 +17,14 @@ from tsbench.core.errors import InputError
 from tsbench.dataset.scenes.elements import write_additional
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
-from tsbench.sim.scene import ConvoyPlan, EgoStart, SceneFile, WalkersPlan
-from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
+from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
+from tsbench.sim.scene import ConvoyPlan, EgoStart, SceneFile, SceneLayout, WalkersPlan
+from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
 
+CONTRAST = (
+    ContrastClause("needless_stop", PassageParams("ta", "ab", main_in=("da",))),
+    ContrastClause("needless_slow", SlowZoneParams(("ta", "ab"), 3.7, 63.7, 40.0)),
+)
 NUMBER = st.floats(0.001, 1e4, allow_nan=False)
 
 
@@ -27,9 +32,9 @@ def layout(block: RoadNetwork) -> SceneLayout:
     return SceneLayout(
         signs=(plate(block, "ta", 100.1, "3.18.1", junction="a", approach="ta"),), target="sign_0",
         obstacles=(obstacle(block, "ta_1", 70.3),), start=EgoStart("ta_0", 20.5, 7.75),
-        destination=Destination("bu", 33.3), convoy=ConvoyPlan(("convoy_0", "convoy_1"), "ta_0", 4.2, 3.3, 13.9, 5.1),
+        destination=Destination("bu", 33.3), convoy=ConvoyPlan("ta_0", 4.2, 3.3, 13.9, 5.1, ("convoy_0", "convoy_1")),
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),
-        walkers=WalkersPlan(("walker_0", "walker_1"), (1.1, 1.3), "ta_0", 1.0, 3.1, 13.9, 13.9),
+        walkers=WalkersPlan("ta_0", 1.0, 3.1, 13.9, 13.9, ("walker_0", "walker_1"), (1.1, 1.3)),
     )  # fmt: skip
 
 
@@ -53,6 +58,7 @@ def test_what_is_written_comes_back_exactly(
         obstacles=tuple(replace(o, x=a, y=-b, heading=angle, length=c) for o in whole.obstacles * 2),
         convoy=replace(whole.convoy, ego_zone_m=a, lead_time_s=b, ego_turn_mps=c) if convoy else None,
         walkers=None if convoy else replace(whole.walkers, speeds=(a, b), lead_time_s=c),
+        contrast=CONTRAST if way else (),
         compliant_hint=whole.compliant_hint if way else (),
     )
     write_additional(layout_elements(whole, block), file)

@@ -1,4 +1,4 @@
-"""The one module that talks to SUMO, on small scenes. All in this process: SUMO allows one simulation."""
+"""The one module that talks to SUMO, on small scenes. All in this process, in which SUMO has one scene."""
 
 from __future__ import annotations
 
@@ -353,6 +353,27 @@ def test_a_simulation_can_be_closed_and_opened_again(
     sim.close()
     begin(sim, on_cross, busy)
     assert sim.actors() is not None
+
+
+def test_a_second_simulation_takes_over_and_the_first_is_told(
+    on_cross: SceneMaker, busy: ScenarioSpec
+) -> None:
+    first, second = Simulation(), Simulation()
+    motion = begin(first, on_cross, busy)
+    alone = stand(first, motion, "w_in", 20)[-1]
+    # A move that no step has carried out, and its simulation is given up.
+    first.place_ego(motion, "w_in", 0)
+    motion = begin(second, on_cross, busy)
+    for forbidden in (first.step, lambda: first.place_ego(motion, "w_in", 0)):
+        with pytest.raises(SimulationError, match="another has taken its place"):
+            forbidden()
+    first.close()
+    assert stand(second, motion, "w_in", 20)[-1].pose.tobytes() == alone.pose.tobytes()
+    assert stand(first, begin(first, on_cross, busy), "w_in", 20)[-1].pose.tobytes() == alone.pose.tobytes()
+    first.place_ego(motion, "w_in", 0)
+    first.close()
+    assert stand(second, begin(second, on_cross, busy), "w_in", 20)[-1].pose.tobytes() == alone.pose.tobytes()
+    second.close()
 
 
 def test_table_grows_without_losing_anyone() -> None:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from importlib.metadata import entry_points
 
 import pytest
 from spec_tables import ROOT, SPEC, numbers, table
 
+from tsbench.core import benchmark
 from tsbench.dataset.scenes import traffic
 from tsbench.dataset.scenes.recipe import load_recipe
-from tsbench.episode import observation as observe
 from tsbench.episode import outcome
 from tsbench.learn.oracle import select as oracle_select
 from tsbench.metrics import comfort, flags, intervals, progress
+from tsbench.planners import registry
 from tsbench.planners.plant2 import layout, parts
 from tsbench.planners.ppo import vector
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim import ego, nuplan, sumo, world
+from tsbench.sim import ego, nuplan, world
 
 
 def said(page: str, *phrases: str) -> None:
@@ -61,7 +61,7 @@ def test_room_around_the_start() -> None:
 def test_outcomes() -> None:
     page = {row["outcome"]: row["error"] == "yes" for row in table("metrics.md", "outcome", "error")}
     assert page == {out.value: out.is_error for out in outcome.Outcome}
-    said("metrics.md", f"within {outcome.ARRIVAL_M:.0f} m of the destination point")
+    said("metrics.md", f"within {benchmark.ARRIVAL_M:.0f} m of the destination point")
     said("metrics.md", f"(speed < {flags.STUCK_MPS} m/s for more than {flags.STUCK_S:.0f} s without a reason")
 
 
@@ -88,8 +88,7 @@ def test_the_planners_are_those_that_are_registered() -> None:
     rows = table("planners.md", "planner", "expert")
     page = {name for row in rows for name in (row["planner"], row["expert"]) if name}
     assert len(page) == 17
-    registered = entry_points(group="tsbench.planners")
-    assert page == {entry.name for entry in registered if entry.value.startswith("tsbench.")}
+    assert page == {name for name in registry.names() if registry.entry(name).target.startswith("tsbench.")}
 
 
 def test_styles() -> None:
@@ -120,10 +119,10 @@ def test_what_networks_see_and_what_is_seen() -> None:
     )
     said(
         "planners.md",
-        f"other road users within {sumo.VIEW_M:.0f} m; signs within {observe.SIGN_RANGE_M:.0f} m",
+        f"other road users within {benchmark.ROAD_USER_RANGE_M:.0f} m; signs within {benchmark.SIGN_RANGE_M:.0f} m",
     )
-    said("planners.md", f"obstacles within {observe.OBSTACLE_RANGE_M:.0f} m")
-    said("perception.md", f"every plate within {observe.SIGN_RANGE_M:.0f} m")
+    said("planners.md", f"obstacles within {benchmark.OBSTACLE_RANGE_M:.0f} m")
+    said("perception.md", f"every plate within {benchmark.SIGN_RANGE_M:.0f} m")
 
 
 def test_the_oracle() -> None:

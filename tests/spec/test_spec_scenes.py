@@ -7,6 +7,7 @@ from collections import Counter
 import pytest
 from spec_tables import numbers, table, words
 
+from tsbench.core import benchmark
 from tsbench.core.seeds import ROOT_SEED
 from tsbench.dataset.scenes import split, variants
 from tsbench.dataset.scenes.recipe import load_recipe
@@ -67,10 +68,10 @@ def test_split_and_certificate() -> None:
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_the_rows_that_there_are(part: str) -> None:
     rows = read_table(table_path(part))
-    assert len(rows) == {"train": 23_200, "test": 5_800}[part]
+    assert len(rows) == {"train": 23_200, "test": 5_800}[part] == benchmark.ROWS[part]
     maps = {row.map_id: row for row in rows if row.scenario_type == "yield"}
-    assert len(maps) == {"train": 80, "test": 20}[part]
-    assert Counter(row.variant for row in rows) == dict.fromkeys(range(variants.VARIANTS), len(rows) // 10)
+    assert len(maps) == benchmark.MAPS[part]
+    assert Counter(row.variant for row in rows) == dict.fromkeys(range(benchmark.VARIANTS), len(rows) // 10)
 
 
 @pytest.mark.parametrize("part", ["train", "test"])

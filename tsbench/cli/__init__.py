@@ -16,13 +16,13 @@ from tsbench.core.extras import load, missing_extra
 # Command, where it is, and its line in --help.
 COMMANDS = {
     "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
-    "compare": ("tsbench.cli.compare:compare", "Compare two planners, scenario by scenario."),
+    "compare": ("tsbench.cli.report:compare", "Compare two planners, scenario by scenario."),
     "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
-    "view": ("tsbench.cli.view:view", "Look at runs in a browser on this machine."),
+    "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),
     "analyse": ("tsbench.cli.analyse:analyse", "The paper's tables and figures from runs."),
     "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
-    "render": ("tsbench.cli.render:render", "Draw episodes of a run as PNG, GIF or MP4."),
-    "export": ("tsbench.cli.export:export", "Write episodes as CommonRoad XML or MCAP."),
+    "render": ("tsbench.cli.episodes:render", "Draw episodes of a run as PNG, GIF or MP4."),
+    "export": ("tsbench.cli.episodes:export", "Write episodes as CommonRoad XML or MCAP."),
     "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
     "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
     "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
@@ -44,11 +44,9 @@ class LazyGroup(click.Group):
         self._lazy = lazy
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Names in the order of `lazy`."""
         return list(self._lazy)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command itself."""
         if cmd_name not in self._lazy:
             return None
         module, _, attribute = self._lazy[cmd_name][0].partition(":")
@@ -56,7 +54,6 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """The list of commands, without importing any."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, line) for name, (_, line) in self._lazy.items()])
 
@@ -103,6 +100,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(message: str, code: int = EXIT_INPUT) -> NoReturn:
-    """One line, and the exit code."""
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    line = " ".join(message.split())
+    # A file may name half of a pair of code units, which no terminal takes.
+    click.echo(f"error: {line.encode(errors='backslashreplace').decode()}", err=True)
     sys.exit(code)

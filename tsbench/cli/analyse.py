@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from tsbench.cli.console import table_console
+from tsbench.cli import options
+from tsbench.cli.console import show_analysis
 
-if TYPE_CHECKING:
-    from tsbench.report.analyses.model import Analysis
-
-_FILES = "NAME.csv, NAME.tex, NAME.md and, where there is a figure, NAME.png and NAME.svg"
 _KINDS = {
     "main": "SCD and conventional metrics of every planner, the published figures below its own.",
     "types": "SCD of every planner on every type, and a heat map.",
@@ -32,29 +28,19 @@ def analyse() -> None:
     """
 
 
-def write_files(analysis: Analysis, out: Path) -> None:
-    """Write an analysis's files and name them."""
-    from tsbench.report.analyses.output import write_analysis
-
-    for path in write_analysis(analysis, out):
-        click.echo(str(path))
+def out(files: str) -> options.Option:
+    return options.out(f"Folder for {files}.", "analyses", type=options.FOLDER)
 
 
 def _command(name: str, line: str) -> None:
     @analyse.command(name, help=line, short_help=line)
-    @click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=click.Path(path_type=Path))
-    @click.option(
-        "--out", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True, metavar="DIR",
-        help=f"Folder for {_FILES}.",
-    )  # fmt: skip
-    @click.option("--allow-partial", is_flag=True, help="Take runs with missing records; the title says so.")
+    @options.runs
+    @out("NAME.csv, NAME.tex, NAME.md and, where there is a figure, NAME.png and NAME.svg")
+    @options.allow_partial
     def command(runs: tuple[Path, ...], out: Path, allow_partial: bool) -> None:
         from tsbench.report.analyses.registry import analyse_runs  # brings matplotlib and statistics
-        from tsbench.report.analyses.shown import print_analysis
 
-        analysis = analyse_runs(name, runs, allow_partial)
-        print_analysis(analysis, table_console())
-        write_files(analysis, out)
+        show_analysis(analyse_runs(name, runs, allow_partial), out)
 
 
 for _name, _line in _KINDS.items():
@@ -62,10 +48,8 @@ for _name, _line in _KINDS.items():
 
 
 @analyse.command(short_help="Put tables and figures of analyses into Markdown pages that ask for them.")
-@click.argument("pages", nargs=-1, required=True, metavar="PAGE…", type=click.Path(path_type=Path))
-@click.option(
-    "--from", "folder", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True
-)
+@click.argument("pages", nargs=-1, required=True, metavar="PAGE…", type=options.PATH)
+@click.option("--from", "folder", type=options.PATH, default=Path("analyses"), show_default=True)
 def pages(pages: tuple[Path, ...], folder: Path) -> None:
     """Put tables and figures of analyses into Markdown pages, where comments ask for them.
 
@@ -73,6 +57,8 @@ def pages(pages: tuple[Path, ...], folder: Path) -> None:
     <!-- analysis main | columns planner, SCD all | contract -->
     <!-- end -->
     <!-- analysis types | bare -->            without intervals
+    <!-- end -->
+    <!-- analysis metrics -->                 the columns of an episode's metrics
     <!-- end -->
     <!-- figure types -->                     the picture of the next line
     """

@@ -1,11 +1,21 @@
-"""Where tables are printed."""
+"""What commands print: tables, analyses, bars."""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
 
+import click
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from tsbench.report.analyses.model import Analysis
 
 _LOG_WIDTH = 160
 
@@ -14,3 +24,42 @@ def table_console() -> Console:
     """Standard output; without a terminal there is no width to keep to: a log shall have the whole table."""
     fixed = sys.stdout.isatty() or "COLUMNS" in os.environ
     return Console(width=None if fixed else _LOG_WIDTH)
+
+
+def print_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None, left: int = 1
+) -> None:
+    """Cells below heads; the first `left` columns begin, the others end at one edge."""
+    table = Table(box=None, header_style="bold", title=title, title_justify="left", pad_edge=False)
+    for k, head in enumerate(heads):
+        table.add_column(head, justify="left" if k < left else "right", no_wrap=not k)
+    for row in rows:
+        table.add_row(*row)
+    table_console().print(table)
+
+
+@contextmanager
+def bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Bars on a terminal, one for each name that the function it gives is called with: (name, done, total)."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def show(name: str, done: int, total: int) -> None:
+            if name not in tasks:
+                tasks[name] = progress.add_task(name, total=total)
+            progress.update(tasks[name], completed=done, total=total)
+
+        yield show
+
+
+def show_analysis(analysis: Analysis, out: Path | None, *, printed: bool = True) -> None:
+    """Print an analysis, write its files below a folder and name them."""
+    from tsbench.report.analyses.shown import print_analysis
+    from tsbench.report.analyses.writing import write_analysis
+
+    if printed:
+        print_analysis(analysis, table_console())
+    for path in write_analysis(analysis, out) if out is not None else ():
+        click.echo(str(path))

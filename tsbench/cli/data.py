@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import click
-from rich.table import Table
 
-from tsbench.cli.console import table_console
+from tsbench.cli.console import print_table
 from tsbench.core.paths import data_file, fetch_root
 from tsbench.data.fetch import fetch_set
 from tsbench.data.manifest import DataFile, DataSet, data_set, data_sets
@@ -24,13 +23,12 @@ def list_(names: tuple[str, ...]) -> None:
         for file in (file for name in names for file in data_set(name).files):
             click.echo(f"{file.sha256} {file.size:>11,} {file.name}  {_place(file) or 'missing'}")
         return
-    table = Table("name", "files", "MB", "missing", "what", box=None, header_style="bold")
+    rows = []
     for found in data_sets().values():
         gone = sum(_place(file) is None for file in found.files)
-        table.add_row(
-            found.name, str(len(found.files)), f"{found.size / 1e6:.1f}", str(gone or "none"), found.about
-        )
-    table_console().print(table)
+        size = f"{found.size / 1e6:.1f}"
+        rows.append((found.name, str(len(found.files)), size, str(gone or "none"), found.about))
+    print_table(("name", "files", "MB", "missing", "what"), rows, left=5)
     click.echo(f"What is missing: tsbench data fetch --from DIR|URL NAME; it goes to {fetch_root()}")
 
 

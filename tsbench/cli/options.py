@@ -1,24 +1,95 @@
-"""Options that several commands share, and how they are read."""
+"""Options that several commands share, and how they are read: each stands here once."""
+
+from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from tsbench.core.machine import own_cores
+from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.countries import Country, load_country
 
+if TYPE_CHECKING:
+    from tsbench.scenarios.spec import ScenarioSpec
+
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+PATH = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+POSITIVE = click.IntRange(min=1)
 
 
-def read_country(_context: click.Context, _parameter: click.Parameter, code: str | None) -> Country | None:
-    """The country of a code, None without one."""
+def words_of(text: str) -> tuple[str, ...]:
+    """What stands between commas, such as type ids and groups."""
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _words(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[str, ...]:
+    return words_of(text)
+
+
+def _country(_context: click.Context, _parameter: click.Parameter, code: str | None) -> Country | None:
     return None if code is None else load_country(code)
 
 
-jurisdiction_option = click.option(
-    "--jurisdiction", "country", metavar="CODE", callback=read_country,
-    help="Caption plates with this country's codes, such as de; plates and rules stay as they are.",
-)  # fmt: skip
+def words(name: str, help: str) -> Option:
+    return click.option(name, default="", metavar="TYPE,GROUP,…", callback=_words, help=help)
+
+
+def country(help: str) -> Option:
+    return click.option("--country", metavar="CODE", callback=_country, help=help)
+
+
+def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()) -> Option:
+    return click.option(
+        "--planner", "planners", multiple=True, required=required, default=default, show_default=bool(default),
+        metavar="NAME|pkg.module:Class|file.py:Class", help=f"{help}; give it several times for several planners.",
+    )  # fmt: skip
+
+
+def split(default: str | None = None, *, required: bool = False) -> Option:
+    return click.option(
+        "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
+        show_default=not required and (default or "both"),
+    )  # fmt: skip
+
+
+def out(help: str, default: str | None = None, *, type: click.Path = PATH, required: bool = False) -> Option:
+    metavar = "DIR" if type is FOLDER else "FILE" if type is FILE else "PATH"
+    return click.option(
+        "--out", type=type, required=required, default=default, show_default=True, metavar=metavar, help=help
+    )
+
+
+def png(help: str, *, required: bool = False) -> Option:
+    return click.option("--png", type=FILE, metavar="FILE", required=required, help=help)
+
+
+def limit(help: str) -> Option:
+    return click.option("--limit", type=POSITIVE, metavar="N", help=help)
+
+
+types = words("--types", "Scenario types and groups; default: all.")
+more = words("--more", "Types and groups that are drawn three times as often.")
+osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
+caption_country = country(
+    "Caption plates with this country's codes, such as de; plates and rules stay as they are."
+)
+allow_partial = click.option(
+    "--allow-partial", is_flag=True, help="Take what has missing records too; the title says so."
+)
+runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH)
+workers = click.option(
+    "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
+)
+# Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
+run_workers = click.option(
+    "--workers", type=POSITIVE, show_default="one per core", metavar="N", help="Processes."
+)
+seed = click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
 
 
 def several(*options: Option) -> Option:
@@ -32,6 +103,20 @@ def several(*options: Option) -> Option:
     return add
 
 
-def words_of(text: str) -> tuple[str, ...]:
-    """What stands between commas, such as type ids and groups."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
+def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
+    """The types that some types and groups are, sorted; none where none is named. Raises InputError."""
+    from tsbench.run.plan import choose_types
+    from tsbench.signs.catalog import load_catalog
+
+    return tuple(sorted(choose_types(words, load_catalog()))) if words else ()
+
+
+def rows_of(split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:
+    """The rows of some types and groups, by default of all.
+
+    split: it must be there; None: of those splits that are, for train need not be, nor both built.
+    """
+    there = [name for name in SPLITS if table_path(name).is_file()] if split is None else [split]
+    chosen = types_of(words)
+    rows = (row for name in there or SPLITS[-1:] for row in read_table(table_path(name)))
+    return [row for row in rows if not chosen or row.pair_type in chosen]

@@ -4,33 +4,31 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 
-from tsbench.cli import EXIT_INTERRUPTED
-from tsbench.cli.analyse import write_files
-from tsbench.cli.console import table_console
-from tsbench.cli.options import words_of
+from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
+from tsbench.cli.analyse import out as analysis_out
+from tsbench.cli.console import show_analysis
+from tsbench.cli.run import which_variants
+from tsbench.core.benchmark import VARIANTS
 from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
-from tsbench.learn.oracle.collect import VARIANTS as ALL_VARIANTS
 from tsbench.learn.oracle.collect import collect as collect_drives
 from tsbench.learn.oracle.restore import restore as restore_drives
 from tsbench.learn.oracle.select import select as select_drives
 from tsbench.learn.oracle.stats import stats as stats_of
 from tsbench.learn.oracle.stats import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
-from tsbench.run.plan import VARIANTS, Request
+from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.scenarios.table import SPLITS
 
-EXIT_ERRORS = 1
-_FOLDER = Path("runs/oracle")
-_split = click.option(
-    "--split", type=click.Choice(SPLITS), default="train", show_default=True, help="Scenario table."
-)
+_FOLDER = "runs/oracle"
+_split = options.split("train")
+_folder = click.argument("folder", metavar="[DIR]", type=options.FOLDER, default=_FOLDER)
 _table = click.option(
-    "--table", type=click.Path(path_type=Path), metavar="FILE",
+    "--table", type=options.PATH, metavar="FILE",
     help="The chosen drives. Default: scenarios/oracle.parquet of the data folder.",
 )  # fmt: skip
 
@@ -42,54 +40,43 @@ def oracle() -> None:
 
 @oracle.command()
 @_split
-@click.option("--types", metavar="TYPE,GROUP,…", default="", help="Scenario types or groups; default: all.")
+@options.types
+@options.limit("Scenarios: types in turn, nominal first; of one per map, drawn at random.")
+@which_variants
+@options.planners("Expert to drive; default: all that are registered")
 @click.option(
-    "--limit",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Scenarios: types in turn, nominal first; of one per map, by lot.",
-)
-@click.option(
-    "--variants", type=click.Choice(VARIANTS), default="all", show_default=True,
-    help="The nominal variant, all, or one drawn for each map.",
-)  # fmt: skip
-@click.option("--planners", metavar="NAME,…", default="", help="Experts; default: all that are registered.")
-@click.option(
-    "--learned-variants", type=click.IntRange(LEAST_LEARNED_VARIANTS, ALL_VARIANTS), default=ALL_VARIANTS,
-    show_default=True, metavar="N", help="Variants of a map that experts with networks drive, drawn by lot.",
+    "--learned-variants", type=click.IntRange(LEAST_LEARNED_VARIANTS, VARIANTS), default=VARIANTS, show_default=True,
+    metavar="N", help="Variants of a map that experts with networks drive, drawn at random.",
 )  # fmt: skip
 @click.option(
-    "--tries", type=click.IntRange(min=1), default=TRIES, show_default=True, metavar="N",
+    "--tries", type=options.POSITIVE, default=TRIES, show_default=True, metavar="N",
     help="Drives of a scenario by one expert at most, each with another driver, until one succeeds.",
 )  # fmt: skip
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core.")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=_FOLDER, show_default=True, metavar="DIR",
-    help="Folder; one with part of a collection is continued.",
-)  # fmt: skip
+@options.run_workers
+@options.out("Folder; one with part of a collection is continued.", _FOLDER, type=options.FOLDER)
 @click.option("--redrive", is_flag=True, help="Drive again what other code of an expert has driven.")
 def collect(
-    split: str, types: str, limit: int | None, variants: str, planners: str, learned_variants: int, tries: int,
-    workers: int | None, out: Path, redrive: bool,
+    split: str, types: tuple[str, ...], limit: int | None, variants: str, planners: tuple[str, ...],
+    tries: int, **others: Any,
 ) -> None:  # fmt: skip
     """Drive each expert on each scenario; the same command continues, other experts and scenarios are added.
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
-    request = Request(words_of(planners) or experts(), split, words_of(types), limit, variants)
-    options = CollectOptions(request, out, learned_variants, tries, workers, redrive=redrive)
-    found = collect_drives(options, ProgressWatcher(Console(stderr=True)))
+    request = Request(planners or experts(), split, types, limit, variants)
+    asked = CollectOptions(request, tries=tries, **others)
+    found = collect_drives(asked, ProgressWatcher(Console(stderr=True)))
     _tell(found, tries)
     if not found.complete:
         sys.exit(EXIT_INTERRUPTED)
     if any(t.errors for t in found.experts.values()):
-        sys.exit(EXIT_ERRORS)
+        sys.exit(EXIT_FAILED)
 
 
 @oracle.command()
-@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=_FOLDER)
+@_folder
 @_table
-@click.option("--allow-partial", is_flag=True, help="Choose from a collection that is not finished too.")
+@options.allow_partial
 def select(folder: Path, table: Path | None, allow_partial: bool) -> None:
     """Keep the best two successful drives of each scenario of the collection DIR (default: runs/oracle)."""
     found = select_drives(folder, table or trajectories_path(), allow_partial)
@@ -105,7 +92,7 @@ def select(folder: Path, table: Path | None, allow_partial: bool) -> None:
 
 
 @oracle.command()
-@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=_FOLDER)
+@_folder
 @_table
 def restore(folder: Path, table: Path | None) -> None:
     """Begin the collection DIR (default: runs/oracle) with what the chosen drives and their tries hold.
@@ -118,25 +105,16 @@ def restore(folder: Path, table: Path | None) -> None:
 @oracle.command()
 @_split
 @_table
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=Path("analyses"), show_default=True, metavar="DIR",
-    help="Folder for oracle.csv, oracle.tex, oracle.png and oracle.svg.",
-)  # fmt: skip
+@analysis_out("oracle.csv, oracle.tex, oracle.md, oracle.png and oracle.svg")
 def stats(split: str, table: Path | None, out: Path) -> None:
     """Coverage, and whose drives were chosen, by group: a table and a figure."""
-    from tsbench.report.analyses.shown import print_analysis
-
-    analysis = stats_of(table or trajectories_path(), split)
-    print_analysis(analysis, table_console())
-    write_files(analysis, out)
+    show_analysis(stats_of(table or trajectories_path(), split), out)
 
 
 @oracle.command()
 @_split
 @_table
-@click.option(
-    "--limit", type=click.IntRange(min=1), metavar="N", help="So many drives, drawn by lot; default: all."
-)
+@options.limit("So many drives, drawn at random; default: all.")
 def verify(split: str, table: Path | None, limit: int | None) -> None:
     """Replay chosen drives and compare each with its fingerprints."""
     count = verify_drives(table or trajectories_path(), split, limit)

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tsbench.cli.console import print_table
 from tsbench.planners import registry
 
 
@@ -24,36 +25,29 @@ def list_planners(parts: bool) -> None:
     if parts:
         _print_parts()
         return
-    table = Table(box=None, header_style="bold")
-    for column in ("name", "kind", "sees signs", "knows the rule", "parameters", "weights"):
-        table.add_column(column)
+    rows = []
     for name in registry.names():
         entry = registry.entry(name)
         weights = entry.weights
-        table.add_row(
-            name,
-            entry.kind,
-            "yes" if entry.sign_access else "no",
-            "yes" if entry.privileged else "no",
+        rows.append((
+            name, entry.kind, "yes" if entry.sign_access else "no", "yes" if entry.privileged else "no",
             f"{entry.parameters:,}" if entry.parameters is not None else "-",
             f"{weights.size / 1e6:.1f} MB {weights.sha256[:12]} {weights.source}" if weights else "-",
-        )
-    console = Console()
-    console.print(table)
-    console.print("Others: pkg.module:Class, file.py:Class, or a function in place of the class.")
+        ))  # fmt: skip
+    print_table(("name", "kind", "sees signs", "knows the rule", "parameters", "weights"), rows, left=6)
+    click.echo(
+        "Others: pkg.module:Class, file.py:Class, or a function in place of the class; with -e: its expert."
+    )
 
 
 def _print_parts() -> None:
-    """Counts in both sizes, beside the published ones of `medium`."""
     from tsbench.planners.plant2.parts import parts  # brings torch
 
-    table = Table(box=None, header_style="bold")
-    table.add_column("part")
-    for column in ("mini", "medium", "published (medium)"):
-        table.add_column(column, justify="right")
-    for small, large in zip(parts("mini"), parts("medium"), strict=True):
-        table.add_row(large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
-    Console().print(table)
+    rows = [
+        (large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
+        for small, large in zip(parts("mini"), parts("medium"), strict=True)
+    ]
+    print_table(("part", "mini", "medium", "published (medium)"), rows)
 
 
 @planners.command("check")
@@ -74,7 +68,7 @@ def check(planner: str, scenes: int) -> int:
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):
         with console.status(f"driving {len(chosen)} scenes"):
-            found += check_driving(planner, loaded.name, chosen)
+            found += check_driving(planner, chosen)
     style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
     table = Table(box=None, show_header=False)
     for finding in found:

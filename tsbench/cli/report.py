@@ -1,4 +1,4 @@
-"""`tsbench report`."""
+"""`tsbench report`, `tsbench view` and `tsbench compare`: what came of runs."""
 
 from __future__ import annotations
 
@@ -6,47 +6,32 @@ from pathlib import Path
 
 import click
 
-from tsbench.core.machine import own_cores
+from tsbench.cli import options
+from tsbench.cli.console import bars, table_console
 
 
 @click.command()
-@click.argument("runs", metavar="RUN…", nargs=-1, required=True, type=click.Path(path_type=Path))
+@options.runs
+@options.out("Default: report.html in the run, or here for several.", type=options.FILE)
+@options.allow_partial
 @click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Default: report.html in the run, or here for several.",
-)
-@click.option(
-    "--allow-partial", is_flag=True, help="Report runs with missing records too; the title says so."
-)
-@click.option(
-    "--max-mb",
-    type=click.FloatRange(min=0.1),
-    default=20.0,
-    show_default=True,
-    metavar="MB",
+    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB",
     help="Largest size of the file; players are left out, violations last.",
-)
-@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes; default: one per core.")
+)  # fmt: skip
+@options.workers
 def report(
-    runs: tuple[Path, ...], out: Path | None, allow_partial: bool, max_mb: float, workers: int | None
+    runs: tuple[Path, ...], out: Path | None, allow_partial: bool, max_mb: float, workers: int
 ) -> None:
     """Write one self-contained HTML page about RUNs: all figures, all episodes, and a player for those with a trace.
 
     Runs of one page must have one contract and one selection of scenarios.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from tsbench.report.page.report import MEGABYTE, write_report  # brings matplotlib
 
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("players", total=None)
+    with bars() as show:
         written = write_report(
-            runs, out, allow_partial=allow_partial, max_mb=max_mb,
-            workers=workers or own_cores(),
-            progress=lambda done, of: bar.update(task, completed=done, total=of),
+            runs, out, allow_partial=allow_partial, max_mb=max_mb, workers=workers,
+            progress=lambda done, of: show("players", done, of),
         )  # fmt: skip
     for note in written.notes:
         click.echo(f"note: {note}", err=True)
@@ -55,3 +40,60 @@ def report(
     click.echo(
         f"players   {written.players} of {written.traced} traced episodes, {written.episodes} in all{each}"
     )
+
+
+@click.command()
+@click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free."
+)
+def view(runs: tuple[Path, ...], port: int) -> None:
+    """Serve the reports of RUNs (default: all below runs/) to a browser on this machine, until Ctrl-C.
+
+    Every traced episode can be played: its trace is read when it is asked for.
+    """
+    from tsbench.report.page.server import HOST, make_server, runs_below  # brings matplotlib
+    from tsbench.run.log.read import is_run
+
+    for run in runs:
+        if not is_run(run):
+            raise click.UsageError(f"{run}: no run folder (it has no run.json)")
+    server = make_server(runs or runs_below(Path("runs")), port)
+    click.echo(f"serving on http://{HOST}:{server.server_address[1]}/ (Ctrl-C ends it)")
+    try:
+        server.serve_forever()
+    finally:
+        server.server_close()
+
+
+@click.command()
+@click.argument("run_a", metavar="RUN_A[:PLANNER]")
+@click.argument("run_b", metavar="RUN_B[:PLANNER]")
+@click.option("--force", is_flag=True, help="Compare different contracts, or what different scenarios share.")
+@options.allow_partial
+@options.png("Draw the differences.")
+@click.option("--csv", type=options.FILE, metavar="FILE", help="Write all flips.")
+@click.option(
+    "--flips", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
+    help="Flipped scenarios to list, of the lost and of the won each.",
+)  # fmt: skip
+def compare(
+    run_a: str, run_b: str, force: bool, allow_partial: bool, png: Path | None, csv: Path | None, flips: int
+) -> None:
+    """Compare two planners scenario by scenario: what changed by type and group, and what flipped.
+
+    A run with several planners is given as RUN:PLANNER. B-A is shown: more is better for B. Runs of different contracts
+    or scenarios are refused unless forced.
+    """
+    from tsbench.report.tables.compare import compare_runs, flips_csv, print_comparison
+
+    matched = compare_runs(run_a, run_b, force=force, allow_partial=allow_partial)
+    print_comparison(matched, table_console(), flips)
+    if csv is not None:
+        flips_csv(matched.comparison, csv)
+        click.echo(f"flips     {csv}")
+    if png is not None:
+        from tsbench.report.tables.forest import draw_forest  # brings matplotlib
+
+        draw_forest(matched, png)
+        click.echo(f"picture   {png}")

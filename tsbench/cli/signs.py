@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from tsbench.cli.options import jurisdiction_option, read_country, words_of
+from tsbench.cli import options
+from tsbench.cli.console import show_analysis
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_countries, write_csv
 from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
@@ -30,21 +31,23 @@ def show_sign(code: str) -> None:
 
 
 @signs.command("pages")
-@click.option("--types", default="", help="Comma-separated type ids; default: all that have test scenarios.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for pages and pictures.")
-def write_pages(types: str, out: Path) -> None:
+@options.types
+@click.option(
+    "--out", type=options.FOLDER, required=True, metavar="DIR", help="Folder for pages and pictures."
+)
+def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
     from tsbench.report.tables.sign_pages import PageMaker
 
     maker = PageMaker(out)
-    for name in words_of(types) or maker.types:
+    for name in options.types_of(types) or maker.types:
         click.echo(str(maker.write(name)))
     click.echo(str(maker.write_index()))
 
 
 @signs.command("sheet")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="PNG file to write.")
-@jurisdiction_option
+@options.out("PNG file to write.", type=options.FILE, required=True)
+@options.caption_country
 def draw_sheet(out: Path, country: Country | None) -> None:
     """Draw all plates by group on one page."""
     from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
@@ -54,9 +57,9 @@ def draw_sheet(out: Path, country: Country | None) -> None:
 
 
 @signs.command("equivalents")
-@click.option("--country", metavar="CODE", callback=read_country, help="Only this country, sign by sign.")
-@click.option("--csv", "path", type=click.Path(path_type=Path), help="Also write every entry to this file.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Also write it as CSV and LaTeX.")
+@options.country("Only this country, sign by sign.")
+@click.option("--csv", "path", type=options.FILE, metavar="FILE", help="Also write every entry to this file.")
+@options.out("Also write it as CSV, LaTeX and Markdown.", type=options.FOLDER)
 def show_equivalents(country: Country | None, path: Path | None, out: Path | None) -> None:
     """Print how many signs each country has an equivalent of, or one country's own codes."""
     countries = load_countries() if country is None else (country,)
@@ -66,8 +69,7 @@ def show_equivalents(country: Country | None, path: Path | None, out: Path | Non
         write_csv(load_catalog(), countries, path)
         click.echo(str(path))
     if out is not None:
-        from tsbench.cli.analyse import write_files
         from tsbench.report.analyses.countries import countries_analysis, country_analysis
 
         of_one = None if country is None else country_analysis(load_catalog(), country)
-        write_files(of_one or countries_analysis(countries), out)
+        show_analysis(of_one or countries_analysis(countries), out, printed=False)

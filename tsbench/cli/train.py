@@ -1,25 +1,259 @@
-"""`tsbench train`: learn a planner's weights on the train split."""
+"""`tsbench train`: learn a planner's weights on the train split; and how weights drive."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
 
-from tsbench.cli import LazyGroup
+from tsbench.cli import options
+from tsbench.cli.console import table_console
+from tsbench.cli.options import POSITIVE, Option, several
+from tsbench.core.errors import InputError
+from tsbench.core.machine import own_cores
+from tsbench.planners.common.batching import DEVICES
 
-# Command, where it is, and its line in --help: training brings torch with it.
-COMMANDS = {
-    "ppo": ("tsbench.cli.train_rl:ppo", "PPO on 275 numbers: ego, navigation, neighbours, lidar."),
-    "carl": ("tsbench.cli.train_rl:carl", "PPO on a bird's-eye raster, with the reward of CaRL."),
-    "plant2": ("tsbench.cli.train_plant2:plant2", "Imitation of sign-blind driving by a transformer."),
-    "plant2-ft": ("tsbench.cli.train_plant2_ft:plant2_ft", "Fine-tuning of plant2 on obedient drives."),
-    "frames": ("tsbench.cli.train_plant2_ft:frames", "Look at what plant2-ft is shown."),
-    "measure": (
-        "tsbench.cli.train_measure:measure",
-        "How plant2's or plant2-ft's weights drive on kept-out maps.",
-    ),
-}
+if TYPE_CHECKING:
+    from tsbench.learn.finetune.recipe import FineTuning
+    from tsbench.learn.imitation.frames_store import Place
+    from tsbench.planners.weights import Network
+    from tsbench.scenarios.spec import ScenarioSpec
+
+_NOT_NEGATIVE = click.IntRange(min=0)
+_device = click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True)
+_cache_gb = click.option(
+    "--cache-gb",
+    default=8.0,
+    show_default=True,
+    type=click.FloatRange(min=0.1),
+    help="Bound of frames on disk.",
+)
 
 
-@click.group(cls=LazyGroup, lazy=COMMANDS)
+def _count(name: str, default: int, help: str = "", least: int = 1) -> Option:
+    return click.option(name, default=default, show_default=True, type=click.IntRange(min=least), help=help)
+
+
+def _rate(default: float | None, help: str = "Learning rate.") -> Option:
+    kind = click.FloatRange(min=0.0, min_open=True)
+    return click.option("--rate", default=default, show_default=True, type=kind, help=help)
+
+
+def _out(default: str) -> Option:
+    told = "Folder of the training; what it holds of it already is continued."
+    return options.out(told, default, type=options.FOLDER)
+
+
+@click.group()
 def train() -> None:
     """Train a planner on the train split; a folder that holds part of the training is continued."""
+
+
+def _reinforcement(steps: int, out: str) -> Option:
+    return several(
+        _count("--steps", steps, "Decisions (0.3 s each) in all, those of earlier sessions included."),
+        click.option(
+            "--envs", type=POSITIVE, default=lambda: 4 * own_cores(), show_default="four per core", metavar="N",
+            help="Processes that drive, one simulation each.",
+        ),
+        click.option(
+            "--imitation", type=_NOT_NEGATIVE, metavar="N",
+            help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
+        ),
+        _rate(None, "Learning rate that this session begins with; it falls to a tenth. Default: the planner's."),
+        options.more, options.seed, options.types, _device, _out(out),
+    )  # fmt: skip
+
+
+@train.command(short_help="PPO on 275 numbers: ego, navigation, neighbours, lidar.")
+@_reinforcement(steps=3_000_000, out="runs/train-ppo")
+def ppo(**asked: Any) -> None:
+    """PPO on 275 numbers with an MLP; writes ppo.safetensors and ppo.json."""
+    _train("ppo", **asked)
+
+
+@train.command(short_help="PPO on a bird's-eye raster, with the reward of CaRL.")
+@_reinforcement(steps=1_000_000, out="runs/train-carl")
+def carl(**asked: Any) -> None:
+    """PPO on a bird's-eye raster with a CNN; writes carl.safetensors and carl.json."""
+    _train("carl", **asked)
+
+
+def _train(planner: str, out: Path, envs: int, **asked: Any) -> None:
+    from tsbench.learn.rl.config import Job
+    from tsbench.learn.rl.train import train as learn  # brings torch
+
+    job = Job(planner, out, workers=envs, **asked)
+    # Its processes read the rows themselves; what they lack is said before they start.
+    _train_rows(job.types)
+    _tell(out, learn(job, click.echo))
+
+
+@train.command(short_help="Imitation of sign-blind driving by a transformer.")
+@click.option("--size", type=click.Choice(("mini", "medium")), default="mini", show_default=True)
+@_count("--episodes", 4000, "Drives to learn from.")
+@_count("--epochs", 12, "Passes over their frames.")
+@options.planners("Who is imitated, in turn", default=("idm",))
+@_count("--batch", 256)
+@_rate(6e-4)
+@_count("--validation", 160, "Episodes driven after each epoch; the best network is kept.")
+@several(options.types, options.seed, _device, options.workers, _cache_gb, _out("runs/train-plant2"))
+def plant2(
+    planners: tuple[str, ...], types: tuple[str, ...], device: str, workers: int, cache_gb: float, out: Path,
+    **figures: Any,
+) -> None:  # fmt: skip
+    """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
+    from tsbench.learn.imitation.recipe import Recipe
+    from tsbench.learn.imitation.task import imitation  # brings torch
+    from tsbench.learn.imitation.trainer import train as learn
+
+    recipe = Recipe(drivers=planners, types=types, **figures)
+    _tell(
+        out, learn(imitation(recipe, _train_rows(types)), _place(out, device, workers, cache_gb), click.echo)
+    )
+
+
+def _lessons(drives: int, out: str) -> Option:
+    """The options that say which drives are learned from, and with what."""
+    return several(
+        click.option(
+            "--trajectories", type=options.PATH, metavar="FILE",
+            help="The oracle's drives; default: those of the data folder.",
+        ),
+        options.planners("Expert that drives anew instead, in turn"),
+        _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
+        options.more,
+        click.option(
+            "--student", type=options.FOLDER, metavar="DIR",
+            help="Folder of plant2-ft's weights that begin a share of the drives; --demonstrator ends them.",
+        ),
+        click.option(
+            "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
+        ),
+        click.option("--demonstrator", "expert", default="idm-e", show_default=True, metavar="PLANNER"),
+        options.types, options.seed, options.workers, _cache_gb, _out(out),
+    )  # fmt: skip
+
+
+@train.command("plant2-ft", short_help="Fine-tuning of plant2 on obedient drives.")
+@click.option(
+    "--base", type=options.FOLDER, metavar="DIR",
+    help="Folder of the plant2 or plant2-ft weights to begin with; default: tsbench's own plant2.",
+)  # fmt: skip
+@_count("--epochs", 26, "Passes over their frames.")
+@_count("--batch", 128, least=8)
+@_rate(1e-4)
+@_count("--validation", 58, "Episodes driven after each epoch; the network with most SCD is kept.")
+@_device
+@_lessons(drives=0, out="runs/train-plant2-ft")
+def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
+    """Fine-tuning of plant2 on obedient drives; writes plant2-ft.safetensors and plant2-ft.json."""
+    from tsbench.learn.finetune.task import fine_tuning  # brings torch
+    from tsbench.learn.imitation.trainer import train as learn
+
+    recipe, rows = _recipe(**asked)
+    _tell(out, learn(fine_tuning(recipe, rows), _place(out, device, workers, cache_gb), click.echo))
+
+
+@train.command(short_help="Look at what plant2-ft is shown.")
+@_lessons(drives=290, out="runs/frames")
+def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
+    """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
+    from tsbench.learn.finetune.recipe import finetune_drives
+    from tsbench.learn.finetune.report import report
+
+    recipe, rows = _recipe(**asked)
+    for path in report(
+        finetune_drives(rows, recipe), recipe, _place(out, "cpu", workers, cache_gb), click.echo
+    ):
+        click.echo(path)
+
+
+def _recipe(
+    planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None, **figures: Any
+) -> tuple[FineTuning, list[ScenarioSpec]]:  # fmt: skip
+    from tsbench.learn.finetune.recipe import FineTuning
+    from tsbench.learn.oracle.trajectories import trajectories_path
+
+    path, often = trajectories or trajectories_path(), options.types_of(more)
+    recipe = FineTuning(trajectories=path, drivers=planners, types=types, more=often, **figures)
+    return recipe, _train_rows(types)
+
+
+# Of `Skill`, with heads that leave 80 columns for the types' names.
+_SHARES = {
+    "arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad", "timeout": "time-\nout",
+    "compliant": "com-\nplied", "scd": "SCD",
+}  # fmt: skip
+
+
+@train.command(short_help="How plant2's or plant2-ft's weights drive on kept-out maps.")
+@click.argument("folder", type=options.FOLDER, required=False)
+@click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
+@_count("--each", 4, "Episodes of a type.")
+@click.option(
+    "--stop-policy", type=(float,) * 5, metavar="SHARE WAITS RISE HOLD BRAKES",
+    help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
+    "each second (1/s) after a wait of so many seconds, how many seconds a halt lasts beyond the last such plan, and "
+    "its least deceleration (m/s2).",
+)  # fmt: skip
+@several(options.types, options.seed, options.workers)
+def measure(
+    folder: Path | None, planner: str, each: int, stop_policy: tuple[float, ...] | None, types: tuple[str, ...],
+    seed: int, workers: int,
+) -> None:  # fmt: skip
+    """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from tsbench.learn.imitation.recipe import validation_rows
+    from tsbench.learn.imitation.skill import drive, skill_of
+    from tsbench.metrics.intervals import wilson
+    from tsbench.planners.plant2.planner_ft import StopPolicy
+    from tsbench.planners.weights import network
+
+    network(planner, folder)
+    if stop_policy and planner != "plant2-ft":
+        raise InputError(f"--stop-policy: {planner} has none")
+    rows = _train_rows(types)
+    rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
+    ends = drive(planner, folder, rows, workers, StopPolicy(*stop_policy) if stop_policy else None)
+    heads = ("type", "n", *_SHARES.values())
+    table = Table(*heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
+    kinds = [row.scenario_type for row in rows]
+    skills = {
+        kind: skill_of([end for k, end in zip(kinds, ends, strict=True) if k == kind])
+        for kind in sorted(set(kinds))
+    }
+    skills["all"] = whole = skill_of(ends)
+    for name, skill in skills.items():
+        shares = (f"{100.0 * getattr(skill, share):.1f}" for share in _SHARES)
+        table.add_row(name, str(skill.episodes), *shares)
+    table_console().print(table)
+    low, high = wilson(round(whole.scd * whole.episodes), whole.episodes)
+    click.echo(
+        f"SCD {100.0 * whole.scd:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}, 95 % interval of Wilson)"
+    )
+
+
+def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
+    """The train table's rows of some types and groups, whose files are there."""
+    from tsbench.scenarios.store import check_files
+
+    rows = options.rows_of("train", words)
+    check_files(rows)
+    return rows
+
+
+def _place(out: Path, device: str, workers: int, cache_gb: float) -> Place:
+    from tsbench.learn.imitation.frames_store import Place
+
+    return Place(out, device, workers, int(cache_gb * 1e9))
+
+
+def _tell(out: Path, made: Network) -> None:
+    weights = f"{made.weights.size / 1e6:.1f} MB, {made.parameters:,} parameters"
+    click.echo(f"weights   {out / made.weights.file} ({weights})")
+    click.echo(f"facts     {out / made.name}.json")
+    click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")

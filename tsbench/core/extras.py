@@ -19,7 +19,6 @@ EXTRA_OF = {
     "osmnx": "make",
     "sumo": "make",
     "gymnasium": "learn",
-    "greenlet": "learn",
     "stable_baselines3": "learn",
     "tensorboard": "learn",
     "torch": "learn",

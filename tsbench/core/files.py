@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 from collections.abc import Iterator
@@ -25,12 +26,8 @@ def io_errors_as_input_errors(path: Path) -> Iterator[None]:
             hint = "; finished episodes are kept: free some space and run the same command again"
         elif problem.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
             hint = "; choose another folder with --out"
-        raise InputError(f"{problem.filename or path}: {reason}{hint}") from problem
-
-
-def tmp_path(path: Path) -> Path:
-    """Where a file is written before it takes its place; recognised by `is_tmp`."""
-    return path.with_name(f".{path.name}.tmp")
+        named = Path(problem.filename or path)
+        raise InputError(f"{path if is_tmp(named.name) else named}: {reason}{hint}") from problem
 
 
 def is_tmp(name: str) -> bool:
@@ -40,13 +37,20 @@ def is_tmp(name: str) -> bool:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path for the block to write; synced and moved onto `path` if the block ends well."""
-    tmp = tmp_path(path)
-    yield tmp
-    with tmp.open("rb+") as file:
-        os.fsync(file.fileno())
-    tmp.replace(path)
-    sync_folder(path.parent)
+    """A temporary path beside `path` for the block to write; synced and moved onto it if the block ends well.
+
+    Makes the folder. What a block that raises has written is gone; what a killed process leaves, `is_tmp` knows.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tmp = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield tmp
+        with tmp.open("rb+") as file:
+            os.fsync(file.fileno())
+        tmp.replace(path)
+        sync_folder(path.parent)
+    finally:
+        tmp.unlink(missing_ok=True)
 
 
 def sync_folder(path: Path) -> None:
@@ -59,11 +63,16 @@ def sync_folder(path: Path) -> None:
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Write a whole file."""
     with replacing(path) as tmp:
         tmp.write_bytes(content)
 
 
-def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file that people can read."""
-    write_atomic(path, (json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+def write_json(path: Path, value: Any, *, indent: int | None = 2, sort_keys: bool = False) -> None:
+    text = json.dumps(value, indent=indent, sort_keys=sort_keys, ensure_ascii=False, allow_nan=False)
+    write_atomic(path, f"{text}\n".encode())
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 (hex) of a file, without holding it in memory."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

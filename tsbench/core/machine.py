@@ -1,10 +1,22 @@
-"""What this process may use of its machine."""
+"""What this process may use of its machine, and whom it ends with."""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1
 
 
 def own_cores() -> int:
-    """Cores that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+def die_with(parent: int) -> None:
+    """Ask the kernel to kill this process when `parent` (its id) ends; at once if it already has."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)

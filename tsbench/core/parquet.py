@@ -1,26 +1,73 @@
-"""Reading the project's Parquet tables: one clear line for whatever is wrong with a file."""
+"""The project's Parquet tables: their columns, writing them, and one clear line for whatever is wrong with a file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import replacing
 
 VERSION_KEY = "tsbench_schema"
+OSM_LICENCE = {"licence": "ODbL 1.0, © OpenStreetMap contributors"}
+# Arrow's types of a dataclass's fields, by how these are annotated; "| None" makes a column that may hold nulls.
+_TYPES = {
+    "str": pa.string(), "int": pa.int32(), "float": pa.float64(), "bool": pa.bool_(),
+    "tuple[int, ...]": pa.list_(pa.int64()), "tuple[str, ...]": pa.list_(pa.string()),
+}  # fmt: skip
 # Far more than any table of ours has.
 _MOST_ROWS, _MOST_BYTES = 20_000_000, 1 << 32
 
 
-def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] | None = None) -> pa.Table:
+Row = TypeVar("Row")
+
+
+def fields_of(row: type, nullable: bool = False, **other: pa.DataType) -> list[pa.Field]:
+    """A column for each field of a dataclass. nullable: of all; else of those alone that may be None.
+
+    other: types by field, where they are not the usual ones of Python's (int32, float64).
+    """
+    kinds = [(field.name, *str(field.type).partition(" | ")) for field in fields(row)]
+    return [
+        pa.field(name, other.get(name, _TYPES[kind]), nullable=nullable or bool(none))
+        for name, kind, _, none in kinds
+    ]
+
+
+def columns(kind: pa.DataType, *names: str, nullable: bool = False) -> list[pa.Field]:
+    return [pa.field(name, kind, nullable=nullable) for name in names]
+
+
+def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:
+    """Write dataclasses sorted by their first field, an id: the same rows give the same bytes in any order."""
+    key = schema.names[0]
+    plain = sorted((asdict(row) for row in rows), key=lambda row: str(row[key]))
+    save_table(pa.Table.from_pylist(plain, schema=schema), path)
+
+
+def read_rows(row: type[Row], path: Path, schema: pa.Schema, hint: str) -> list[Row]:
+    """The dataclasses that `save_rows` wrote. Raises InputError as `open_table` does."""
+    table = open_table(path, schema, hint)
+    found = {field.name: table[field.name].to_pylist() for field in table.schema}
+    for field in table.schema:
+        if pa.types.is_list(field.type):
+            found[field.name] = list(map(tuple, found[field.name]))
+    return [row(**dict(zip(found, values, strict=True))) for values in zip(*found.values(), strict=True)]
+
+
+def open_table(
+    path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] | None = None, later: Sequence[str] = ()
+) -> pa.Table:
     """The table with `schema`'s columns (or `columns` of them), cast to its types.
 
     `schema` names its version in its metadata under VERSION_KEY. Raises InputError (file, problem) for a missing,
-    unreadable or foreign file; `hint` says what makes the file.
+    unreadable or foreign file; `hint` says what makes the file. later: columns that older files
+    lack; the table then does.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such table ({hint})")
@@ -29,7 +76,9 @@ def open_table(path: Path, schema: pa.Schema, hint: str, columns: Sequence[str] 
     try:
         file = pq.ParquetFile(path)
         version = (file.schema_arrow.metadata or {}).get(VERSION_KEY.encode(), b"none").decode()
-        missing = [name for name in names if name not in file.schema_arrow.names]
+        there = file.schema_arrow.names
+        missing = [name for name in names if name not in (*there, *later)]
+        names = [name for name in names if name in there]
         check_size(file, path)
         if version == wanted and not missing:
             return file.read(names).cast(pa.schema([schema.field(n) for n in names]))
@@ -55,10 +104,9 @@ def save_table(table: pa.Table, path: Path, encodings: Mapping[str, str] | None 
 
     encodings: Parquet's, by leaf column; the flat columns without one are dictionaries.
     """
-    part = path.with_suffix(".part")
     options: dict[str, Any] = {}
     if encodings:
         flat = [f.name for f in table.schema if not pa.types.is_nested(f.type) and f.name not in encodings]
         options = {"use_dictionary": flat, "column_encoding": dict(encodings)}
-    pq.write_table(table, part, compression="zstd", compression_level=9, **options)
-    part.replace(path)
+    with replacing(path) as part:
+        pq.write_table(table, part, compression="zstd", compression_level=9, **options)

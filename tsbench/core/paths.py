@@ -47,7 +47,6 @@ def fetch_hint(part: str) -> str:
 
 
 def fetch_root() -> Path:
-    """The root that fetched files go to."""
     return _roots()[-1]
 
 

@@ -1,9 +1,10 @@
 """What made this: the one answer to which code, data and versions something depends on.
 
 Code is a *closure*: the files that running a module can import, directly or not, read from their text, so nothing is
-imported. An import inside a function counts, one under TYPE_CHECKING does not; every package on the way counts with its
-`__init__`, and so does a data file that a string of the code names. Installed packages are not followed: their versions
-are asked for. Python counts by its syntax tree: comments, docstrings and layout change no digest.
+imported. An import inside a function counts, and so do all modules of a package that `core.modules.import_all` names;
+an import under TYPE_CHECKING does not. Every package on the way counts with its `__init__`, and so does a data file
+that a string of the code names. Installed packages are not followed: their versions are asked for. Python counts by
+its syntax tree: comments, docstrings and layout change no digest.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import json
 import sys
 import sysconfig
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from importlib.machinery import all_suffixes
 from importlib.metadata import PackageNotFoundError, version
@@ -46,9 +47,17 @@ def digest(value: Any) -> str:
 
 
 def data_hash(rows: Iterable[Any], signs: Sequence[Mapping[str, Any]]) -> str:
-    """SHA-256 (hex) over all fields of rows (dataclasses), in any order, and what the catalogue says of signs."""
-    each = sorted(digest(asdict(row)) for row in rows)
+    """SHA-256 (hex) over the fields of rows (dataclasses), in any order, and what the catalogue says of signs.
+
+    A field that holds its default counts for nothing: a new one changes no old row.
+    """
+    each = sorted(digest(_told(row)) for row in rows)
     return digest({"rows": each, "signs": list(signs)})
+
+
+def _told(row: Any) -> dict[str, Any]:
+    default = {f.name: f.default for f in fields(row)}
+    return {name: value for name, value in asdict(row).items() if value != default[name]}
 
 
 def versions(packages: Iterable[str] = DECIDING) -> dict[str, str | None]:
@@ -66,9 +75,9 @@ def _version(package: str) -> str | None:
 def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> Files:
     """Files of the modules `starts` and of all that they import.
 
-    starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor followed.
-    Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path where nothing is
-    installed. Raises OSError for a start that cannot be read.
+    starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor
+    followed. Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path
+    where nothing is installed. Raises OSError for a start that cannot be read.
     """
     found: Files = {}
     for start in starts:
@@ -90,7 +99,6 @@ class _Search:
         self._followed = {_OURS, start.relative_to(self._top).with_suffix("").parts[0]}
 
     def follow(self, found: Files) -> None:
-        """Add what is not there yet."""
         around = ".".join(self._start.relative_to(self._top).with_suffix("").parts)
         todo = [(self._start, self._top), *self._files_of(around)]
         while todo:
@@ -110,7 +118,13 @@ class _Search:
                 todo += self._files_of(_absolute(module, level, name))
 
     def _files_of(self, module: str) -> list[tuple[Path, Path]]:
-        """(file, the place it is below) of a dotted name: its packages and itself; [] for what is not followed."""
+        """(file, the place it is below) of a dotted name: its packages and itself; [] for what is not followed.
+
+        With `.*` at its end: all modules of the package.
+        """
+        if module.endswith(".*"):
+            files = self._files_of(module[:-2])
+            return files + [(path, files[-1][1]) for path in sorted(files[-1][0].parent.glob("*.py"))]
         first = module.partition(".")[0]
         for place in self._places:
             if place.name in _INSTALLED and first not in self._followed:
@@ -186,8 +200,8 @@ def _tell(
 ) -> None:  # fmt: skip
     """Write a tree down in a way that is the same for all versions of Python, without docstrings and places.
 
-    `ast.dump` is not: newer versions have more fields and leave out others. Here a field counts if it holds something.
-    runs: is this code that runs, so that its imports count?
+    `ast.dump` is not: newer versions have more fields and leave out others. Here a field counts if it holds
+    something. runs: is this code that runs, so that its imports count?
     """
     words.append(type(node).__name__)
     if runs:
@@ -224,8 +238,8 @@ def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:
         yield from ((f"{module}.{alias.name}" if module else alias.name, node.level) for alias in node.names)
     elif isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
         called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if called in ("import_module", "__import__") and isinstance(node.args[0].value, str):
-            yield node.args[0].value, 0
+        if called in ("import_module", "__import__", "import_all") and isinstance(node.args[0].value, str):
+            yield node.args[0].value + (".*" if called == "import_all" else ""), 0
 
 
 def _joined(parts: Iterable[ast.expr]) -> Iterator[ast.expr]:

@@ -16,5 +16,4 @@ def seed_of(*names: object) -> int:
 
 
 def rng_of(*names: object) -> np.random.Generator:
-    """A generator seeded from names."""
     return np.random.default_rng(np.random.SeedSequence(seed_of(*names)))

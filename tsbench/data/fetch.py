@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import http.client
-import os
-import tempfile
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -14,11 +12,12 @@ from pathlib import Path
 from typing import IO
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import replacing
 from tsbench.core.paths import data_file
 from tsbench.data.manifest import DataFile, DataSet
 
 _BLOCK = 1 << 20
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 def fetch_set(data: DataSet, source: str, report: Callable[[DataFile], None]) -> int:
@@ -47,8 +46,7 @@ def fetch_file(source: str, size: int, sha256: str, target: Path) -> None:
     Never reads more than a block beyond the size. Raises InputError, and then leaves nothing behind.
     """
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with _temporary(target) as (part, file):
+        with replacing(target) as part, part.open("wb") as file:
             digest, read = hashlib.sha256(), 0
             with _opened(source) as stream:
                 while block := stream.read(min(_BLOCK, size + 1 - read)):
@@ -61,8 +59,6 @@ def fetch_file(source: str, size: int, sha256: str, target: Path) -> None:
                 raise InputError(f"{source}: ends after {read} of {size} bytes")
             if digest.hexdigest() != sha256:
                 raise InputError(f"{source}: has not the SHA-256 {sha256[:12]}… that it should have")
-            file.close()
-            part.replace(target)
     except (OSError, http.client.HTTPException, ValueError) as problem:
         raise InputError(f"{source}: cannot be fetched ({problem})") from None
 
@@ -74,21 +70,8 @@ def _is_url(source: str) -> bool:
 @contextmanager
 def _opened(source: str) -> Iterator[IO[bytes]]:
     if _is_url(source):
-        with urllib.request.urlopen(source, timeout=_PATIENCE_S) as answer:
+        with urllib.request.urlopen(source, timeout=_TIMEOUT_S) as answer:
             yield answer
     else:
         with Path(source).open("rb") as file:
             yield file
-
-
-@contextmanager
-def _temporary(target: Path) -> Iterator[tuple[Path, IO[bytes]]]:
-    """A file beside `target` that is gone afterwards, unless it was moved."""
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
-    part = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            yield part, file
-        target.chmod(0o644)
-    finally:
-        part.unlink(missing_ok=True)

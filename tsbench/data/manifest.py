@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,10 +9,10 @@ from functools import cache
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 
 SCHEMA_VERSION = 1
 MANIFEST = Path(__file__).with_name("manifest.json")
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,27 +24,22 @@ class DataFile:
     sha256: str
 
     def is_at(self, path: Path) -> bool:
-        """Whether `path` is this very file."""
         return path.is_file() and path.stat().st_size == self.size and sha256_of(path) == self.sha256
 
 
 @dataclass(frozen=True, slots=True)
 class DataSet:
-    """Files that are fetched as one."""
-
     name: str
     about: str
     files: tuple[DataFile, ...]
 
     @property
     def size(self) -> int:
-        """Bytes of all its files."""
         return sum(file.size for file in self.files)
 
 
 @cache
 def data_sets() -> Mapping[str, DataSet]:
-    """All sets by name."""
     told = json.loads(MANIFEST.read_text(encoding="utf-8"))
     if told["schema_version"] != SCHEMA_VERSION:
         raise InputError(f"{MANIFEST}: schema version {told['schema_version']}, expected {SCHEMA_VERSION}")
@@ -61,12 +55,3 @@ def data_set(name: str) -> DataSet:
     if name not in sets:
         raise InputError(f"no data of the name {name!r}: there are {', '.join(sets)}")
     return sets[name]
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 (hex) of a file, without holding it in memory."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()

@@ -68,7 +68,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if hold < 1:
             raise InputError(f"hold {hold}: expected at least 1 tick")
         chosen = choose_types(_words(types), load_catalog())
-        rows = [row for row in read_table(table_path(split)) if row.scenario_type in chosen]
+        rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
         self._rows = choose_variants(rows, variants)
         if not self._rows:
             raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
@@ -76,7 +76,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := _words(more):
             kinds = choose_types(often, load_catalog())
-            self._rows += (_MORE - 1) * [row for row in self._rows if row.scenario_type in kinds]
+            self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._seen = KINDS[observation]()
         self._act = ACTIONS[action]
         self._hold, self._mask = hold, mask_signs

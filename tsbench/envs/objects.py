@@ -83,7 +83,6 @@ class ObjectsSeen:
 
 
 def _table(name: str, columns: int, rows: Iterable[Sequence[float]]) -> Table:
-    """The nearest rows, and zeros below them."""
     table = np.zeros((ROWS[name], columns), dtype=np.float32)
     nearest = sorted(rows, key=lambda row: math.hypot(row[1], row[2]))[: ROWS[name]]
     if nearest:

@@ -39,8 +39,6 @@ class RewardSpec:
 
 
 class RouteReward:
-    """The reward of one episode."""
-
     def __init__(self, first: Observation, spec: RewardSpec) -> None:
         self._spec = spec
         self._whole = max(first.route.remaining, 1.0)

@@ -8,41 +8,46 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium import spaces
 
+from tsbench.envs.objects import ObjectsSeen
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 
 
 class Seen(Protocol):
-    """One kind of observation."""
+    """One kind of observation; `encode` gives elements of `space`."""
 
     space: spaces.Space[Any]
 
-    def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
+    def reset(self, context: PlannerContext) -> None: ...
 
-    def encode(self, observation: Observation) -> Any:
-        """An element of `space`."""
+    def encode(self, observation: Observation) -> Any: ...
 
 
 class VectorSeen(VectorEncoder):
     """`vector`: the 275 numbers of `ppo`."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
+    space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
 
 
 def _bev() -> Seen:
     # OpenCV is needed by none of the others.
-    from tsbench.envs.bev import BevSeen
+    from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
+
+    class BevSeen(RasterEncoder):
+        """The raster and the measurements of `carl`."""
+
+        space: spaces.Space[Any] = spaces.Dict(
+            {
+                "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
+                "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
+            }
+        )
+
+        def encode(self, observation: Observation) -> Any:
+            raster, measured = super().encode(observation)
+            return {"bev": raster, "measurements": measured}
 
     return BevSeen()
 
 
-def _objects() -> Seen:
-    from tsbench.envs.objects import ObjectsSeen
-
-    return ObjectsSeen()
-
-
-KINDS: dict[str, Callable[[], Seen]] = {"vector": VectorSeen, "bev": _bev, "objects": _objects}
+KINDS: dict[str, Callable[[], Seen]] = {"vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen}

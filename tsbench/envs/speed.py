@@ -9,7 +9,6 @@ from __future__ import annotations
 import statistics
 import sys
 import time
-from dataclasses import dataclass
 
 import gymnasium
 import numpy as np
@@ -19,22 +18,12 @@ from tsbench.envs import DRIVE
 _BLOCK = 500
 
 
-@dataclass(frozen=True, slots=True)
-class Speed:
-    """Steps per CPU second (median and best of blocks of 500 steps), and with starts; ms per start."""
-
-    steps_per_s: float
-    best_per_s: float
-    with_starts_per_s: float
-    start_ms: float
-
-
-def measure(observation: str, steps: int) -> Speed:
-    """Drive so many steps, rounded to whole blocks."""
+def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
+    """CPU seconds of each block of 500 steps, as many as `steps` are, and of each start of an episode in them."""
     env = gymnasium.make(DRIVE, split="test", observation=observation)
     action = np.array([0.05, 0.0], dtype=np.float32)
     env.reset(seed=0)
-    rates, starts, everything = [], [], 0.0
+    blocks, starts = [], []
     for _ in range(max(steps // _BLOCK, 1)):
         spent = 0.0
         for _ in range(_BLOCK):
@@ -45,23 +34,19 @@ def measure(observation: str, steps: int) -> Speed:
                 began = time.process_time()
                 env.reset()
                 starts.append(time.process_time() - began)
-        rates.append(_BLOCK / spent)
-        everything += spent
+        blocks.append(spent)
     env.close()
-    total = len(rates) * _BLOCK
-    return Speed(
-        statistics.median(rates), max(rates), total / (everything + sum(starts)),
-        1000.0 * statistics.mean(starts) if starts else 0.0,
-    )  # fmt: skip
+    return blocks, starts
 
 
 def main() -> None:
-    """Print one line."""
     kind = sys.argv[1] if len(sys.argv) > 1 else "vector"
-    speed = measure(kind, int(sys.argv[2]) if len(sys.argv) > 2 else 5000)
+    blocks, starts = measure(kind, int(sys.argv[2]) if len(sys.argv) > 2 else 5000)
+    rates = [_BLOCK / seconds for seconds in blocks]
     print(
-        f"{kind}: {speed.steps_per_s:.0f} steps/s of CPU time (best block {speed.best_per_s:.0f}), "
-        f"{speed.with_starts_per_s:.0f} with episode starts of {speed.start_ms:.0f} ms"
+        f"{kind}: {statistics.median(rates):.0f} steps/s of CPU time (best block {max(rates):.0f}), "
+        f"{len(blocks) * _BLOCK / (sum(blocks) + sum(starts)):.0f} with episode starts of "
+        f"{1000.0 * statistics.mean(starts) if starts else 0.0:.0f} ms"
     )
 
 

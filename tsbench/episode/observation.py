@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 
+from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
 from tsbench.planners.base import Observation, SignView
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
-SIGN_RANGE_M = 100.0
-OBSTACLE_RANGE_M = 100.0
 HISTORY_TICKS = 20
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from tsbench.core.benchmark import ARRIVAL_M
 from tsbench.episode.fault import contact_at_fault
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.sim.contact import touched_actor, touched_obstacle
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, WorldSnapshot
-
-ARRIVAL_M = 5.0
 
 
 class Outcome(StrEnum):
@@ -30,12 +29,10 @@ class Outcome(StrEnum):
     @property
     def is_error(self) -> bool:
         """Did the episode break off without a result?"""
-        return self in (
-            Outcome.PLANNER_ERROR,
-            Outcome.PLANNER_TIMEOUT,
-            Outcome.INVALID_OUTPUT,
-            Outcome.SIM_ERROR,
-        )
+        return self in _ERRORS
+
+
+_ERRORS = (Outcome.PLANNER_ERROR, Outcome.PLANNER_TIMEOUT, Outcome.INVALID_OUTPUT, Outcome.SIM_ERROR)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
-from enum import IntEnum
+from collections.abc import Callable, Generator
 
 import numpy as np
 
@@ -13,9 +12,10 @@ from tsbench.core.errors import InputError, PlannerOutputError, SimulationError,
 from tsbench.episode.command import to_command
 from tsbench.episode.observation import Observer
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
+from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
-from tsbench.planners.base import Planner, PlannerContext, Privilege
-from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.rules.registry import make_monitors
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -27,55 +27,45 @@ from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
-
-class Phase(IntEnum):
-    """What a worker is doing, for whoever watches over it."""
-
-    IDLE = 0
-    LOADING = 1
-    SIMULATING = 2
-    PLANNING = 3
-    SCORING = 4
+# An episode as its driver sees it: a context, then an observation a tick. It is sent None for the first, and for each
+# of the others what the planner said to it; it returns the result.
+Moments = Generator[PlannerContext | Observation, Control | Trajectory | None, EpisodeResult]
 
 
 class PlannerFailure(Exception):
-    """The planner's own code raised, be it SystemExit; KeyboardInterrupt is left to whoever runs the process."""
+    """The planner's own code raised what is its cause, be it SystemExit. Thrown into an episode to end it."""
 
 
 def _no_heartbeat(_: int) -> None:
     return None
 
 
-class EpisodeRunner:
-    """Runs episodes one after the other with one planner, in one process.
+class EpisodeLoop:
+    """Episodes one after the other in the process's one simulation, for whoever has the commands.
 
-    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: the
-    process's one simulation and a loader of scenes, where somebody else has them already.
+    heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: those of
+    this process, where somebody else has them already.
     """
 
     def __init__(
         self,
-        planner_spec: str,
-        planner_name: str,
         *,
         mask_signs: bool = False,
-        device: str = "cpu",
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
     ) -> None:
-        self.name = planner_name
-        self._loaded: LoadedPlanner = resolve(planner_spec)
-        self._device = device
-        self._planner: Planner | None = None
         self._mask = mask_signs
         self._beat = heartbeat
         self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader() if loader is None else loader
         self._catalog: Catalog = load_catalog()
 
-    def run(self, spec: ScenarioSpec) -> EpisodeResult:
-        """One episode. Never raises for what a scene or planner does: that becomes an error outcome with its cause."""
+    def play(self, spec: ScenarioSpec, planner: str, privileged: bool = False) -> Moments:
+        """One episode. Never raises for what a scene or planner does: that becomes an error outcome with its cause.
+
+        planner: its name in the result. privileged: is it told the rule?
+        """
         began = time.perf_counter()
         episode: Episode | None = None
         outcome, error, detail = Outcome.SIM_ERROR, "", ""
@@ -84,14 +74,15 @@ class EpisodeRunner:
             scene, roads = self._loader.load(spec)
             self._catalog.check_plates(spec.sign_code, {s.id: s.code for s in scene.signs}, spec.scenario_id)
             episode = Episode(self.simulation, scene, roads, self._catalog, self._mask, self._beat)
-            planner = self._make_planner(spec, scene, roads)
+            context = self._context(spec, scene, roads, privileged)
+            self._beat(Phase.PLANNING)
+            yield context
             episode.start_s = time.perf_counter() - began
-            outcome = episode.drive(planner)
+            outcome = yield from episode.drive()
         except PlannerOutputError as problem:
             outcome, error = Outcome.INVALID_OUTPUT, _line(problem)
         except PlannerFailure as problem:
-            cause = problem if problem.__cause__ is None else problem.__cause__
-            outcome, error = Outcome.PLANNER_ERROR, _line(cause)
+            outcome, error = Outcome.PLANNER_ERROR, _line(problem.__cause__ or problem)
             detail = traceback.format_exc()
         except (InputError, SimulationError) as problem:
             error = _line(problem)
@@ -100,37 +91,6 @@ class EpisodeRunner:
             # A defect of ours (a monitor, say) is an episode error with its traceback, never "no violation".
             error = f"internal error: {_line(problem)}"
             detail = traceback.format_exc()
-        self._beat(Phase.IDLE)
-        total = time.perf_counter() - began
-        return self._result(spec, outcome, error, detail, episode, total)
-
-    def _make_planner(self, spec: ScenarioSpec, scene: Scene, roads: Roads) -> Planner:
-        sign = scene.target_sign
-        privilege = None
-        if self._loaded.privileged:
-            privilege = Privilege(sign, self._catalog.sign(sign.code).rule)
-        seed = int(np.random.SeedSequence(spec.seed, spawn_key=(0x9A,)).generate_state(1)[0])
-        context = PlannerContext(seed, scene.network, roads.graph, scene.destination, DT_S, privilege)
-        self._beat(Phase.PLANNING)
-        try:
-            if self._planner is None:
-                self._planner = self._loaded.factory()
-            self._planner.reset(context)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as problem:
-            raise PlannerFailure("reset") from problem
-        return self._planner
-
-    def _result(
-        self,
-        spec: ScenarioSpec,
-        outcome: Outcome,
-        error: str,
-        detail: str,
-        episode: Episode | None,
-        total: float,
-    ) -> EpisodeResult:
         facts = None
         if episode is not None and episode.snapshots:
             try:
@@ -138,18 +98,75 @@ class EpisodeRunner:
             except Exception as problem:
                 outcome, error = Outcome.SIM_ERROR, f"internal error: {_line(problem)}"
                 detail += traceback.format_exc()
-        commands = episode.commands if episode else []
+        self._beat(Phase.IDLE)
         return EpisodeResult(
-            spec=spec, planner=self.name, outcome=outcome, error=error, detail=detail, facts=facts,
-            commands=np.array(commands, dtype=np.float64).reshape(-1, 2),
+            spec=spec, planner=planner, outcome=outcome, error=error, detail=detail, facts=facts,
+            commands=np.array(episode.commands if episode else [], dtype=np.float64).reshape(-1, 2),
             planner_s=np.array(episode.planner_s if episode else [], dtype=np.float64),
             start_s=episode.start_s if episode else 0.0,
             sim_s=episode.sim_s if episode else 0.0,
-            total_s=total,
+            total_s=time.perf_counter() - began,
         )  # fmt: skip
 
+    def _context(self, spec: ScenarioSpec, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
+        sign = scene.target_sign
+        privilege = Privilege(sign, self._catalog.sign(sign.code).rule) if privileged else None
+        seed = int(np.random.SeedSequence(spec.seed, spawn_key=(0x9A,)).generate_state(1)[0])
+        return PlannerContext(seed, scene.network, roads.graph, scene.destination, DT_S, privilege)
+
+
+class EpisodeRunner:
+    """Runs episodes one after the other with one planner, made when the first begins. options: as `EpisodeLoop`'s."""
+
+    def __init__(
+        self,
+        planner: LoadedPlanner,
+        *,
+        mask_signs: bool = False,
+        heartbeat: Callable[[int], None] = _no_heartbeat,
+        simulation: Simulation | None = None,
+        loader: SceneLoader | None = None,
+    ) -> None:
+        self._loaded = planner
+        self._planner: Planner | None = None
+        self._loop = EpisodeLoop(
+            mask_signs=mask_signs, heartbeat=heartbeat, simulation=simulation, loader=loader
+        )
+
+    @property
+    def simulation(self) -> Simulation:
+        return self._loop.simulation
+
+    def run(self, spec: ScenarioSpec) -> EpisodeResult:
+        """One episode; of what its code raises, only KeyboardInterrupt is left to whoever runs the process."""
+        moments = self._loop.play(spec, self._loaded.name, self._loaded.privileged)
+        try:
+            moment = next(moments)
+            while True:
+                try:
+                    answer = self._answer(moment)
+                except KeyboardInterrupt:
+                    raise
+                except BaseException as problem:
+                    failure = PlannerFailure()
+                    failure.__cause__ = problem
+                    moment = moments.throw(failure)
+                else:
+                    moment = moments.send(answer)
+        except StopIteration as end:
+            result: EpisodeResult = end.value
+            return result
+
+    def _answer(self, moment: PlannerContext | Observation) -> Control | Trajectory | None:
+        if isinstance(moment, PlannerContext):
+            if self._planner is None:
+                self._planner = self._loaded.factory()
+            self._planner.reset(moment)
+            return None
+        assert self._planner is not None
+        return self._planner.act(moment)
+
     def close(self) -> None:
-        """End SUMO."""
         self.simulation.close()
 
 
@@ -215,7 +232,7 @@ class Episode:
         self.snapshots.append(WorldSnapshot(step, step * DT_S, self.ego, actors))
         return True
 
-    def drive(self, planner: Planner) -> Outcome:
+    def drive(self) -> Generator[Observation, Control | Trajectory | None, Outcome]:
         """The loop, until exactly one outcome."""
         clock = time.perf_counter
         beat, monitors = self._beat, (self.target, *self.others)
@@ -231,12 +248,7 @@ class Episode:
             observation = self.observer.observe(snapshot, self.route)
             beat(Phase.PLANNING)
             t0 = clock()
-            try:
-                output = planner.act(observation)
-            except KeyboardInterrupt:
-                raise
-            except BaseException as problem:
-                raise PlannerFailure("act") from problem
+            output = yield observation
             t1 = clock()
             # What it returned is its own code still.
             command, self.intent = to_command(output, self.motion, self.scene.network)
@@ -284,7 +296,6 @@ class Episode:
             raise
 
     def facts(self, outcome: Outcome) -> EpisodeFacts:
-        """Everything that happened, with the verdicts closed."""
         return EpisodeFacts(
             scene=self.scene, snapshots=self.snapshots, route=self.route, start_remaining_m=self.start_remaining,
             outcome=outcome, contact=self.ending.contact, target=self.target.finish(),

@@ -8,12 +8,11 @@ bytes.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -22,13 +21,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
-from tsbench.core.parquet import check_size
+from tsbench.core.files import replacing
+from tsbench.core.parquet import check_size, columns, fields_of
+from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.rules.base import Verdict, Violation
+from tsbench.rules.base import Verdict
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
@@ -36,26 +37,19 @@ from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnap
 
 TRACE_SCHEMA = 1
 _KEY = "tsbench.trace"
-_EGO = tuple(
-    (f.name, {"float": pa.float64(), "int": pa.int32(), "bool": pa.bool_()}[str(f.type)])
-    for f in fields(EgoState)
-)
+_EGO = tuple((column.name, column.type) for column in fields_of(EgoState))
 _ACTOR = (
     ("index", pa.int32()), ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()),
     ("speed", pa.float64()), ("lane", pa.int32()), ("lane_s", pa.float64()),
 )  # fmt: skip
-_FIELDS: list[Any] = (
-    [pa.field("step", pa.int32(), nullable=False), pa.field("time", pa.float64(), nullable=False)]
-    + [pa.field(f"ego_{name}", kind, nullable=False) for name, kind in _EGO]
-    + [
-        pa.field(f"actor_{n}", pa.list_(pa.field("element", k, nullable=False)), nullable=False)
-        for n, k in _ACTOR
-    ]
-    + [pa.field("acceleration", pa.float64()), pa.field("steering", pa.float64())]
-)
+_FIELDS: list[Any] = [
+    *columns(pa.int32(), "step"),
+    *columns(pa.float64(), "time"),
+    *(pa.field(f"ego_{name}", kind, nullable=False) for name, kind in _EGO),
+    *(pa.field(f"actor_{n}", pa.list_(*columns(k, "element")), nullable=False) for n, k in _ACTOR),
+    *columns(pa.float64(), "acceleration", "steering", nullable=True),
+]
 SCHEMA = pa.schema(_FIELDS)
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -162,26 +156,15 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
     }
     text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    columns = _columns(facts.snapshots, result.commands)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    table = pa.table(columns, schema=SCHEMA)
-    try:
-        with temporary.open("wb") as file:
-            with pq.ParquetWriter(
-                file, SCHEMA, compression="zstd", use_dictionary=False, write_page_checksum=True
-            ) as writer:
-                writer.write_table(table, row_group_size=table.num_rows)
-                # Not in the schema, which Parquet would store a second time.
-                writer.add_key_value_metadata({_KEY: text})
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    table = pa.table(_arrays(facts.snapshots, result.commands), schema=SCHEMA)
+    layout: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+    with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
+        writer.write_table(table, row_group_size=table.num_rows)
+        # Not in the schema, which Parquet would store a second time.
+        writer.add_key_value_metadata({_KEY: text})
 
 
-def _columns(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
+def _arrays(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
     counts = [len(s.actors) for s in snapshots]
     offsets = pa.array(np.concatenate(([0], np.cumsum(counts))), type=pa.int32())
     flat: dict[str, list[npt.NDArray[Any]]] = {
@@ -193,21 +176,21 @@ def _columns(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
         "y": [s.actors.pose[:, 1] for s in snapshots],
         "heading": [s.actors.pose[:, 2] for s in snapshots],
     }
-    columns: dict[str, Any] = {
+    arrays: dict[str, Any] = {
         "step": pa.array([s.step for s in snapshots], type=pa.int32()),
         "time": pa.array([s.time for s in snapshots], type=pa.float64()),
     }
     for name, kind in _EGO:
-        columns[f"ego_{name}"] = pa.array([getattr(s.ego, name) for s in snapshots], type=kind)
+        arrays[f"ego_{name}"] = pa.array([getattr(s.ego, name) for s in snapshots], type=kind)
     for name, kind in _ACTOR:
         values = pa.array(np.concatenate(flat[name]), type=kind)
         element = SCHEMA.field(f"actor_{name}").type
-        columns[f"actor_{name}"] = pa.ListArray.from_arrays(offsets, values, type=element)
+        arrays[f"actor_{name}"] = pa.ListArray.from_arrays(offsets, values, type=element)
     # The planner may have failed before its last command took effect: no more commands than steps are kept.
     missing = [None] * (len(snapshots) - min(len(commands), len(snapshots)))
     for k, name in enumerate(("acceleration", "steering")):
-        columns[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
-    return columns
+        arrays[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
+    return arrays
 
 
 def read_trace(path: Path) -> Trace:
@@ -220,7 +203,7 @@ def read_trace(path: Path) -> Trace:
     except FileNotFoundError:
         raise InputError(f"{path}: no such trace") from None
     except (pa.ArrowException, OSError) as error:
-        raise InputError(f"{path}: cannot be read as a trace ({_one_line(error)})") from None
+        raise InputError(f"{path}: cannot be read as a trace ({one_line(str(error))})") from None
     if head is None:
         raise InputError(f"{path}: a Parquet file, but no trace of tsbench")
     try:
@@ -231,7 +214,9 @@ def read_trace(path: Path) -> Trace:
             )
         return _trace(meta, table.cast(SCHEMA).combine_chunks())
     except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
-        raise InputError(f"{path}: malformed trace ({type(error).__name__}: {_one_line(error)})") from None
+        raise InputError(
+            f"{path}: malformed trace ({type(error).__name__}: {one_line(str(error))})"
+        ) from None
 
 
 def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
@@ -241,13 +226,13 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
     known = table.num_rows - table["acceleration"].null_count
     commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
     return Trace(
-        spec=_build(ScenarioSpec, meta["scenario"]),
+        spec=from_plain(ScenarioSpec, meta["scenario"]),
         planner=str(meta["planner"]),
         outcome=Outcome(meta["outcome"]),
         error=str(meta["error"]),
-        contact=None if meta["contact"] is None else _build(Contact, meta["contact"]),
-        target=verdict_from_dict(meta["target"]),
-        others=tuple(verdict_from_dict(v) for v in meta["others"]),
+        contact=None if meta["contact"] is None else from_plain(Contact, meta["contact"]),
+        target=from_plain(Verdict, meta["target"]),
+        others=tuple(from_plain(Verdict, verdict) for verdict in meta["others"]),
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
         commands=commands.astype(np.float64, copy=False),
@@ -284,12 +269,6 @@ def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
     return result
 
 
-def verdict_from_dict(data: Mapping[str, Any]) -> Verdict:
-    """The verdict that `verdict_to_dict` wrote. KeyError, TypeError or ValueError for anything else."""
-    violations = tuple(_build(Violation, v) for v in data["violations"])
-    return _build(Verdict, {**data, "violations": violations})
-
-
 def _table_to_dict(table: ActorTable) -> dict[str, Any]:
     n = len(table.ids)
     return {
@@ -319,17 +298,3 @@ def _plain(value: Any) -> Any:
         value = float(value)
         return value if np.isfinite(value) else repr(value)
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _build(cls: type[_T], data: Mapping[str, Any]) -> _T:
-    """A dataclass from plain values; fields that are floats may stand as text."""
-    known = {f.name: str(f.type) for f in fields(cls)}  # type: ignore[arg-type]
-    if set(known) != set(data):
-        raise ValueError(f"{cls.__name__} has not the fields {sorted(set(known) ^ set(data))}")
-    return cls(
-        **{k: float(v) if known[k].startswith("float") and v is not None else v for k, v in data.items()}
-    )
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200]

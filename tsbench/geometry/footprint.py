@@ -20,7 +20,6 @@ def corners(x: float, y: float, heading: float, length: float, width: float) -> 
 
 
 def front(x: float, y: float, heading: float, length: float) -> tuple[float, float]:
-    """Middle of the front edge."""
     return x + math.cos(heading) * length / 2, y + math.sin(heading) * length / 2
 
 

@@ -17,10 +17,11 @@ Array = npt.NDArray[np.float64]
 class Polyline:
     """An immutable polyline.
 
-    Attributes:
-        points: (n, 2) float64, n >= 2, consecutive points distinct.
-        s: (n,) arc length at each point, s[0] = 0.
-        length: total length in m.
+    Attributes
+    ----------
+    points : (n, 2) float64, n >= 2, consecutive points distinct.
+    s : (n,) arc length at each point, s[0] = 0.
+    length : total length in m.
     """
 
     __slots__ = ("_dx", "_dy", "_heading", "_s", "_seg", "_x", "_y", "length", "points", "s")
@@ -144,5 +145,4 @@ class Polyline:
 
 
 def join(lines: Sequence[Polyline]) -> Polyline:
-    """One polyline from several that follow each other."""
     return Polyline(np.vstack([line.points for line in lines]))

@@ -1,4 +1,4 @@
-"""What all trainings' states on disk are: tensors as safetensors, figures as JSON in their head.
+"""The state of a training on disk: tensors as safetensors, figures as JSON in their head.
 
 Nothing is pickled; a state is written whole or not at all.
 """
@@ -6,74 +6,82 @@ Nothing is pickled; a state is written whole or not at all.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
+from torch import nn
+from torch.optim import Optimizer
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import replacing
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 STATE = "checkpoint.safetensors"
-_ADAM = "adam."
+_NET, _ADAM, _GENERATOR = "net.", "adam.", "generator"
 
 Tensors = dict[str, torch.Tensor]
 
 
-def write_state(
-    out: Path, tensors: Mapping[str, torch.Tensor], job: Mapping[str, Any], **facts: Any
-) -> dict[str, Any]:
-    """Save below `out`; returns the figures. `job`: what a continued training must have in common with it."""
-    told = {"schema_version": SCHEMA_VERSION, "job": job, **facts}
-    part = out / f".{STATE}"
+def save_checkpoint(
+    out: Path, net: nn.Module, optimiser: Optimizer, job: Mapping[str, Any], progress: Mapping[str, Any]
+) -> None:
+    """Save network, optimiser and torch's generator below `out`.
+
+    job: what a continued training must have in common with this one. progress: how far it is. Both are for JSON.
+    """
+    # Parameters, not the state dict: Stable-Baselines3 lists a shared trunk there three times.
+    tensors: Tensors = {f"{_NET}{name}": value.detach() for name, value in net.named_parameters()}
+    for index, state in optimiser.state_dict()["state"].items():
+        tensors |= {f"{_ADAM}{index}.{name}": value for name, value in state.items()}
+    tensors[_GENERATOR] = torch.get_rng_state()
+    facts = json.dumps({"schema_version": SCHEMA_VERSION, "job": job, "progress": progress})
     # One file, so that one rename makes tensors and figures valid.
-    save_file(
-        {k: v.detach().cpu().contiguous() for k, v in tensors.items()},
-        part,
-        metadata={"facts": json.dumps(told)},
-    )
-    part.replace(out / STATE)
-    return told
+    with replacing(out / STATE) as part:
+        save_file({k: v.cpu().contiguous() for k, v in tensors.items()}, part, metadata={"facts": facts})
 
 
-def read_state(path: Path, job: Mapping[str, Any]) -> tuple[Tensors, dict[str, Any]]:
-    """Tensors and figures. Raises InputError for the state of another training; within `reading`."""
-    with safe_open(path, "pt") as file:
-        facts: dict[str, Any] = json.loads(file.metadata()["facts"])
+def load_checkpoint(
+    out: Path, net: nn.Module, optimiser: Optimizer, job: Mapping[str, Any]
+) -> dict[str, Any] | None:
+    """Put a saved state back and return its progress; None where there is none.
+
+    Raises InputError for a damaged checkpoint, or one of another training.
+    """
+    path = out / STATE
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, "pt") as file:
+            facts: dict[str, Any] = json.loads(file.metadata()["facts"])
+        _check(path, facts, job)
+        tensors = load_file(path)
+        with torch.no_grad():
+            for name, parameter in net.named_parameters():
+                parameter.copy_(tensors[f"{_NET}{name}"])
+        _load_optimiser(optimiser, tensors)
+        torch.set_rng_state(tensors[_GENERATOR])
+        progress: dict[str, Any] = facts["progress"]
+    except (SafetensorError, KeyError, ValueError, RuntimeError, TypeError) as error:
+        problem = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: is no checkpoint of this training ({problem})") from None
+    return progress
+
+
+def _check(path: Path, facts: Mapping[str, Any], job: Mapping[str, Any]) -> None:
     if facts["schema_version"] != SCHEMA_VERSION:
         raise InputError(f"{path}: schema version {facts['schema_version']}, expected {SCHEMA_VERSION}")
     for key, value in job.items():
         old = facts["job"].get(key)
         if old != value:
             raise InputError(f"{path}: is of a training with {key} {old}, not {value}: take another --out")
-    return load_file(path), facts
 
 
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """What a damaged or foreign state makes torch, JSON or safetensors say becomes one InputError."""
-    try:
-        yield
-    except (SafetensorError, KeyError, ValueError, RuntimeError, TypeError) as error:
-        problem = " ".join(str(error).split())[:200]
-        raise InputError(f"{path}: is no checkpoint of this training ({problem})") from None
-
-
-def optimiser_tensors(optimiser: torch.optim.Optimizer) -> Tensors:
-    """What an optimiser has learned, by names that `load_optimiser` knows again."""
-    return {
-        f"{_ADAM}{index}.{name}": value
-        for index, state in optimiser.state_dict()["state"].items()
-        for name, value in state.items()
-    }
-
-
-def load_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, torch.Tensor]) -> None:
-    """Put it back; rates and the like stay those of the fresh optimiser."""
+def _load_optimiser(optimiser: Optimizer, tensors: Tensors) -> None:
+    """Rates and the like stay those of the fresh optimiser."""
     state: dict[int, Tensors] = {}
     for key, value in tensors.items():
         if key.startswith(_ADAM):

@@ -5,38 +5,23 @@ Source: docs/spec/metrics.md, "Aggregation". As everywhere, strict and completed
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
+from tsbench.geometry.polyline import Array
+from tsbench.metrics.breakdown import Mask, Twice, break_down
+from tsbench.metrics.episode import SCD, Metric
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import Difference, Pairs, adjust, difference
-from tsbench.metrics.records import METRICS, SCD, MetricColumn, Records, split_records
+from tsbench.metrics.records import split_records
 
 _SAME = ("scenario_id", "scenario_type", "group", "map_id")
 _SHOWN = {"outcome": "outcome", "clause": "violation_clause", "error": "error"}
-
-
-@dataclass(frozen=True, slots=True)
-class PairedFigure:
-    """One difference twice.
-
-    strict: over every pair, None for metrics without a value for a failure; completed: over the pairs of which
-    neither episode has an error outcome.
-    """
-
-    strict: Difference | None
-    completed: Difference
-
-    @property
-    def main(self) -> Difference:
-        """The strict one where there is one."""
-        return self.completed if self.strict is None else self.strict
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,19 +46,23 @@ class Flip:
 
 @dataclass(frozen=True)
 class Comparison:
-    """B against A. overall, groups: macro SCD; types: SCD, Holm over them; metrics: episode-weighted.
+    """B against A, the figures as in `Breakdown`, types after Holm. flips: lost ones first, then by type."""
 
-    flips: lost ones first, then by type and scenario.
-    """
-
-    overall: PairedFigure
-    groups: Mapping[str, PairedFigure]
-    types: Mapping[str, PairedFigure]
+    overall: Twice[Difference]
+    groups: Mapping[str, Twice[Difference]]
+    types: Mapping[str, Twice[Difference]]
     type_groups: Mapping[str, str]
-    metrics: Mapping[str, PairedFigure]
+    metrics: Mapping[str, Twice[Difference]]
     flips: tuple[Flip, ...]
     pairs: int
     completed: int
+
+
+def shared_scenarios(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
+    """The records of scenarios that both have."""
+    return a.filter(pc.is_in(a["scenario_id"], b["scenario_id"])), b.filter(
+        pc.is_in(b["scenario_id"], a["scenario_id"])
+    )
 
 
 def compare(a: pa.Table, b: pa.Table, seed: str) -> Comparison:
@@ -91,55 +80,21 @@ def compare(a: pa.Table, b: pa.Table, seed: str) -> Comparison:
                     f"scenario {scenario}: {column} is {x!r} in A and {y!r} in B: not comparable"
                 )
     (left,), (right,) = (split_records(table).values() for table in (a, b))
-    figure = partial(_figure, ClusterBootstrap(seed), left, right)
-    group_of = left.type_groups()
-    everyone = np.ones(len(left), dtype=bool)
-    inside = {g: np.array([x == g for x in left.groups])[left.kind] for g in dict.fromkeys(group_of.values())}
-    types = {kind: figure(f"type {kind}", SCD, left.kind == left.kinds.index(kind)) for kind in group_of}
-    return Comparison(
-        overall=figure("overall", SCD, everyone, macro=True),
-        groups={group: figure(f"group {group}", SCD, use, macro=True) for group, use in inside.items()},
-        types=_adjusted(types),
-        type_groups=group_of,
-        metrics={name: figure("overall", column, everyone) for name, column in METRICS.items()},
-        flips=_flips(a, b),
-        pairs=len(left),
-        completed=int(np.count_nonzero(~left.error & ~right.error)),
-    )
+    bootstrap = ClusterBootstrap(seed)
 
+    def measure(metric: Metric, label: str, values: Sequence[Array], use: Mask, macro: bool) -> Difference:
+        x, y = (v[use] for v in values)
+        return difference(
+            bootstrap, label, Pairs(x, y, left.map_code[use], left.kind[use], len(left.kinds)), metric, macro
+        )
 
-def _figure(
-    bootstrap: ClusterBootstrap,
-    a: Records,
-    b: Records,
-    label: str,
-    metric: MetricColumn,
-    use: npt.NDArray[np.bool_],
-    macro: bool = False,
-) -> PairedFigure:
-    x, y = a.values[metric.column], b.values[metric.column]
-    whole = use & ~a.error & ~b.error & ~np.isnan(x) & ~np.isnan(y)
-
-    def between(
-        x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], use: npt.NDArray[np.bool_]
-    ) -> Difference:
-        pairs = Pairs(x[use], y[use], a.map_code[use], a.kind[use], len(a.kinds))
-        return difference(bootstrap, label, pairs, metric, macro)
-
-    completed = between(x, y, whole)
-    if metric.failure is None:
-        return PairedFigure(None, completed)
-    if not (use & (a.error | b.error)).any():
-        return PairedFigure(completed, completed)
-    x, y = np.where(a.error, metric.failure, x), np.where(b.error, metric.failure, y)
-    return PairedFigure(between(x, y, use), completed)
-
-
-def _adjusted(types: Mapping[str, PairedFigure]) -> dict[str, PairedFigure]:
-    """Holm over the strict figures, and over the completed ones."""
-    strict = adjust({kind: figure.main for kind, figure in types.items()}, SCD.scale)
-    completed = adjust({kind: figure.completed for kind, figure in types.items()}, SCD.scale)
-    return {kind: PairedFigure(strict[kind], completed[kind]) for kind in types}
+    found = break_down([left, right], measure)
+    # Holm over the strict figures of the types, and over the completed ones.
+    strict = adjust({kind: figure.main for kind, figure in found.types.items()}, SCD.scale)
+    completed = adjust({kind: figure.completed for kind, figure in found.types.items()}, SCD.scale)
+    types = {kind: Twice(strict[kind], completed[kind]) for kind in found.types}
+    whole = int(np.count_nonzero(~left.error & ~right.error))
+    return Comparison(*found._replace(types=types), _flips(a, b), len(left), whole)
 
 
 def _flips(a: pa.Table, b: pa.Table) -> tuple[Flip, ...]:

@@ -1,99 +1,185 @@
-"""Every metric of one episode, computed once after it has ended. Definitions: docs/metrics.md."""
+"""Every metric of an episode, declared once: its column and meaning, its measurement, and what a summary makes of it.
+
+The schema of the records, the summary, the tables and docs/metrics.md follow from `EPISODE_METRICS`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.comfort import comfort
 from tsbench.metrics.flags import hard_braking, max_overspeed, stuck, wrong_way
 from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
 from tsbench.metrics.progress import driving_score, route_completion
-from tsbench.metrics.tracks import tracks_of
+from tsbench.metrics.tracks import Tracks, tracks_of
 from tsbench.sim.world import DT_S
+
+Number = bool | int | float | str | None
+
+
+class Episode:
+    """An episode that has ended, with what several metrics share. Raises ValueError for one without a tick."""
+
+    def __init__(self, facts: EpisodeFacts) -> None:
+        if not facts.snapshots:
+            raise ValueError("an episode without a tick has no metrics")
+        self.facts, self.target, self.contact, self.scene = facts, facts.target, facts.contact, facts.scene
+        self.tracks: Tracks = tracks_of(facts.snapshots)
+        self.steps = facts.snapshots[-1].step
+        self.arrived = facts.outcome is Outcome.ARRIVED
+        self.off_road = facts.outcome is Outcome.OFF_ROAD
+        self.events = sum(len(verdict.violations) for verdict in (facts.target, *facts.others))
+
+    @cached_property
+    def completion(self) -> float:
+        return route_completion(self.facts, self.tracks)
+
+    def first(self, field: str) -> Any:
+        """A field of the target's first violation, None without one."""
+        return getattr(self.target.violations[0], field) if self.target.violations else None
 
 
 @dataclass(frozen=True, slots=True)
-class EpisodeMetrics:
-    """The metric columns of a record. None: does not apply to this episode (never a made-up zero).
+class Metric:
+    """One figure of an episode; None where it does not apply, never a made-up zero.
 
-    route_completion, driving_score, efficiency: %; comfort: share 0-1; mean_speed, max_overspeed: m/s;
-    duration_s, min_ttc, min_pet: s; violations, violating_steps: of the target sign; all_violations: events
-    of all signs; violation_*: the target's first event, value and threshold in the unit of its clause.
+    column, kind, meaning: of the records; of: measures it.
+    name: in summaries, "" for what is in none. unit, scale: there, and the factor that leads to it. failure: what an
+    error outcome counts as in the strict figure; None where it has no such value and only completed episodes count.
+    head: short name in the main table, "" for what is not in it. about_rule: no conventional metric of driving.
     """
 
-    sign_compliant: bool
-    sign_engaged: bool
-    destination: bool
-    scd: bool
-    route_completion: float
-    driving_score: float
-    efficiency: float | None
-    collision: bool
-    collision_partner: str | None
-    at_fault: bool | None
-    off_road: bool
-    comfort: float | None
-    mean_speed: float
-    duration_s: float
-    steps: int
-    violations: int
-    violation_clause: str | None
-    violation_time_s: float | None
-    violation_x: float | None
-    violation_y: float | None
-    violation_value: float | None
-    violation_threshold: float | None
-    min_ttc: float | None
-    min_pet: float | None
-    max_overspeed: float | None
-    hard_braking: bool
-    stuck: bool
-    wrong_way: bool
-    violating_steps: int
-    all_violations: int
+    column: str
+    kind: type
+    of: Callable[[Episode], Number]
+    meaning: str
+    name: str = ""
+    unit: str = ""
+    scale: float = 1.0
+    failure: float | None = None
+    head: str = ""
+    about_rule: bool = False
+
+    @property
+    def binary(self) -> bool:
+        return self.kind is bool
 
 
-def episode_metrics(facts: EpisodeFacts) -> EpisodeMetrics:
-    """All metrics of one episode. Raises ValueError for one without a tick."""
-    if not facts.snapshots:
-        raise ValueError("an episode without a tick has no metrics")
-    tracks = tracks_of(facts.snapshots)
-    target, contact, scene = facts.target, facts.contact, facts.scene
-    destination, off_road = facts.outcome is Outcome.ARRIVED, facts.outcome is Outcome.OFF_ROAD
-    events = len(target.violations) + sum(len(v.violations) for v in facts.others)
-    completion = route_completion(facts, tracks)
-    first = target.violations[0] if target.violations else None
-    steps = facts.snapshots[-1].step
-    return EpisodeMetrics(
-        sign_compliant=target.compliant,
-        sign_engaged=target.engaged,
-        destination=destination,
-        scd=target.compliant and destination,
-        route_completion=completion,
-        driving_score=driving_score(completion, contact is not None, off_road, events),
-        efficiency=efficiency(tracks),
-        collision=contact is not None,
-        collision_partner=None if contact is None else contact.partner_kind,
-        at_fault=None if contact is None else contact.at_fault,
-        off_road=off_road,
-        comfort=comfort(tracks),
-        mean_speed=float(tracks.speed.mean()),
-        duration_s=round(steps * DT_S, 6),
-        steps=steps,
-        violations=len(target.violations),
-        violation_clause=None if first is None else first.clause,
-        violation_time_s=None if first is None else first.start_s,
-        violation_x=None if first is None else first.x,
-        violation_y=None if first is None else first.y,
-        violation_value=None if first is None else first.value,
-        violation_threshold=None if first is None else first.threshold,
-        min_ttc=min_ttc(tracks),
-        min_pet=min_pet(tracks),
-        max_overspeed=max_overspeed(tracks, scene),
-        hard_braking=hard_braking(tracks),
-        stuck=stuck(tracks, scene),
-        wrong_way=wrong_way(tracks, scene),
-        violating_steps=target.violating_steps,
-        all_violations=events,
+SCD = Metric(
+    "scd", bool, lambda e: e.target.compliant and e.arrived,
+    "compliant and arrived: the primary metric; false for an error outcome",
+    unit="%", scale=100.0, failure=0.0, about_rule=True,
+)  # fmt: skip
+# In the order of the records' columns.
+EPISODE_METRICS = (
+    Metric(
+        "sign_compliant", bool, lambda e: e.target.compliant, "no violation event of the target sign's rule",
+        "sign_compliance", "%", 100.0, 0.0, about_rule=True,
+    ),
+    Metric(
+        "sign_engaged", bool, lambda e: e.target.engaged,
+        "the rule bound the ego at least once; an episode without is neither pass nor fail of the rule",
+        "engaged", "%", 100.0, head="engag.", about_rule=True,
+    ),
+    Metric(
+        "destination", bool, lambda e: e.arrived, "the outcome is `arrived`",
+        "destination", "%", 100.0, 0.0, "dest.",
+    ),
+    SCD,
+    Metric(
+        "route_completion", float, lambda e: e.completion,
+        "%: driven / (driven + what is left of the route at the end). The denominator is the way that was really "
+        "taken, so an obedient detour counts like the shortest way. 100 on arrival. Where no route leads on, what it "
+        "had completed of the way when it left its last route, as a share of the way at the start",
+        "route_completion", "%", failure=0.0,
+    ),
+    Metric(
+        "driving_score", float,
+        lambda e: driving_score(e.completion, e.contact is not None, e.off_road, e.events),
+        "route completion x 0.5 (contact) x 0.7 (off road) x 0.9^n, n = violation *events* of all signs in the scene",
+        "driving_score", "%", failure=0.0, head="DS",
+    ),
+    Metric(
+        "efficiency", float, lambda e: efficiency(e.tracks),
+        "%, mean over steps of 100 x ego speed / mean speed of the vehicles within 50 m that move faster than 0.5 "
+        "km/h. Pedestrians are no vehicles. Steps without such a vehicle are left out; null if that is all",
+        "efficiency", "%", head="effic.",
+    ),
+    Metric(
+        "collision", bool, lambda e: e.contact is not None, "a contact",
+        "collision", "%", 100.0, head="coll.",
+    ),
+    Metric(
+        "collision_partner", str, lambda e: None if e.contact is None else e.contact.partner_kind,
+        "with `vehicle`, `pedestrian` or `obstacle`; null without a contact",
+    ),
+    Metric(
+        "at_fault", bool, lambda e: None if e.contact is None else e.contact.at_fault,
+        "whose fault (below); null without a contact",
+    ),
+    Metric(
+        "off_road", bool, lambda e: e.off_road, "the outcome is `off_road`",
+        "off_road", "%", 100.0, head="off road",
+    ),
+    Metric(
+        "comfort", float, lambda e: comfort(e.tracks), "share of steps (0-1) within all of nuPlan's bounds (below)",
+        "comfort", "%", 100.0, head="comf.",
+    ),
+    Metric(
+        "mean_speed", float, lambda e: float(e.tracks.speed.mean()), "m/s, over ticks",
+        "mean_speed", "m/s",
+    ),
+    Metric("duration_s", float, lambda e: round(e.steps * DT_S, 6), "s until the end"),
+    Metric("steps", int, lambda e: e.steps, "steps until the end"),
+    Metric("violations", int, lambda e: len(e.target.violations), "events of the target sign"),
+    Metric("violation_clause", str, lambda e: e.first("clause"), "the target's first event: what was broken"),
+    Metric("violation_time_s", float, lambda e: e.first("start_s"), "its start"),
+    Metric("violation_x", float, lambda e: e.first("x"), "where the ego was then, m"),
+    Metric("violation_y", float, lambda e: e.first("y"), "where the ego was then, m"),
+    Metric("violation_value", float, lambda e: e.first("value"), "what was measured, in the unit of its clause"),
+    Metric("violation_threshold", float, lambda e: e.first("threshold"), "against what"),
+    Metric(
+        "violating_steps", int, lambda e: e.target.violating_steps,
+        "ticks in which a clause was broken; kept apart from events, never added",
+    ),
+    Metric("min_ttc", float, lambda e: min_ttc(e.tracks), "least time to collision, s (below)"),
+    Metric("min_pet", float, lambda e: min_pet(e.tracks), "least post-encroachment time, s (below)"),
+    Metric(
+        "max_overspeed", float, lambda e: max_overspeed(e.tracks, e.scene),
+        "m/s, greatest excess over the *road's* limit (SUMO lane speed, ordinary lanes only), at least 0; what a plate "
+        "posts is judged by its rule",
+    ),
+    Metric(
+        "hard_braking", bool, lambda e: hard_braking(e.tracks), "the ego braked harder than 4.05 m/s2 at some tick",
+    ),
+    Metric(
+        "stuck", bool, lambda e: stuck(e.tracks, e.scene),
+        "it stood (< 0.1 m/s) for more than 20 s without a reason ahead. A reason is another road user or an obstacle "
+        "whose centre is within 20 m ahead of the ego's front, straight ahead (2 m to either side) or within 45 "
+        "degrees; while there is one, the count starts anew",
+    ),
+    Metric(
+        "wrong_way", bool, lambda e: wrong_way(e.tracks, e.scene),
+        "for more than 1 s on an ordinary lane whose direction is against its heading (more than 90 degrees off)",
+    ),
+    Metric("all_violations", int, lambda e: e.events, "events of all signs of the scene"),
+)  # fmt: skip
+# What summaries show beside SCD, by its name there: first what has a value for a failure, from the score down.
+METRICS: Mapping[str, Metric] = {
+    metric.name: metric
+    for metric in (
+        *(m for m in reversed(EPISODE_METRICS) if m.failure is not None),
+        *(m for m in EPISODE_METRICS if m.failure is None),
     )
+    if metric.name
+}
+
+
+def episode_metrics(facts: EpisodeFacts) -> dict[str, Number]:
+    """The values of all metrics of an episode by their columns. Raises ValueError for one without a tick."""
+    episode = Episode(facts)
+    return {metric.column: metric.of(episode) for metric in EPISODE_METRICS}

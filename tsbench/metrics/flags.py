@@ -24,7 +24,6 @@ _Mask = npt.NDArray[np.bool_]
 
 
 def hard_braking(tracks: Tracks) -> bool:
-    """Did the ego ever brake harder than nuPlan's comfort bound?"""
     return bool((tracks.acceleration < LONGITUDINAL_MPS2[0]).any())
 
 
@@ -83,7 +82,6 @@ def _ahead(forward: npt.NDArray[np.float64], left: npt.NDArray[np.float64]) -> _
 
 
 def _longest(mask: _Mask) -> int:
-    """Length of the longest run of True."""
     edges = np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))
     runs = np.nonzero(edges < 0)[0] - np.nonzero(edges > 0)[0]
     return int(runs.max()) if len(runs) else 0

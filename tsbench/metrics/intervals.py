@@ -41,7 +41,6 @@ class Estimate:
 
 
 def wilson(successes: int, n: int) -> tuple[float, float]:
-    """Wilson score interval of a proportion (Wilson 1927), from SciPy."""
     from scipy.stats import binomtest  # takes longer to import than the rest of a report to compute
 
     interval = binomtest(successes, n).proportion_ci(confidence_level=LEVEL, method="wilson")
@@ -112,7 +111,6 @@ class ClusterBootstrap:
 
 
 def percentiles(draws: Array) -> tuple[float, float]:
-    """The ends of the percentile interval."""
     low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)
 

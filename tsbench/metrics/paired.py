@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
+from tsbench.metrics.episode import Metric
 from tsbench.metrics.intervals import LEVEL, MIN_CLUSTERS, ClusterBootstrap, percentiles, sums_by_cluster
-from tsbench.metrics.records import MetricColumn
 
 ALPHA = 1 - LEVEL
 POWER = 0.8
@@ -69,7 +69,7 @@ class Pairs:
 
 
 def difference(
-    bootstrap: ClusterBootstrap, label: str, pairs: Pairs, metric: MetricColumn, macro: bool = False
+    bootstrap: ClusterBootstrap, label: str, pairs: Pairs, metric: Metric, macro: bool = False
 ) -> Difference:
     """B - A with all that belongs to it; macro: mean over types, else over pairs. The draws are those of `label`."""
     n, scale = len(pairs.a), metric.scale
@@ -125,7 +125,6 @@ def mcnemar_p(won: int, lost: int) -> float:
 
 
 def holm(p: list[float]) -> list[float]:
-    """Holm's step-down adjustment (Holm 1979), from statsmodels."""
     from statsmodels.stats.multitest import multipletests
 
     return [float(x) for x in multipletests(p, alpha=ALPHA, method="holm")[1]] if p else []

@@ -14,41 +14,11 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
+from tsbench.metrics.episode import METRICS, SCD
 from tsbench.signs.model import GROUPS
 
-
-@dataclass(frozen=True, slots=True)
-class MetricColumn:
-    """One metric of the records.
-
-    column: in the table. failure: what an error outcome counts as in the strict figure; None where it has no
-    such value and only completed episodes count. scale: to the reported unit. binary: values are 0 or 1. head: short
-    name in the main table, "" for what is not in it.
-    """
-
-    column: str
-    unit: str
-    scale: float = 1.0
-    failure: float | None = None
-    binary: bool = False
-    head: str = ""
-
-
-SCD = MetricColumn("scd", "%", 100.0, 0.0, True)
-METRICS: Mapping[str, MetricColumn] = {
-    "driving_score": MetricColumn("driving_score", "%", failure=0.0, head="DS"),
-    "route_completion": MetricColumn("route_completion", "%", failure=0.0),
-    "destination": MetricColumn("destination", "%", 100.0, 0.0, True, head="dest."),
-    "sign_compliance": MetricColumn("sign_compliant", "%", 100.0, 0.0, True),
-    "engaged": MetricColumn("sign_engaged", "%", 100.0, binary=True, head="engag."),
-    "efficiency": MetricColumn("efficiency", "%", head="effic."),
-    "collision": MetricColumn("collision", "%", 100.0, binary=True, head="coll."),
-    "off_road": MetricColumn("off_road", "%", 100.0, binary=True, head="off road"),
-    "comfort": MetricColumn("comfort", "%", 100.0, head="comf."),
-    "mean_speed": MetricColumn("mean_speed", "m/s"),
-}
-_REQUIRED = (SCD.column, "destination", "sign_compliant", "driving_score", "route_completion")
 _TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome")
+_FIGURES = {metric.column: metric for metric in (SCD, *METRICS.values())}
 
 
 @dataclass(frozen=True)
@@ -73,19 +43,31 @@ class Records:
 
     def type_groups(self) -> dict[str, str]:
         """The group of each type; groups in the catalogue's order, types by name within each."""
-        rank = {group: k for k, group in enumerate(GROUPS)}
         group_of = dict(zip(self.kinds, self.groups, strict=True))
-        order = sorted(group_of, key=lambda kind: (rank.get(group_of[kind], len(GROUPS)), kind))
-        return {kind: group_of[kind] for kind in order}
+        return {
+            kind: group_of[kind]
+            for kind in sorted(group_of, key=lambda kind: (group_rank(group_of[kind]), kind))
+        }
+
+    def panels(self) -> dict[str, npt.NDArray[np.bool_]]:
+        """(n,) the episodes of each group, and of all of them under ""."""
+        groups = np.array(self.groups)[self.kind]
+        of_groups = {group: groups == group for group in dict.fromkeys(self.type_groups().values())}
+        return {"": np.ones(len(self), dtype=bool), **of_groups}
+
+
+def group_rank(group: str) -> tuple[int, str]:
+    """Sorts groups as the catalogue does, others behind."""
+    return (GROUPS.index(group) if group in GROUPS else len(GROUPS)), group
 
 
 def split_records(episodes: pa.Table) -> dict[str, Records]:
     """Records by planner, in the order of the planners' names. Raises InputError."""
-    columns = (*_TEXT, SCD.column, *(m.column for m in METRICS.values()))
+    columns = (*_TEXT, *_FIGURES)
     missing = [name for name in columns if name not in episodes.column_names]
     if missing:
         raise InputError(f"episode records: no column {', '.join(missing)}")
-    episodes = episodes.select(list(dict.fromkeys(columns)))
+    episodes = episodes.select(columns)
     episodes = episodes.sort_by([("planner", "ascending"), ("scenario_id", "ascending")])
     names = _strings(episodes, "planner")
     for a, b in pairwise(zip(names, _strings(episodes, "scenario_id"), strict=True)):
@@ -110,10 +92,10 @@ def _records(planner: str, table: Any) -> Records:
         raise InputError(f"episode records: {planner}: unknown outcome {strange[0]!r}")
     error = np.array([known[o] for o in outcomes], dtype=bool)
     values = {}
-    for column in dict.fromkeys((SCD.column, *(m.column for m in METRICS.values()))):
+    for column in _FIGURES:
         numbers = table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
         values[column] = np.asarray(numbers, dtype=np.float64)
-    for column in _REQUIRED:
+    for column in (c for c, metric in _FIGURES.items() if metric.failure is not None):
         holes = np.nonzero(np.isnan(values[column]) & ~error)[0]
         if len(holes):
             where = scenarios[holes[0]]

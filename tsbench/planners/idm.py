@@ -75,12 +75,10 @@ class Idm:
         self._lanes: LaneChanges
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._path = None
         self._lanes = LaneChanges(context)
 
     def act(self, observation: Observation) -> Control:
-        """One command for the next 0.1 s."""
         route, stop = self._lanes.route(observation, observation.route)
         if route.path is not self._path:
             self._prepare(route.path)

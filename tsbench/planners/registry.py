@@ -1,7 +1,8 @@
 """From what stands behind `--planner` to something that makes planners.
 
 A planner is named by a registered name (entry-point group `tsbench.planners`), `pkg.module:Attribute` or
-`file.py:Attribute`; the attribute is a class with `reset` and `act`, or a function `observation -> Control`.
+`file.py:Attribute`; the attribute is a class with `reset` and `act`, or a function `observation -> Control`. With `-e`
+behind it, it is the expert that this planner makes: see `planners.experts.expert`.
 """
 
 from __future__ import annotations
@@ -9,16 +10,19 @@ from __future__ import annotations
 import difflib
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import cast
 
 from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.common.batching import Batched, Infer
 from tsbench.planners.loading import import_attribute
 
 GROUP = "tsbench.planners"
+EXPERT = "-e"
+_EXPERT_MODULE = "tsbench.planners.experts.expert"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,32 +39,41 @@ class Weights:
 class PlannerEntry:
     """A registered planner as its entry point may name it, so that it is listed without being imported.
 
-    target: `pkg.module:Attribute`. kind: a word for lists. sign_access: reads `Observation.signs`.
-    parameters: how many learned ones.
+    target: `pkg.module:Attribute`. kind: a word for lists. privileged: is told the rule. sign_access: reads
+    `Observation.signs`. chooses_route: by itself, so that no expert can lead it. parameters: how many learned ones.
     """
 
     target: str
     kind: str = "user"
     privileged: bool = False
     sign_access: bool = True
+    chooses_route: bool = False
     parameters: int | None = None
     weights: Weights | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class LoadedPlanner:
-    """A planner that a run can use.
+    """A planner that can drive.
 
-    name: as it stands in records. spec: what the user wrote. factory: makes a fresh planner.
+    name: as it stands in records. factory: makes a fresh planner; one whose network can be asked elsewhere takes
+    `infer`. batched: the class of such a one. spec: what the user wrote. sources: the modules or files that it is
+    written in.
     """
 
     name: str
-    spec: str
-    factory: Callable[[], Planner]
+    factory: Callable[..., Planner]
     privileged: bool = False
     sign_access: bool = True
-    parameters: int | None = None
+    chooses_route: bool = False
+    spec: str = ""
+    sources: tuple[str, ...] = ()
+    batched: type[Batched] | None = None
     weights: Weights | None = None
+
+    def answered_by(self, infer: Callable[[], Infer]) -> LoadedPlanner:
+        """The same planner with answers from elsewhere in place of a network of its own; it must be `batched`."""
+        return replace(self, factory=lambda: self.factory(infer=infer()))
 
 
 class FunctionPlanner:
@@ -73,63 +86,100 @@ class FunctionPlanner:
         """Nothing to forget."""
 
     def act(self, observation: Observation) -> Control | Trajectory:
-        """What the function says."""
         return self._function(observation)
 
 
 @cache
 def _registered() -> dict[str, EntryPoint]:
-    return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda p: p.name)}
+    points = {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda p: p.name)}
+    # `NAME-e` is NAME's expert, whatever else is registered as that.
+    return {name: p for name, p in points.items() if name.removesuffix(EXPERT) not in points.keys() - {name}}
 
 
+@cache
 def names() -> tuple[str, ...]:
-    """Registered names, in alphabetical order."""
-    return tuple(_registered())
+    """Registered names and those of their experts, in alphabetical order."""
+    known = {name: entry(name) for name in _registered()}
+    experts = [f"{name}{EXPERT}" for name, one in known.items() if not (one.privileged or one.chooses_route)]
+    return tuple(sorted([*known, *experts]))
 
 
 def entry(name: str) -> PlannerEntry:
-    """What is known of a registered planner; not imported where its entry point names a PlannerEntry."""
+    """What is known of a registered planner or its expert; not imported where the entry point names a PlannerEntry."""
+    if name.endswith(EXPERT) and name not in _registered():
+        base = entry(name.removesuffix(EXPERT))
+        return replace(base, kind="expert", privileged=True, sign_access=True)
     point = _registered()[name]
     target = import_attribute(point.module, point.attr, f"planner {name!r}")
     if isinstance(target, PlannerEntry):
         return target
-    return PlannerEntry(
-        target=f"{point.module}:{point.attr}",
-        privileged=bool(getattr(target, "privileged", False)),
-        sign_access=bool(getattr(target, "sign_access", True)),
-    )
+    return _declared(target, f"{point.module}:{point.attr}")
 
 
 def resolve(spec: str) -> LoadedPlanner:
     """The planner that a specification names. Every failure is an InputError of one line."""
+    base = spec.removesuffix(EXPERT)
+    if base != spec and (":" in base or base in _registered()):
+        return _expert(spec, resolve(base))
     if ":" in spec:
         source, _, attribute = spec.rpartition(":")
-        return _loaded(spec, spec, source, attribute, None)
+        return _loaded(spec, source, attribute, None)
     if spec not in _registered():
         raise InputError(_unknown(spec))
     known = entry(spec)
     module, _, attribute = known.target.partition(":")
-    return _loaded(spec, spec, module, attribute, known)
+    return _loaded(spec, module, attribute, known)
 
 
-def _loaded(name: str, spec: str, source: str, attribute: str, known: PlannerEntry | None) -> LoadedPlanner:
+def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) -> LoadedPlanner:
     where = f"planner {spec!r}"
     if not source or not attribute:
         raise InputError(f"{where}: expected a registered name, pkg.module:Class or file.py:Class")
     target = import_attribute(source, attribute, where)
     factory = _factory(target, where)
+    facts = known or _declared(target, f"{source}:{attribute}")
     return LoadedPlanner(
-        name=name if known else attribute,
-        spec=spec,
-        factory=factory,
-        privileged=known.privileged if known else bool(getattr(target, "privileged", False)),
-        sign_access=known.sign_access if known else bool(getattr(target, "sign_access", True)),
-        parameters=known.parameters if known else None,
-        weights=known.weights if known else None,
+        name=spec if known else attribute, factory=factory, privileged=facts.privileged,
+        sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec, sources=(source,),
+        batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
+        weights=facts.weights,
+    )  # fmt: skip
+
+
+def _declared(target: object, place: str) -> PlannerEntry:
+    """What a class says of itself, with what is taken for granted where it says nothing."""
+    return PlannerEntry(
+        place,
+        privileged=bool(getattr(target, "privileged", False)),
+        sign_access=bool(getattr(target, "sign_access", True)),
+        chooses_route=bool(getattr(target, "chooses_route", False)),
     )
 
 
-def _factory(target: object, where: str) -> Callable[[], Planner]:
+def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
+    """A planner within what the target sign's rule says. InputError where the planner cannot be led."""
+    if base.privileged:
+        raise InputError(f"planner {spec!r}: {base.spec} is told the rule already, so it has no expert")
+    if base.chooses_route:
+        raise InputError(
+            f"planner {spec!r}: {base.spec} chooses its way by itself and follows no route, so it has no expert"
+        )
+    # By its name: a planner's code counts with the planner, not with what every run consists of.
+    wrap = cast(
+        "Callable[[Planner], Planner]", import_attribute(_EXPERT_MODULE, "Expert", f"planner {spec!r}")
+    )
+    return replace(
+        base,
+        name=f"{base.name}{EXPERT}",
+        factory=lambda **options: wrap(base.factory(**options)),
+        privileged=True,
+        sign_access=True,
+        spec=spec,
+        sources=(*base.sources, _EXPERT_MODULE),
+    )
+
+
+def _factory(target: object, where: str) -> Callable[..., Planner]:
     """What makes planners from a class or a function; InputError where it has not the shape of a planner."""
     if inspect.isclass(target):
         missing = [name for name in ("reset", "act") if not callable(getattr(target, name, None))]

@@ -42,7 +42,6 @@ class StyledIdm(Idm):
     band: ClassVar[tuple[float, float]]
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode with the driver that its seed gives."""
         self.parameters = draw_style(self.band, context.seed)
         super().reset(context)
 

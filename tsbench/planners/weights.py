@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 import platformdirs
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic, write_json
 from tsbench.data.fetch import fetch_file
 from tsbench.planners.registry import PlannerEntry, Weights
 
 Tensors = dict[str, npt.NDArray[Any]]
+T = TypeVar("T")
 
 SCHEMA_VERSION = 1
 PACKAGED = "package"
@@ -57,11 +57,11 @@ def network(name: str, folder: Path | None = None) -> Network:
 
 
 def learned(
-    name: str, target: str, *, kind: str = "learned", privileged: bool = False, sign_access: bool = False
+    name: str, target: str, *, sign_access: bool = False, chooses_route: bool = False
 ) -> PlannerEntry:
     """The registry's entry of a planner that uses network `name`; size, hash and parameters as its file says."""
     facts = network(name)
-    return PlannerEntry(target, kind, privileged, sign_access, facts.parameters, facts.weights)
+    return PlannerEntry(target, "learned", False, sign_access, chooses_route, facts.parameters, facts.weights)
 
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:
@@ -69,13 +69,7 @@ def load_weights(name: str, folder: Path | None = None) -> Tensors:
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
-    facts = network(name, folder)
-    path = _place(facts.weights, folder)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}): {_remedy(folder)}") from None
-    _check(content, facts.weights, path, folder)
+    path, content = _content(name, folder)
     try:
         tensors: Tensors = load(content)
     except SafetensorError as error:
@@ -83,29 +77,57 @@ def load_weights(name: str, folder: Path | None = None) -> Tensors:
     return tensors
 
 
-def save_weights(name: str, folder: Path, tensors: Tensors, training: Mapping[str, Any]) -> Network:
-    """Write `NAME.safetensors` and `NAME.json` below `folder`; counts every element as a parameter."""
+def load_metadata(name: str, folder: Path | None = None) -> Mapping[str, str]:
+    """What stands in the head of a network's file beside the tensors; checked as by `load_weights`."""
+    _, content = _content(name, folder)
+    # The head is JSON, behind its length in eight bytes.
+    head = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    metadata: Mapping[str, str] = head.get("__metadata__", {})
+    return metadata
+
+
+def fitted(name: str, folder: Path | None, make: Callable[[Tensors], T]) -> T:
+    """What `make` makes of a network's tensors; its KeyError, ValueError or RuntimeError become an InputError."""
+    tensors = load_weights(name, folder)
+    try:
+        return make(tensors)
+    except (KeyError, ValueError, RuntimeError) as error:
+        problem = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise InputError(f"weights {name!r}: are not those of {name}'s network ({problem})") from None
+
+
+def save_weights(
+    name: str,
+    folder: Path,
+    tensors: Tensors,
+    training: Mapping[str, Any],
+    metadata: Mapping[str, str] | None = None,
+) -> Network:
+    """Write `NAME.safetensors` and `NAME.json` below `folder`; counts every element as a parameter.
+
+    metadata: of the file's head. With one key at most the same tensors are the same bytes.
+    """
     from safetensors.numpy import save
 
-    folder.mkdir(parents=True, exist_ok=True)
-    content = save({key: np.ascontiguousarray(tensors[key]) for key in sorted(tensors)})
+    content = save({key: np.ascontiguousarray(tensors[key]) for key in sorted(tensors)}, metadata)
     weights = Weights(f"{name}.safetensors", len(content), hashlib.sha256(content).hexdigest(), PACKAGED)
     facts = Network(name, weights, sum(int(t.size) for t in tensors.values()), training)
-    text = json.dumps(
-        {
-            "schema_version": SCHEMA_VERSION,
-            "file": weights.file,
-            "size": weights.size,
-            "sha256": weights.sha256,
-            "source": weights.source,
-            "parameters": facts.parameters,
-            "training": dict(training),
-        },
-        indent=1,
-    )
-    _write(folder / weights.file, content)
-    _write(folder / f"{name}.json", text.encode() + b"\n")
+    write_atomic(folder / weights.file, content)
+    told = {"schema_version": SCHEMA_VERSION, **asdict(weights), "parameters": facts.parameters}
+    write_json(folder / f"{name}.json", {**told, "training": dict(training)})
     return facts
+
+
+def _content(name: str, folder: Path | None) -> tuple[Path, bytes]:
+    """A network's file and what is in it, checked."""
+    facts = network(name, folder)
+    path = _place(facts.weights, folder)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): {_remedy(folder)}") from None
+    _check(content, facts.weights, path, folder)
+    return path, content
 
 
 def _place(weights: Weights, folder: Path | None) -> Path:
@@ -131,12 +153,3 @@ def _remedy(folder: Path | None, path: Path | None = None) -> str:
     if path is not None and folder is None and path.parent != _FOLDER:
         return "delete it, and it is fetched again"
     return "reinstall tsbench" if folder is None else "export it again (tsbench train)"
-
-
-def _write(path: Path, content: bytes) -> None:
-    """All or nothing: a broken-off write leaves no half file under its name."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
-    with os.fdopen(handle, "wb") as file:
-        file.write(content)
-    Path(temporary).chmod(0o644)
-    Path(temporary).replace(path)

@@ -9,17 +9,14 @@ from tsbench.sim.world import DT_S
 
 
 def sign_words(code: str, value: float | None, country: Country | None = None) -> str:
-    """A plate's code in a country, with the number that it posts."""
     return shown_code(code, country) + ("" if value is None else f" ({value:g})")
 
 
 def episode_title(trace: Trace) -> str:
-    """Who drives what."""
     return f"{trace.planner}: {trace.spec.scenario_type}"
 
 
 def episode_subtitle(trace: Trace, country: Country | None = None) -> str:
-    """Which scene it is, in one line."""
     spec = trace.spec
     sign = sign_words(spec.sign_code, spec.sign_value, country)
     return f"{spec.scenario_id} · sign {sign} · {spec.group} · {spec.split}"

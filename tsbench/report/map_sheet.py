@@ -15,10 +15,9 @@ from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.source import SourceNetwork, load_source
 from tsbench.geometry.overlap import strip
 from tsbench.report.drawing.camera import Image, camera_over
-from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.paint import paint, save_png, sheet
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.shapes import Area
-from tsbench.report.drawing.sheet import save_png, sheet
 from tsbench.report.drawing.style import STYLE
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
@@ -43,7 +42,6 @@ def draw_maps(map_ids: Sequence[str], osm_dir: Path, png: Path) -> None:
 
 
 def map_sheet(crops: Sequence[tuple[PoolRow, SourceNetwork]]) -> Image:
-    """Cut, build and draw crops."""
     panels = []
     with tempfile.TemporaryDirectory(prefix="tsbench-draw-") as folder:
         for row, source in crops:
@@ -64,7 +62,6 @@ def _picture(row: PoolRow, network: RoadNetwork) -> Image:
 
 
 def _marks(row: PoolRow, network: RoadNetwork) -> Iterator[Area]:
-    """Edges in the colours of what they are for, and an arrow on each lane."""
     for name, colour in _MARKS.items():
         value = row.fields.get(name, [])
         lanes = [

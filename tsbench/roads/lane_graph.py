@@ -51,12 +51,10 @@ class RoutePath:
     destination_s: float
 
     def limit_at(self, s: float) -> float:
-        """Speed limit at arc length s."""
         i = int(np.searchsorted(self.limit_s, s, side="right")) - 1
         return float(self.limit[max(i, 0)])
 
     def lane_at(self, s: float) -> int:
-        """Lane index at arc length s."""
         for piece in self.pieces:
             if s <= piece.s1:
                 return piece.lane
@@ -64,7 +62,7 @@ class RoutePath:
 
 
 class LaneGraph:
-    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (sim.reserved).
+    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (roads.reserved_lanes).
 
     closed: lanes (indices) not to use all the same.
     """
@@ -99,7 +97,6 @@ class LaneGraph:
         return self.network.lanes[lane].order if turned is None else turned.order
 
     def successors(self, edge: str) -> tuple[str, ...]:
-        """Edges that can be reached directly from this one."""
         return tuple(self._next.get(edge, ()))
 
     def connections(self, source: str, target: str) -> tuple[Connection, ...]:

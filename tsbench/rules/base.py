@@ -4,55 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
+from tsbench.rules.events import EventLog, Excursion, Verdict, Violation
 from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
-
-@dataclass(frozen=True, slots=True)
-class Violation:
-    """One event: one excursion over a clause's threshold, edge-triggered.
-
-    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold`
-    and `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or
-    obstacle. The moment that decides is the start of the excursion; `value` is the worst of the excursion.
-    """
-
-    rule: str
-    clause: str
-    sign_id: str
-    sign_code: str
-    start_s: float
-    end_s: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    value: float
-    threshold: float
-    margin: float
-    unit: str
-    other: str | None
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Engaged at all? Which events? In how many ticks was a clause broken?"""
-
-    sign_id: str
-    engaged: bool
-    violations: tuple[Violation, ...]
-    violating_steps: int
-
-    @property
-    def compliant(self) -> bool:
-        """No violation event of this sign's rule."""
-        return not self.violations
+__all__ = ["Monitor", "Verdict", "Violation", "require_finite"]
 
 
 class Monitor(ABC):
@@ -63,9 +23,10 @@ class Monitor(ABC):
     """
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
-        self.sign = sign
-        self.rule = rule
-        self.scene = scene
+        self.sign, self.rule, self.scene = sign, rule, scene
+        self.log = EventLog(sign, rule)
+        self.engaged = False
+        self._excursions: list[Excursion] = []
 
     def update(self, snapshot: WorldSnapshot) -> None:
         """Take in one tick. Raises ValueError for an ego that is nowhere: it can neither obey nor offend."""
@@ -76,9 +37,16 @@ class Monitor(ABC):
     def step(self, snapshot: WorldSnapshot) -> None:
         """What the rule makes of one tick."""
 
-    @abstractmethod
     def finish(self) -> Verdict:
-        """Close open excursions and give the verdict."""
+        """The verdict; excursions that are still open end with the episode."""
+        for excursion in self._excursions:
+            excursion.close()
+        return self.log.verdict(self.engaged)
+
+    def excursion(self, clause: str, smaller_is_worse: bool = False) -> Excursion:
+        """The excursions of one clause, one at a time."""
+        self._excursions.append(Excursion(self.log, clause, smaller_is_worse))
+        return self._excursions[-1]
 
     def road(self, edges: tuple[str, ...], order: int = 0) -> Road:
         """A stretch of road along which the ego is followed, as wide as the rule has it."""

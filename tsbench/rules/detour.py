@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.base import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ObstacleParams
@@ -25,7 +24,6 @@ class Detour(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         wanted = sign.params_as(ObstacleParams).obstacle
         o = self._obstacle = next(o for o in scene.obstacles if o.id == wanted)
         lane = scene.network.lane(o.lane)
@@ -42,22 +40,22 @@ class Detour(Monitor):
         self._engage = rule.thresholds["engage_distance_m"]
         self._near2 = (self._engage + self._half_length + EGO_LENGTH_M) ** 2
         self._allowed = rule.options["allowed_sides"]
-        self._engaged = self._armed = False
-        self._wrong = Excursion(self._log, "wrong_side")
-        self._contact = Excursion(self._log, "contact")
-        self._off = Excursion(self._log, "off_carriageway")
+        self._armed = False
+        self._wrong = self.excursion("wrong_side")
+        self._contact = self.excursion("contact")
+        self._off = self.excursion("off_carriageway")
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick."""
         ego, o = snapshot.ego, self._obstacle
         dx, dy = ego.x - o.x, ego.y - o.y
         if dx * dx + dy * dy > self._near2:
             self._armed = False
-            self._close()
+            for excursion in (self._wrong, self._contact, self._off):
+                excursion.close()
             return
         front = self._road.front(ego)
         if front is not None and 0.0 <= self._begin - front <= self._engage:
-            self._armed = self._engaged = True
+            self._armed = self.engaged = True
         beside = dy * self._c - dx * self._s
         if self._armed and self._spans(ego, dx * self._c + dy * self._s):
             self._judge(snapshot, beside)
@@ -95,12 +93,3 @@ class Detour(Monitor):
         """How far the centre is from the nearest lane strip of the obstacle's edge."""
         offsets = (abs(x.line.project(ego.x, ego.y)[1]) - x.width / 2 for x in self._lanes)
         return max(min(offsets, default=0.0), 0.0)
-
-    def _close(self) -> None:
-        for excursion in (self._wrong, self._contact, self._off):
-            excursion.close()
-
-    def finish(self) -> Verdict:
-        """Excursions that are still open end with the episode."""
-        self._close()
-        return self._log.verdict(self._engaged)

@@ -2,10 +2,53 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Verdict, Violation
+from dataclasses import dataclass
+
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.world import WorldSnapshot
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One event: one excursion over a clause's threshold, edge-triggered.
+
+    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold`
+    and `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or
+    obstacle. The moment that decides is the start of the excursion; `value` is the worst of the excursion.
+    """
+
+    rule: str
+    clause: str
+    sign_id: str
+    sign_code: str
+    start_s: float
+    end_s: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    value: float
+    threshold: float
+    margin: float
+    unit: str
+    other: str | None
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Engaged at all? Which events? In how many ticks was a clause broken?"""
+
+    sign_id: str
+    engaged: bool
+    violations: tuple[Violation, ...]
+    violating_steps: int
+
+    @property
+    def compliant(self) -> bool:
+        """No violation event of this sign's rule."""
+        return not self.violations
 
 
 class EventLog:

@@ -7,8 +7,7 @@ import math
 from tsbench.geometry.angles import U_TURN, turn_class, wrap
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.events import EventLog
+from tsbench.rules.base import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import JunctionParams
@@ -17,11 +16,13 @@ from tsbench.sim.world import EgoState, WorldSnapshot
 
 
 class Manoeuvre(Monitor):
-    """Armed on the approach, resolved on the first ordinary edge after the junction, at each pass."""
+    """Armed on the approach, resolved on the first ordinary edge after the junction, at each pass.
+
+    One that was not completed when the episode ends is no manoeuvre.
+    """
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self.log = EventLog(sign, rule)
         self._network = scene.network
         params = sign.params_as(JunctionParams)
         self._line = self.line_of(params.approach)
@@ -30,13 +31,12 @@ class Manoeuvre(Monitor):
         self._straight = rule.thresholds["straight_deg"]
         self._u_turn = rule.thresholds["u_turn_deg"]
         self._allowed = rule.options["allowed"]
-        self._armed = self._passed = self._engaged = False
+        self._armed = self._passed = False
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick."""
         ego = snapshot.ego
         if ego.lane in self._line.lanes:
-            self._armed = self._engaged = True
+            self._armed = self.engaged = True
             to_go = self._line.to_go(ego)
             self._passed = to_go is not None and to_go < 0.0
         elif self._armed and ego.lane >= 0:
@@ -76,10 +76,6 @@ class Manoeuvre(Monitor):
 
     def resolved(self, snapshot: WorldSnapshot, ego: EgoState) -> None:
         """The tick at which the ego has entered an arm; for rules that ask for more than the manoeuvre."""
-
-    def finish(self) -> Verdict:
-        """A passage that was not completed is no manoeuvre."""
-        return self.log.verdict(self._engaged)
 
 
 def _exits(network: RoadNetwork, approach: str, junction: str) -> dict[str, tuple[float, float]]:

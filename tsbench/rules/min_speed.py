@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.base import Monitor
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
@@ -20,22 +19,19 @@ class MinSpeed(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         self._zone = Zone(self)
         self._minimum = sign.posted
-        self._under = Excursion(self._log, "under_minimum", smaller_is_worse=True)
+        self._under = self.excursion("under_minimum", smaller_is_worse=True)
         self._next: dict[int, dict[int, float]] = {}
         self._slow: list[WorldSnapshot] = []
-        self._engaged = False
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick."""
         t = self.rule.thresholds
         past = self._zone.front(snapshot.ego)
         if past is None or past < t["settle_distance_m"]:
             self._end()
             return
-        self._engaged = True
+        self.engaged = True
         threshold = self._minimum - t["tolerance_kmh"]
         if snapshot.ego.speed * KMH_PER_MPS >= threshold or self._held_up(snapshot):
             self._end()
@@ -73,8 +69,3 @@ class MinSpeed(Monitor):
                     found.setdefault(i, at)
                     at += network.lanes[i].length
         return found
-
-    def finish(self) -> Verdict:
-        """An excursion that is still open ends with the episode."""
-        self._end()
-        return self._log.verdict(self._engaged)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.base import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
@@ -15,7 +14,6 @@ class NoEntry(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self.log = EventLog(sign, rule)
         network = scene.network
         self._road = self.road((sign.edge,))
         leads = {
@@ -27,24 +25,17 @@ class NoEntry(Monitor):
         self._plate = sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._window = rule.thresholds["engage_distance_m"]
-        self._entered = Excursion(self.log, "entered")
-        self._engaged = False
+        self._entered = self.excursion("entered")
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick."""
         ego = snapshot.ego
-        if not self._engaged:
+        if not self.engaged:
             for line in self._lines:
                 to_go = line.to_go(ego) if ego.lane in line.lanes else None
-                self._engaged = self._engaged or (to_go is not None and to_go <= self._window)
+                self.engaged = self.engaged or (to_go is not None and to_go <= self._window)
         front = self._road.front(ego)
         past = front - self._plate if front is not None and front <= self._road.length else None
         if past is not None and past >= self._past:
             self._entered.broken(snapshot, past, self._past)
         else:
             self._entered.close()
-
-    def finish(self) -> Verdict:
-        """Who never came near the edge was not bound."""
-        self._entered.close()
-        return self.log.verdict(self._engaged)

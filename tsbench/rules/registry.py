@@ -1,48 +1,23 @@
-"""Which monitor judges a rule, and the monitors of a scene."""
+"""Which monitor judges a rule: the one in the file of its name; and the monitors of a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+from tsbench.core.modules import import_all
 from tsbench.rules.base import Monitor
-from tsbench.rules.closed_road import ClosedRoad
-from tsbench.rules.crosswalk import Crosswalk
-from tsbench.rules.detour import Detour
-from tsbench.rules.give_way import GiveWay
-from tsbench.rules.manoeuvre import Manoeuvre
-from tsbench.rules.min_speed import MinSpeed
-from tsbench.rules.no_entry import NoEntry
-from tsbench.rules.one_way_exit import OneWayExit
-from tsbench.rules.reserved_lane import ReservedLane
-from tsbench.rules.roundabout import Roundabout
-from tsbench.rules.speed import Speed
-from tsbench.rules.stop import Stop
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
-from tsbench.signs.rule_kinds import for_every_kind
+from tsbench.signs.rule_kinds import class_of_every_kind
 from tsbench.sim.scene import Scene
 
-MONITORS: Mapping[str, type[Monitor]] = for_every_kind(
-    "monitor",
-    {
-        "give_way": GiveWay,
-        "stop": Stop,
-        "roundabout": Roundabout,
-        "crosswalk": Crosswalk,
-        "speed": Speed,
-        "min_speed": MinSpeed,
-        "detour": Detour,
-        "closed_road": ClosedRoad,
-        "manoeuvre": Manoeuvre,
-        "one_way_exit": OneWayExit,
-        "no_entry": NoEntry,
-        "reserved_lane": ReservedLane,
-    },
+MONITORS: Mapping[str, type[Monitor]] = class_of_every_kind(
+    import_all("tsbench.rules"),
+    Monitor,  # type: ignore[type-abstract]
 )
 
 
 def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
-    """The monitor of one plate."""
     rule = catalog.sign(sign.code).rule
     return MONITORS[rule.name](sign, rule, scene)
 

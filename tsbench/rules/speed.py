@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.base import Monitor
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
@@ -18,27 +17,19 @@ class Speed(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         self._zone = Zone(self)
         self._threshold = sign.posted + rule.thresholds["tolerance_kmh"]
-        self._over = Excursion(self._log, "over_limit")
-        self._engaged = False
+        self._over = self.excursion("over_limit")
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick."""
         speed = snapshot.ego.speed * KMH_PER_MPS
         over = speed > self._threshold
-        if self._engaged and not over:
+        if self.engaged and not over:
             self._over.close()
             return
         inside = self._zone.front(snapshot.ego) is not None
-        self._engaged = self._engaged or inside
+        self.engaged = self.engaged or inside
         if inside and over:
             self._over.broken(snapshot, speed, self._threshold)
         else:
             self._over.close()
-
-    def finish(self) -> Verdict:
-        """An excursion that is still open ends with the episode."""
-        self._over.close()
-        return self._log.verdict(self._engaged)

@@ -37,5 +37,4 @@ class Zone:
 
 
 def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
-    """The plate that ends this one."""
     return next((s for s in signs if s.ends == sign.id), None)

@@ -10,14 +10,14 @@ import ctypes
 import hashlib
 import math
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tsbench.core.provenance import versions
 from tsbench.planners.registry import entry
 
 Facts = dict[str, Any]
@@ -43,21 +43,19 @@ def facts() -> Facts:
         "simd": [*simd["baseline"], *simd.get("found", ())],
         "blas": " ".join(filter(None, (blas["name"], blas.get("version"), _kernel()))),
         "libc": " ".join(platform.libc_ver()),
-        "versions": {name: _version(name) for name in _PACKAGES},
+        "versions": versions(_PACKAGES),
         "answers": {"libm": _libm(), "numpy": _numpy(), "blas": _blas()},
     }
 
 
-def difference(
-    old: Facts | None, new: Facts, planners: Sequence[Mapping[str, Any]], device: str
-) -> str | None:
+def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> str | None:
     """In what two arithmetics differ that can change an episode, as "WHAT is A, not B"; None where none does.
 
-    tsbench's own planners hang on the CPU by libm alone. What others do, and what a GPU does, is not known.
+    planners: their specs. tsbench's own hang on the CPU by libm alone; of others, and of a GPU, nothing is known.
     """
     if old is None:
         return "the arithmetic is not recorded"
-    known = device == "cpu" and all(is_own(str(planner["spec"])) for planner in planners)
+    known = device == "cpu" and all(map(is_own, planners))
     for name, was in old["versions"].items():
         now = new["versions"].get(name)
         if was != now and not (known and name in _THEIRS):
@@ -77,13 +75,6 @@ def is_own(spec: str) -> bool:
 
 def _words(value: object) -> str:
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 def _kernel() -> str:

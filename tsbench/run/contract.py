@@ -14,7 +14,6 @@ from tsbench.signs.catalog import Catalog
 # From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
 ROOTS = (
     "tsbench/run/execution/worker_main.py",
-    "tsbench/run/execution/inference_client.py",
     "tsbench/episode/runner.py",
     "tsbench/run/log/score.py",
     "tsbench/run/execution/local.py",
@@ -34,7 +33,6 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
 
 @cache
 def code_hash() -> str:
-    """SHA-256 (hex) over `code_files`."""
     return digest(code_files())
 
 

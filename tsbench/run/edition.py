@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -63,16 +63,10 @@ def release() -> Mapping[str, str]:
     """Write the contracts of this tsbench down as those of its version; returns them by split."""
     *older, last = editions()
     now = {split: contract_now(split) for split in SPLITS}
-    newest = Edition(last.name, last.title, {**last.released, tsbench.__version__: now})
-    entries = [
-        {
-            "name": e.name,
-            "title": e.title,
-            "released": {version: dict(splits) for version, splits in e.released.items()},
-        }
-        for e in (*older, newest)
-    ]
-    text = yaml.safe_dump(entries, sort_keys=False, allow_unicode=True, width=120)
+    newest = replace(last, released={**last.released, tsbench.__version__: now})
+    text = yaml.safe_dump(
+        [asdict(edition) for edition in (*older, newest)], sort_keys=False, allow_unicode=True, width=120
+    )
     write_atomic(PATH, f"{_HEAD}{text}".encode())
     return now
 

@@ -59,14 +59,14 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
     path = table_path(request.split)
     table = tuple(sorted(read_table(path), key=lambda row: row.scenario_id))
     _check_rows(path, table, catalog)
-    chosen = [row for row in table if row.scenario_type in types]
-    present = {row.scenario_type for row in chosen}
+    chosen = [row for row in table if row.pair_type in types]
+    present = {row.pair_type for row in chosen}
     missing = [t for t in request.types if t in types and t not in present]
     if missing or not chosen:
         raise InputError(f"{path}: has no scenario of {', '.join(missing or request.types) or 'any type'}")
     chosen = choose_variants(chosen, request.variants)
     if request.limit is not None:
-        # What was drawn by lot is not narrowed to nominal variants by a limit.
+        # What was drawn is not narrowed to nominal variants by a limit.
         first = _draw if request.variants == "one-per-map" else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, path.parent)
@@ -87,24 +87,28 @@ def choose_types(asked: Sequence[str], catalog: Catalog) -> tuple[str, ...]:
 
 
 def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[ScenarioSpec]:
-    """Rows of the asked variants, order kept. `one-per-map` draws one row for each type and map by hash."""
+    """Rows of the asked variants, order kept. `one-per-map` draws one pair (or row) for each type and map by hash."""
     if variants == "all":
         return list(rows)
     if variants == "0":
         return [row for row in rows if row.variant == 0]
     if variants != "one-per-map":
         raise InputError(f"--variants {variants}: expected {', '.join(VARIANTS)}")
-    chosen: dict[tuple[str, str], ScenarioSpec] = {}
+    first: dict[tuple[str, str], str] = {}
     for row in rows:
-        key = (row.scenario_type, row.map_id)
-        if key not in chosen or _draw(row) < _draw(chosen[key]):
-            chosen[key] = row
-    return sorted(chosen.values(), key=lambda row: row.scenario_id)
+        key = (row.pair_type, row.map_id)
+        first[key] = min(first.get(key, row.pair_name), row.pair_name, key=_draw_of)
+    chosen = [row for row in rows if row.pair_name == first[row.pair_type, row.map_id]]
+    return sorted(chosen, key=lambda row: row.scenario_id)
 
 
 def _draw(row: ScenarioSpec) -> tuple[str, str]:
-    """A fixed lot, the same on every machine and in every process."""
-    return hashlib.sha256(row.scenario_id.encode()).hexdigest(), row.scenario_id
+    """A fixed draw, the same on every machine and in every process."""
+    return _draw_of(row.pair_name), row.scenario_id
+
+
+def _draw_of(name: str) -> str:
+    return hashlib.sha256(name.encode()).hexdigest()
 
 
 def _nominal(row: ScenarioSpec) -> tuple[int, str]:
@@ -112,11 +116,14 @@ def _nominal(row: ScenarioSpec) -> tuple[int, str]:
 
 
 def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:
-    """At most `limit` rows: from the types in turn, of each the first ones, so that a small run touches many."""
+    """At most `limit` rows: from the types in turn, of each the first pairs or rows: a small run touches many."""
     if limit < 1:
         raise InputError(f"--limit {limit}: expected at least 1")
-    by_type = [[row for row in rows if row.scenario_type == t] for t in types]
-    in_turn = [row for layer in zip_longest(*by_type) for row in layer if row is not None]
+    by_type: dict[str, dict[str, list[ScenarioSpec]]] = {t: {} for t in types}
+    for row in rows:
+        by_type[row.pair_type].setdefault(row.pair_name, []).append(row)
+    layers = zip_longest(*(pairs.values() for pairs in by_type.values()), fillvalue=[])
+    in_turn = [row for layer in layers for pair in layer for row in pair]
     return sorted(in_turn[:limit], key=lambda row: row.scenario_id)
 
 

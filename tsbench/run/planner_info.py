@@ -7,34 +7,50 @@ tsbench, as far as that is not in the contract, and the data files (weights, set
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.common.batching import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
-from tsbench.planners.registry import LoadedPlanner, entry, resolve
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.contract import code_files
 
 
-def describe(spec: str) -> dict[str, Any]:
-    """Name, spec, privileged, sign_access, served_on, weights_sha256 and code_sha256 (None where there is none).
+@dataclass(frozen=True, slots=True)
+class PlannerInfo:
+    """A planner in `run.json`. name: in records; spec: what the user wrote. served_on: devices on which its network is
+    worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash.
+    """
 
-    Raises:
-        InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
+    name: str
+    spec: str
+    privileged: bool
+    sign_access: bool
+    served_on: tuple[str, ...]
+    weights_sha256: str | None
+    code_sha256: str | None
+
+
+def describe(spec: str) -> PlannerInfo:
+    """What a planner is.
+
+    Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
     loaded = resolve(spec)
     _make(loaded)
-    return {
-        "name": loaded.name,
-        "spec": loaded.spec,
-        "privileged": loaded.privileged,
-        "sign_access": loaded.sign_access,
-        "served_on": [device for device in DEVICES if is_served(loaded.factory, device)],
-        "weights_sha256": None if loaded.weights is None else loaded.weights.sha256,
-        "code_sha256": _code_sha256(_source(loaded)),
-    }
+    sources = [path for path in map(_file, loaded.sources) if path is not None]
+    return PlannerInfo(
+        name=loaded.name,
+        spec=loaded.spec,
+        privileged=loaded.privileged,
+        sign_access=loaded.sign_access,
+        served_on=tuple(device for device in DEVICES if is_served(loaded.batched, device)),
+        weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
+        # The contract has the rest.
+        code_sha256=digest(closure(sources, code_files())) if sources else None,
+    )
 
 
 def _make(loaded: LoadedPlanner) -> None:
@@ -47,16 +63,9 @@ def _make(loaded: LoadedPlanner) -> None:
         raise InputError(f"planner {loaded.spec!r}: cannot be made: {cause_with_place(error)}") from error
 
 
-def _code_sha256(source: Path | None) -> str | None:
-    """Of the planner's file and all that it imports, with the data files that they name; the contract has the rest."""
-    return None if source is None else digest(closure([source], code_files()))
-
-
-def _source(loaded: LoadedPlanner) -> Path | None:
-    """The file of the module that the planner is named in, None for what has none (built into Python)."""
-    target = loaded.spec if ":" in loaded.spec else entry(loaded.spec).target
-    place = target.rpartition(":")[0]
-    if place.endswith(".py"):
-        return Path(place)
-    found = importlib.util.find_spec(place)
+def _file(source: str) -> Path | None:
+    """The file of a module (or file) that a planner is written in, None for what has none (built into Python)."""
+    if source.endswith(".py"):
+        return Path(source)
+    found = importlib.util.find_spec(source)
     return Path(found.origin) if found and found.origin and Path(found.origin).is_file() else None

@@ -29,25 +29,16 @@ class ProgressWatcher:
         self._began = self._said = time.monotonic()
         self._fresh = 0
         self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            MofNCompleteColumn(),
-            TextColumn("SCD {task.fields[scd]}"),
-            TextColumn("{task.fields[pace]}"),
-            TimeRemainingColumn(compact=True),
-            console=console,
-            refresh_per_second=_REFRESH_PER_S,
-            disable=not console.is_terminal,
-            speed_estimate_period=_WINDOW_S,
-            expand=True,
-        )
+            TextColumn("{task.description}"), BarColumn(bar_width=None), MofNCompleteColumn(),
+            TextColumn("SCD {task.fields[scd]}"), TextColumn("{task.fields[pace]}"), TimeRemainingColumn(compact=True),
+            console=console, refresh_per_second=_REFRESH_PER_S, disable=not console.is_terminal,
+            speed_estimate_period=_WINDOW_S, expand=True,
+        )  # fmt: skip
 
     def notice(self, line: str) -> None:
-        """A remark, outside the bars."""
-        self._console.print(f"note: {line}", markup=False, highlight=False, soft_wrap=True)
+        self._print(f"note: {line}")
 
     def begin(self, asked: Mapping[str, int], done: Iterable[Row]) -> None:
-        """Draw the bars."""
         self._asked = dict(asked)
         self._total = sum(asked.values())
         self._count = dict.fromkeys(asked, 0)
@@ -65,7 +56,6 @@ class ProgressWatcher:
         self._progress.start()
 
     def episode(self, row: Row) -> None:
-        """One more."""
         name = row["planner"]
         self._take(row)
         self._fresh += 1
@@ -84,7 +74,6 @@ class ProgressWatcher:
         self._progress.update(bar, completed=self._count[name], scd=self._scd(name), pace=pace)
 
     def end(self) -> None:
-        """Leave the bars as they stand."""
         self._progress.stop()
 
     def _take(self, row: Row) -> None:
@@ -103,9 +92,9 @@ class ProgressWatcher:
         pace = self._fresh / (now - self._began)
         left = round((self._total - done) / pace)
         scd = ", ".join(f"{name} {self._scd(name).strip()}" for name in self._count if self._count[name])
-        self._console.print(
-            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, SCD {scd}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
+        self._print(
+            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, SCD {scd}"
         )
+
+    def _print(self, line: str) -> None:
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)

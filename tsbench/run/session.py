@@ -20,19 +20,20 @@ from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.messages import RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.execution.worker_process import Setup
 from tsbench.run.log.folder import RunFolder, check_folder
+from tsbench.run.log.journal import Journal
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.plan import Plan, Request, make_plan
+from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
-
-RUNNER = "tsbench.run.execution.inference_client:WorkerRunner"
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,7 @@ class RunResult:
 def run(options: Options, watcher: ProgressListener) -> RunResult:
     """Run, or continue, what the options ask for.
 
-    Raises:
-        InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
+    Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
     """
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
@@ -101,23 +101,70 @@ def run(options: Options, watcher: ProgressListener) -> RunResult:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
-        planners = pool.probe(plan.request.planners)
-        check_names(planners)
-        names = [str(planner["name"]) for planner in planners]
+        planners = probe(pool, plan.request)
+        names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, _asked(options), effective, planners, edition_of(contract))
         out = options.out or Path("runs") / default_name(options, names, contract)
         with closing(RunFolder(out, manifest, keys)) as folder:
             for line in folder.notices:
                 watcher.notice(line)
-            asked = dict.fromkeys(names, len(plan.scenarios))
-            status = "complete"
-            if folder.journal is not None:
-                status = _drive(options, plan, pool, planners, folder, watcher)
-            ending = _ending(folder, status, asked, options.allow_partial)
-            if folder.journal is not None:
+            asked = dict.fromkeys(names, plan.scenarios)
+            status, journal = "complete", folder.journal
+            if journal is not None:
+                setup = Setup(
+                    planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
+                    plan.request.split, contract, runner=options.runner,
+                )  # fmt: skip
+
+                def keep(record: Record) -> None:
+                    folder.keep(record)
+                    watcher.episode(record.row)
+
+                with stop_on_signals() as stopped:
+                    drive(pool, setup, asked, journal, keep, stopped, watcher)
+                    write_tables(folder.path, journal, contract)
+                status = "complete" if len(journal.done) == len(keys) else "interrupted"
+            ending = _ending(folder, status, {name: len(rows) for name, rows in asked.items()}, options)
+            if journal is not None:
                 folder.end(status, ending.summary, ending.errors, pool.memory())
             return ending
+
+
+def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
+    """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
+    found = pool.probe(request.planners)
+    seen: dict[str, str] = {}
+    for planner in found:
+        other = seen.setdefault(planner.name, planner.spec)
+        if other != planner.spec:
+            raise InputError(
+                f"--planner {planner.spec}: called {planner.name} in records, like {other}: rename one"
+            )
+    return tuple(found)
+
+
+def drive(
+    pool: Executor, setup: Setup, wanted: Mapping[str, Sequence[ScenarioSpec]], journal: Journal,
+    keep: Callable[[Record], None], stop: Callable[[], bool], watcher: ProgressListener,
+) -> None:  # fmt: skip
+    """Drive what the journal does not have yet. wanted: scenarios by planner, in the order of the setup's."""
+    keys = {(name, spec.scenario_id): None for name, specs in wanted.items() for spec in specs}
+    watcher.begin(
+        {name: len(specs) for name, specs in wanted.items()},
+        (journal.read(key)["row"] for key in keys if key in journal.done),
+    )
+    todo = [
+        (planner, spec)
+        for planner, (name, specs) in enumerate(wanted.items())
+        for spec in specs
+        if (name, spec.scenario_id) not in journal.done
+    ]
+    try:
+        if todo:
+            pool.run(setup, TaskQueue(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stop)
+    finally:
+        watcher.end()
 
 
 def default_name(options: Options, names: Sequence[str], contract: str) -> str:
@@ -132,54 +179,7 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
     return "-".join([*parts, contract[:8]])
 
 
-def _drive(
-    options: Options,
-    plan: Plan,
-    pool: Executor,
-    planners: Sequence[Mapping[str, Any]],
-    folder: RunFolder,
-    watcher: ProgressListener,
-) -> str:
-    """Run what is not there yet, write the tables; returns the status."""
-    journal = folder.journal
-    assert journal is not None
-    names = [str(planner["name"]) for planner in planners]
-    asked = dict.fromkeys(names, len(plan.scenarios))
-    watcher.begin(asked, (journal.read(key)["row"] for key in journal.done))
-    todo = [
-        (planner, spec)
-        for planner, name in enumerate(names)
-        for spec in plan.scenarios
-        if (name, spec.scenario_id) not in journal.done
-    ]
-    setup = Setup(
-        options.runner,
-        tuple(planners),
-        options.mask_signs,
-        options.device,
-        options.trace,
-        str(folder.path.resolve()),
-        plan.request.split,
-        folder.manifest["contract"],
-    )
-
-    def keep(record: Record) -> None:
-        folder.keep(record)
-        watcher.episode(record.row)
-
-    with stop_on_signals() as stopped:
-        try:
-            if todo:
-                pool.run(
-                    setup, TaskQueue(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
-                )
-        finally:
-            watcher.end()
-        write_tables(folder.path, journal, folder.manifest["contract"])
-    return "complete" if len(journal.done) == len(names) * len(plan.scenarios) else "interrupted"
-
-
-def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_partial: bool) -> RunResult:
+def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: Options) -> RunResult:
     """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
     # Statistics take long to import, and nothing before the end needs them.
     from tsbench.metrics.aggregate import summarise
@@ -188,18 +188,17 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], allow_part
     episodes = read_table(folder.path / "episodes.parquet")
     holes = len(episodes) < sum(asked.values())
     summary = None
-    if not holes or allow_partial:
-        edition = folder.manifest["edition"]
+    if not holes or options.allow_partial:
         summary = summarise(
-            episodes, contract_hash=contract, edition=edition, asked=asked, allow_partial=allow_partial
-        )
+            episodes, contract_hash=contract, edition=folder.manifest["edition"], asked=asked,
+            allow_partial=options.allow_partial,
+        )  # fmt: skip
     return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
     )
 
 
 def count_errors(episodes: pa.Table) -> int:
-    """Episodes with an error outcome."""
     return sum(Outcome(str(name)).is_error for name in episodes["outcome"].to_pylist())
 
 
@@ -223,19 +222,7 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def check_names(planners: Sequence[Mapping[str, Any]]) -> None:
-    """Raises InputError where two planners would be one in records."""
-    seen: dict[str, str] = {}
-    for planner in planners:
-        other = seen.setdefault(planner["name"], planner["spec"])
-        if other != planner["spec"]:
-            raise InputError(
-                f"--planner {planner['spec']}: called {planner['name']} in records, like {other}: rename one"
-            )
-
-
 def _asked(options: Options) -> dict[str, Any]:
-    """The options as given."""
     return {
         **asdict(options.request),
         "workers": options.workers,

@@ -1,19 +1,19 @@
 """Certificates: what driving a scenario row proved about it. `scenarios/certificates.parquet`, one row per scenario.
 
-Source: docs/spec/scenes.md, "Certification". Who drives stands above this layer (`certify.prover`).
+Source: docs/spec/scenes.md, "Certification". Who drives stands above this layer (`dataset.certify`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
 
 from tsbench.core.provenance import data_hash, digest, versions
-from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
 from tsbench.core.paths import data_file
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import Catalog
@@ -99,33 +99,21 @@ def _same(old: object, new: object) -> bool:
     return old == new
 
 
-_TYPES = {
-    "str": pa.string(),
-    "int": pa.int32(),
-    "float": pa.float64(),
-    "bool": pa.bool_(),
-    "bool | None": pa.bool_(),
-}
-SCHEMA = pa.schema(
-    [pa.field(f.name, _TYPES[str(f.type)], nullable="None" in str(f.type)) for f in fields(Certificate)]
-).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"})
+SCHEMA = pa.schema(fields_of(Certificate)).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE})
 
 
 def certificates_path(root: Path | None = None) -> Path:
-    """Where the certificates stand."""
     return data_file("scenarios/certificates.parquet") if root is None else root / "certificates.parquet"
 
 
 def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
     """Write them sorted by scenario id: the same certificates give the same bytes."""
-    rows = sorted((asdict(c) for c in certificates), key=lambda r: str(r["scenario_id"]))
-    save_table(pa.Table.from_pylist(rows, schema=SCHEMA), path)
+    save_rows(certificates, path, SCHEMA)
 
 
 def read_certificates(path: Path) -> list[Certificate]:
     """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
-    table = open_table(path, SCHEMA, "tsbench scenarios build makes it")
-    return [Certificate(**row) for row in table.to_pylist()]
+    return read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it")
 
 
 def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from tsbench.core.paths import data_file
-from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, read_rows, save_rows
 
 SCHEMA_VERSION = 1
 FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
@@ -20,7 +20,6 @@ SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
 
 
 def pool_file() -> Path:
-    """The committed pool index."""
     return data_file("sumo_nets/pool.parquet")
 
 
@@ -60,26 +59,13 @@ class PoolRow:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """`detail`, parsed."""
         parsed: dict[str, Any] = json.loads(self.detail)
         return parsed
 
 
-_COLUMNS: dict[str, pa.DataType] = {
-    **dict.fromkeys(("map_id", "family", "shape", "slot"), pa.string()),
-    **dict.fromkeys(("lat", "lon"), pa.float64()),
-    "source": pa.string(),
-    "well_tagged": pa.bool_(),
-    "osm_ids": pa.list_(pa.int64()),
-    "junction_ids": pa.list_(pa.string()),
-    **dict.fromkeys(("east", "north", "half_w", "half_h"), pa.float64()),
-    **dict.fromkeys(("lanes", "lane_bucket"), pa.int32()),
-    "oneway": pa.bool_(),
-    **dict.fromkeys(("curvature", "length_m", "speed_mps"), pa.float64()),
-    **dict.fromkeys(("road_class", "detail"), pa.string()),
-}
-POOL_SCHEMA = pa.schema(list(_COLUMNS.items())).with_metadata(
-    {VERSION_KEY: str(SCHEMA_VERSION), "licence": "ODbL 1.0, © OpenStreetMap contributors"}
+# Its columns may hold nulls since its first version, though none does.
+POOL_SCHEMA = pa.schema(fields_of(PoolRow, nullable=True)).with_metadata(
+    {VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE}
 )
 _HINT = "`tsbench maps harvest --osm DIR` makes it"
 
@@ -91,23 +77,12 @@ def map_id(family: str, code: str, *ids: str) -> str:
 
 
 def write_pool(rows: Sequence[PoolRow], path: Path) -> None:
-    """Write the pool sorted by `map_id`: the same rows give the same bytes."""
-    ordered = sorted(rows, key=lambda row: row.map_id)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    save_table(pa.Table.from_pylist([asdict(row) for row in ordered], schema=POOL_SCHEMA), path)
+    save_rows(rows, path, POOL_SCHEMA)
 
 
 def read_pool(path: Path) -> list[PoolRow]:
     """All rows, sorted by `map_id`. InputError for a file that is missing, broken or of another schema."""
-    table = open_table(path, POOL_SCHEMA, _HINT)
-    columns = [table[name].to_pylist() for name in POOL_SCHEMA.names]
-    rows = []
-    for values in zip(*columns, strict=True):
-        record = dict(zip(POOL_SCHEMA.names, values, strict=True))
-        record["osm_ids"] = tuple(record["osm_ids"])
-        record["junction_ids"] = tuple(record["junction_ids"])
-        rows.append(PoolRow(**record))
-    return rows
+    return read_rows(PoolRow, path, POOL_SCHEMA, _HINT)
 
 
 def known_map_ids(path: Path) -> frozenset[str]:

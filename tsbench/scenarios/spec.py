@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SCHEMA_VERSION = 1
+SIGNED, CONTRAST = "signed", "contrast"
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +15,8 @@ class ScenarioSpec:
     net, additional: paths relative to the `scenarios/` folder. net_sha256, additional_sha256: of the uncompressed
     content. initial_speed: m/s. route_length: m from decision point to destination (NaN = the map's natural length).
     density: asked moving cars per lane within 150 m (0 = none). drivers: the background-driver draw, -1 = none.
-    layout: number on the scene's own layout axis.
+    layout: number on the scene's own layout axis. pair_id: of both rows of a contrast pair the signed one's id, "" = no
+    pair. half: SIGNED or CONTRAST; a contrast row's type, group and sign are those of its own plate.
     """
 
     scenario_id: str
@@ -39,3 +41,15 @@ class ScenarioSpec:
     additional: str
     net_sha256: str
     additional_sha256: str
+    pair_id: str = ""
+    half: str = SIGNED
+
+    @property
+    def pair_type(self) -> str:
+        """The type of the pair: its signed row's. It selects both halves, and names the store of their files."""
+        return self.pair_id.partition("-")[0] or self.scenario_type
+
+    @property
+    def pair_name(self) -> str:
+        """What both halves share and no other row has: the pair's id, or the row's own where there is no pair."""
+        return self.pair_id or self.scenario_id

@@ -10,13 +10,14 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
-from tsbench.core.parquet import VERSION_KEY
+from tsbench.core.files import replacing
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns
 from tsbench.core.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneFile
@@ -32,13 +33,11 @@ _INT32_NEXT = 0x15
 
 SCHEMA = pa.schema(
     [
-        pa.field("map_id", pa.string(), nullable=False),
-        pa.field("name", pa.string(), nullable=False),
-        pa.field("sha256", pa.string(), nullable=False),
-        pa.field("size", pa.int64(), nullable=False),
-        pa.field("content", pa.binary(), nullable=False),
+        *columns(pa.string(), "map_id", "name", "sha256"),
+        *columns(pa.int64(), "size"),
+        *columns(pa.binary(), "content"),
     ]
-).with_metadata({VERSION_KEY: "1", "licence": "ODbL 1.0, © OpenStreetMap contributors"})
+).with_metadata({VERSION_KEY: "1", **OSM_LICENCE})
 
 
 class SceneFiles(Protocol):
@@ -59,14 +58,12 @@ def write_store(maps: Iterable[tuple[str, Mapping[str, bytes]]], path: Path) -> 
 
     Raises InputError for a map with more than MOST_BYTES.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
     # Dictionaries do not help where no value occurs twice; one page a map lets zstd see what its files share.
-    writer = pq.ParquetWriter(
-        part, SCHEMA, compression="zstd", compression_level=19, use_dictionary=False, write_statistics=["map_id"],
-        data_page_size=_MOST_UNPACKED,
-    )  # fmt: skip
-    with writer:
+    layout: dict[str, Any] = {
+        "compression": "zstd", "compression_level": 19, "use_dictionary": False, "write_statistics": ["map_id"],
+        "data_page_size": _MOST_UNPACKED,
+    }  # fmt: skip
+    with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         for map_id, files in sorted(maps, key=lambda one: one[0]):
             if sum(map(len, files.values())) > MOST_BYTES:
                 raise InputError(f"{path}: map {map_id}: more than {MOST_BYTES} bytes of scene files")
@@ -75,7 +72,6 @@ def write_store(maps: Iterable[tuple[str, Mapping[str, bytes]]], path: Path) -> 
                 for name, c in sorted(files.items())
             ]
             writer.write_table(pa.Table.from_pylist(rows, schema=SCHEMA))
-    part.replace(path)
 
 
 @dataclass(frozen=True)
@@ -87,16 +83,16 @@ class _Opened:
     file: pq.ParquetFile
     groups: dict[str, int]
 
-    def table(self, maps: Sequence[str], columns: list[str]) -> pa.Table:
+    def table(self, maps: Sequence[str], names: list[str]) -> pa.Table:
         """Columns of maps, refused before they are unpacked where they say that they are too large."""
         groups = [self.groups[m] for m in maps]
         try:
             for map_id, group in zip(maps, groups, strict=True):
-                size = max(self._unpacked(group, SCHEMA.get_field_index(name)) for name in columns)
+                size = max(self._unpacked(group, SCHEMA.get_field_index(name)) for name in names)
                 if size > _MOST_UNPACKED:
                     told = f"map {map_id} unpacks to {size} bytes, at most {_MOST_UNPACKED} are read"
                     raise InputError(f"{self.path}: {told}")
-            return self.file.read_row_groups(groups, columns, use_threads=False)
+            return self.file.read_row_groups(groups, names, use_threads=False)
         except (pa.ArrowException, ValueError, OSError) as error:
             raise _unreadable(self.path, error) from None
 
@@ -134,7 +130,7 @@ class SceneStore:
 
     def read(self, spec: ScenarioSpec, name: str) -> SceneFile:
         """The file that a row names. Raises InputError for one that is missing, broken or too large."""
-        path = store_path(spec.split, spec.scenario_type, self.root)
+        path = store_path(spec.split, spec.pair_type, self.root)
         content = self._map(path, spec.map_id).get(name)
         if content is None:
             raise InputError(f"{path / name}: no such scene file")
@@ -154,9 +150,9 @@ class SceneStore:
             opened = self._open(path)
             if map_id not in opened.groups:
                 return {}
-            columns = opened.table((map_id,), ["name", "size", "content"]).to_pydict()
+            files = opened.table((map_id,), ["name", "size", "content"]).to_pydict()
             kept = {}
-            for name, size, content in zip(*columns.values(), strict=True):
+            for name, size, content in zip(*files.values(), strict=True):
                 if len(content) != size:
                     raise InputError(f"{path / name}: has {len(content)} bytes, not the {size} that it says")
                 kept[name] = content
@@ -207,7 +203,7 @@ def check_files(rows: Iterable[ScenarioSpec], root: Path | None = None) -> None:
     store = SceneStore(root)
     there: dict[tuple[str, str], dict[str, str]] = {}
     for row in rows:
-        kind = row.split, row.scenario_type
+        kind = row.split, row.pair_type
         if kind not in there:
             there[kind] = store.names(*kind)
         for name in (row.net, row.additional):

@@ -13,6 +13,7 @@ from lxml import etree
 
 from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import CONTRAST
 from tsbench.signs.plate_params import Params, PlateParams, read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
 
@@ -29,20 +30,13 @@ _ANGLE_TOLERANCE_DEG = 0.01
 class SignInstance:
     """One plate in one scene.
 
-    Attributes:
-        id: unique within the scene's additional file.
-        code: catalogue code, such as "3.24".
-        value: the number that the sign sets, printed or implied, in the sign's unit (km/h); None where it
-            sets none.
-        edge: SUMO edge whose traffic the plate addresses.
-        lane: SUMO lane index on that edge (0 = rightmost), ALL_LANES (-1) for every lane.
-        position_m: where the plate's line crosses the edge, metres from the start of its lanes.
-        x, y: where the post stands, metres in the network's frame.
-        heading: direction of travel of the traffic that the plate faces, rad, counter-clockwise from +x.
-        role: "target" (the scene's watched sign), "end" (closes the target's zone) or "context".
-        ends: id of the plate in the same scene that this one ends, else None.
-        params: what its kind of rule needs to know beside; None on a plate that binds nobody who is watched, and
-            where the rule needs nothing.
+    id: unique within the scene's additional file. value: the number that the sign sets, printed or implied, in its
+    unit (km/h). edge, lane: whose traffic it addresses, the lane by SUMO's index (0 = rightmost). position_m: where
+    its line crosses the edge, metres from the start of its lanes. x, y: where the post stands, metres in the
+    network's frame. heading: direction of travel of the traffic that it faces, rad, counter-clockwise from +x. role:
+    "target" (the scene's watched sign), "end" (closes the target's zone) or "context". ends: id of the plate that it
+    ends. params: what its kind of rule needs to know beside; None on a plate that binds nobody who is watched, and
+    where the rule needs nothing.
     """
 
     id: str
@@ -59,9 +53,19 @@ class SignInstance:
     params: PlateParams | None = None
 
     def __post_init__(self) -> None:
-        problem = _problem(self)
-        if problem is not None:
-            raise ValueError(f"sign {self.id!r}: {problem}")
+        for name in ("value", "position_m", "x", "y", "heading"):
+            number = getattr(self, name)
+            if number is not None and not math.isfinite(number):
+                raise ValueError(f"{name}: {number} is not a finite number")
+        for name in ("id", "code", "edge"):
+            if not getattr(self, name):
+                raise ValueError(f"{name}: is empty")
+        if self.lane < ALL_LANES:
+            raise ValueError(f"lane: {self.lane} is below {ALL_LANES}")
+        if self.position_m < 0:
+            raise ValueError(f"position_m: {self.position_m} is negative")
+        if self.role not in ROLES:
+            raise ValueError(f"role: {self.role!r} is none of {', '.join(ROLES)}")
 
     @property
     def posted(self) -> float:
@@ -77,24 +81,6 @@ class SignInstance:
         return self.params
 
 
-def _problem(sign: SignInstance) -> str | None:
-    """What makes a plate impossible, in words; None when it is well formed."""
-    numbers = {"position_m": sign.position_m, "x": sign.x, "y": sign.y, "heading": sign.heading}
-    if sign.value is not None:
-        numbers["value"] = sign.value
-    for name, number in numbers.items():
-        if not math.isfinite(number):
-            return f"{name}: {number} is not a finite number"
-    for name, text in (("id", sign.id), ("code", sign.code), ("edge", sign.edge)):
-        if not text:
-            return f"{name}: is empty"
-    if sign.lane < ALL_LANES:
-        return f"lane: {sign.lane} is below {ALL_LANES}"
-    if sign.position_m < 0:
-        return f"position_m: {sign.position_m} is negative"
-    return None if sign.role in ROLES else f"role: {sign.role!r} is none of {', '.join(ROLES)}"
-
-
 def sumo_angle(heading: float) -> float:
     """SUMO's angle (degrees clockwise from north, 0 <= angle < 360) of a mathematical heading in rad."""
     angle = (90.0 - math.degrees(heading)) % 360.0
@@ -106,14 +92,10 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
 
     Its `angle` turns the plate's picture so that its top points the way the traffic it faces travels.
     """
-    poi = etree.Element("poi")
-    poi.set("id", sign.id)
-    poi.set("type", "sign")
-    poi.set("color", _COLORS[sign.role])
-    poi.set("layer", _LAYER)
-    poi.set("x", repr(float(sign.x)))
-    poi.set("y", repr(float(sign.y)))
-    poi.set("angle", repr(sumo_angle(sign.heading)))
+    x, y, angle = (repr(float(number)) for number in (sign.x, sign.y, sumo_angle(sign.heading)))
+    poi = etree.Element(
+        "poi", id=sign.id, type="sign", color=_COLORS[sign.role], layer=_LAYER, x=x, y=y, angle=angle
+    )
     params = {
         "code": sign.code,
         "value": None if sign.value is None else repr(float(sign.value)),
@@ -132,21 +114,18 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
 
 
 def signs_from_additional(root: etree._Element, source: str = "additional file") -> tuple[SignInstance, ...]:
-    """All plates of a scene, in the order of the file.
+    """All plates of a scene, in the order of the file; points of interest of other types are skipped.
 
-    Args:
-        root: the root element of the parsed additional file; points of interest of other types are skipped.
-        source: name of the file for error messages.
-
-    Raises:
-        InputError: a plate lacks a parameter, has one that does not parse or that contradicts another, an id
-            occurs twice, or a plate ends one that is not there.
+    root: of the parsed additional file. source: its name for error messages. The target of a contrast scene may be a
+    plate that binds nobody who is watched: it needs no params. Raises InputError: a plate lacks a param, has one that
+    does not parse or that contradicts another, an id occurs twice, or a plate ends one that is not there.
     """
     signs: dict[str, SignInstance] = {}
+    contrast = root.find(f"poi[@type='{CONTRAST}']") is not None
     for poi in root.iterfind("poi"):
         if poi.get("type") != "sign":
             continue
-        sign = _sign_from_poi(poi, source)
+        sign = _sign_from_poi(poi, source, contrast)
         if sign.id in signs:
             raise InputError(f"{source}: sign {sign.id!r}: the id occurs twice")
         signs[sign.id] = sign
@@ -156,7 +135,7 @@ def signs_from_additional(root: etree._Element, source: str = "additional file")
     return tuple(signs.values())
 
 
-def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
+def _sign_from_poi(poi: etree._Element, source: str, contrast: bool) -> SignInstance:
     where = f"{source}: sign {poi.get('id', '')!r}"
     given: dict[str, str] = {}
     for param in poi.iterfind("param"):
@@ -178,31 +157,27 @@ def _sign_from_poi(poi: etree._Element, source: str) -> SignInstance:
             heading=float(given["heading"]),
             role=given["role"],
             ends=given.get("ends"),
-            params=plate_params(given["code"], extra, given["role"]),
+            params=plate_params(given["code"], extra, binds=given["role"] == "target" and not contrast),
         )
         angle = float(poi.attrib["angle"])
     except KeyError as error:
         raise InputError(f"{where}: {error.args[0]} is missing") from error
-    except InputError as error:
+    except (InputError, ValueError) as error:
         raise InputError(f"{where}: {error}") from error
-    except ValueError as error:
-        raise InputError(
-            f"{source}: {error}" if str(error).startswith("sign ") else f"{where}: {error}"
-        ) from error
     turned = (angle - sumo_angle(sign.heading) + 180.0) % 360.0 - 180.0
     if not abs(turned) <= _ANGLE_TOLERANCE_DEG:
         raise InputError(f"{where}: angle {angle} contradicts its heading of {sign.heading} rad")
     return sign
 
 
-def plate_params(code: str, given: Mapping[str, str], role: str = "target") -> PlateParams | None:
-    """The params of a plate from their texts; only a target must have any.
+def plate_params(code: str, given: Mapping[str, str], *, binds: bool = True) -> PlateParams | None:
+    """The params of a plate from their texts; only one that surely `binds` the ego must have any.
 
     Raises ValueError for a missing or strange one, InputError for a code that the catalogue has not.
     """
     rule = load_catalog().sign(code).rule.name
     kind = RULE_KINDS[rule].params
-    if not given and (kind is None or role != "target"):
+    if not given and (kind is None or not binds):
         return None
     if kind is None:
         raise ValueError(f"param {min(given)!r}: rule {rule} knows none")

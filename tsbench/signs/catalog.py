@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
-from tsbench.signs.rule_kinds import RULE_KINDS
+from tsbench.signs.rule_kinds import NEEDLESS, RULE_KINDS
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
@@ -26,17 +26,16 @@ _NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law")
 class Catalog:
     """All signs and rules.
 
-    Attributes:
-        root: the folder it was read from.
-        signs: by code, in numerical order of the codes.
-        rules: by name, in alphabetical order.
-        types: the scenario types in the order of their rows.
+    root: the folder it was read from. signs: by code, in numerical order of the codes. rules: by name, in
+    alphabetical order. types: the scenario types in the order of their rows. needless: the rule of contrast
+    scenes, which no sign has.
     """
 
     root: Path
     signs: Mapping[str, Sign]
     rules: Mapping[str, RuleSpec]
     types: tuple[ScenarioType, ...]
+    needless: RuleSpec
 
     def sign(self, code: str) -> Sign:
         """The sign of a code; InputError where the catalogue has none."""
@@ -77,42 +76,51 @@ class Catalog:
                     f"{', '.join(known)} (context: in {self.root / 'signs' / code}.yaml)"
                 )
 
-    def judged(self, codes: Iterable[str]) -> list[dict[str, Any]]:
+    def judged(self, codes: Iterable[str], contrast: bool = False) -> list[dict[str, Any]]:
         """Everything that can change an episode or a record in scenes of these signs, bound rules included; for JSON.
 
-        By code. Names, captions, drawings and law references are left out, and other signs.
+        By code; last, if there are `contrast` scenes, their rule, with those by which it knows who blocks. Names,
+        captions, drawings and law references are left out, and other signs.
         """
         used = {one for code in set(codes) for one in self.company(code)}
-        return [
+        signs = [
             {key: value for key, value in asdict(self.sign(code)).items() if key not in _NOT_IN_CONTRACT}
             for code in sorted(used)
         ]
+        rules = (self.needless, self.rule("give_way"), self.rule("crosswalk")) if contrast else ()
+        return signs + [asdict(rule) for rule in rules]
 
 
 def load_catalog(root: Path | None = None) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
-    Args:
-        root: the catalogue's folder; by default `sign_catalog/` of this repository.
-
-    Raises:
-        InputError: one line: file, key, what is wrong.
+    root: its folder; by default `sign_catalog/` of the data. Raises InputError, one line: file, key, what is wrong.
     """
     return _load((data_file("sign_catalog") if root is None else root).resolve())
 
 
 @cache
 def _load(root: Path) -> Catalog:
-    raw = [parse_rule(path) for path in _files(root / "rules")]
-    rules = {rule.name: rule for rule in raw}
-    rules = {name: _inherit(rules, rule, root) for name, rule in rules.items()}
-    for rule in rules.values():
-        _check_kind(root / "rules" / f"{rule.name}.yaml", rule)
-    signs = [parse_sign(path, rules) for path in _files(root / "signs")]
+    raw = {rule.name: rule for rule in map(parse_rule, yaml_files(root / "rules"))}
+    rules = {name: _inherit(raw, rule, root / "rules" / f"{name}.yaml") for name, rule in raw.items()}
+    for name, rule in rules.items():
+        _check_kind(root / "rules" / f"{name}.yaml", rule)
+    needless = rules.pop(NEEDLESS.name, None)
+    if needless is None:
+        raise InputError(
+            f"{root / 'rules' / NEEDLESS.name}.yaml: no such file: contrast scenes are judged by it"
+        )
+    signs = [parse_sign(path, rules) for path in yaml_files(root / "signs")]
     by_code = {sign.code: sign for sign in sorted(signs, key=lambda sign: code_key(sign.code))}
+    types: dict[str, ScenarioType] = {}
     for sign in by_code.values():
-        _check_references(root, sign, by_code)
-    return Catalog(root, by_code, rules, _types(root, by_code))
+        try:
+            _check_references(root / "plates", sign, by_code)
+            _enter_type(types, sign)
+        except ValueError as error:
+            raise InputError(f"{root / 'signs' / sign.code}.yaml: {error}") from None
+    ordered = tuple(sorted(types.values(), key=lambda kind: kind.row))
+    return Catalog(root, by_code, rules, ordered, needless)
 
 
 def code_key(code: str) -> tuple[tuple[int, str], ...]:
@@ -120,21 +128,22 @@ def code_key(code: str) -> tuple[tuple[int, str], ...]:
     return tuple((int(part), "") if part.isdigit() else (0, part) for part in code.split("."))
 
 
-def _files(folder: Path) -> list[Path]:
+def yaml_files(folder: Path) -> list[Path]:
+    """The files of a folder of the catalogue, by name. Raises InputError where there is none."""
     paths = sorted(folder.glob("*.yaml"))
     if not paths:
         raise InputError(f"{folder}: no YAML files here")
     return paths
 
 
-def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleSpec:
+def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, path: Path) -> RuleSpec:
     """The rule with what it takes over; rules are inherited one step deep."""
     if rule.extends is None:
         return rule
     base = rules.get(rule.extends)
     if base is None or base.extends is not None:
         problem = "no such rule" if base is None else "extends another rule itself"
-        raise InputError(f"{root / 'rules' / rule.name}.yaml: extends: {rule.extends!r}: {problem}")
+        raise InputError(f"{path}: extends: {rule.extends!r}: {problem}")
     own = {clause.id for clause in rule.clauses}
     return replace(
         rule,
@@ -147,7 +156,7 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, root: Path) -> RuleS
 
 def _check_kind(path: Path, rule: RuleSpec) -> None:
     """A rule's file must hold what its kind is declared with: its code reads no more, and no less."""
-    kind = RULE_KINDS.get(rule.name)
+    kind = NEEDLESS if rule.name == NEEDLESS.name else RULE_KINDS.get(rule.name)
     if kind is None:
         raise InputError(f"{path}: rule: {rule.name!r} is not declared in tsbench/signs/rule_kinds.py")
     for part, wanted, given in (
@@ -159,41 +168,35 @@ def _check_kind(path: Path, rule: RuleSpec) -> None:
             raise InputError(f"{path}: {part}: {key}: {problem}")
 
 
-def _check_references(root: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:
+def _check_references(plates: Path, sign: Sign, signs: Mapping[str, Sign]) -> None:
     """What a sign says about other files must be true."""
-    path = root / "signs" / f"{sign.code}.yaml"
-    if not (root / "plates" / sign.drawing).is_file():
-        raise InputError(f"{path}: plate: drawing: no file {root / 'plates' / sign.drawing}")
+    if not (plates / sign.drawing).is_file():
+        raise ValueError(f"plate: drawing: no file {plates / sign.drawing}")
     for code in sign.rule.ended_by:
         if code not in END_PLACES and (code not in signs or signs[code].ends != sign.code):
-            raise InputError(f"{path}: ended_by: {code!r} is no sign that ends {sign.code}")
+            raise ValueError(f"ended_by: {code!r} is no sign that ends {sign.code}")
     for code in sign.context:
         if code not in signs:
-            raise InputError(f"{path}: context: {code!r} is no sign")
+            raise ValueError(f"context: {code!r} is no sign")
     if sign.ends is None:
         return
     if sign.ends not in signs or sign.code not in signs[sign.ends].rule.ended_by:
-        raise InputError(f"{path}: ends: {sign.ends!r} is no sign that is ended by {sign.code}")
+        raise ValueError(f"ends: {sign.ends!r} is no sign that is ended by {sign.code}")
     if signs[sign.ends].type_id != sign.type_id:
-        raise InputError(f"{path}: scenario_type: differs from that of {sign.ends}")
+        raise ValueError(f"scenario_type: differs from that of {sign.ends}")
 
 
-def _types(root: Path, signs: Mapping[str, Sign]) -> tuple[ScenarioType, ...]:
-    """The scenario types by row; signs of one type must agree on row, group and map family."""
-    types: dict[str, ScenarioType] = {}
-    rows: dict[int, str] = {}
-    for sign in signs.values():
-        path = root / "signs" / f"{sign.code}.yaml"
-        if rows.setdefault(sign.type_row, sign.type_id) != sign.type_id:
-            raise InputError(f"{path}: scenario_type: row {sign.type_row} is that of {rows[sign.type_row]!r}")
-        fresh = ScenarioType(sign.type_id, sign.type_row, sign.group, sign.maps.family, (), ())
-        known = types.setdefault(sign.type_id, fresh)
-        if replace(known, codes=(), end_codes=()) != fresh:
-            raise InputError(f"{path}: scenario_type: row, group or family differs within {sign.type_id!r}")
-        grown = (
-            replace(known, end_codes=(*known.end_codes, sign.code))
-            if sign.is_end
-            else replace(known, codes=(*known.codes, sign.code))
-        )
-        types[sign.type_id] = grown
-    return tuple(sorted(types.values(), key=lambda kind: kind.row))
+def _enter_type(types: dict[str, ScenarioType], sign: Sign) -> None:
+    """Put a sign into its scenario type; signs of one type must agree on row, group and map family."""
+    other = next((k for k in types.values() if k.row == sign.type_row and k.id != sign.type_id), None)
+    if other is not None:
+        raise ValueError(f"scenario_type: row {sign.type_row} is that of {other.id!r}")
+    fresh = ScenarioType(sign.type_id, sign.type_row, sign.group, sign.maps.family, (), ())
+    known = types.get(sign.type_id, fresh)
+    if replace(known, codes=(), end_codes=()) != fresh:
+        raise ValueError(f"scenario_type: row, group or family differs within {sign.type_id!r}")
+    types[sign.type_id] = (
+        replace(known, end_codes=(*known.end_codes, sign.code))
+        if sign.is_end
+        else replace(known, codes=(*known.codes, sign.code))
+    )

@@ -1,20 +1,20 @@
-"""What a plate is called elsewhere: `sign_catalog/countries/<country>.yaml`, one entry for every sign.
+"""What a plate is called elsewhere: `sign_catalog/countries/<country>.yaml`; a sign without an entry there is unknown.
 
 The files are for readers: no rule, scene or record looks at them, and the catalogue's fingerprint leaves them out.
 """
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.signs.catalog import Catalog, load_catalog
-from tsbench.signs.parsing import open_file
-from tsbench.signs.reading import Fields
+from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
+from tsbench.signs.reading import read_file
 
-_NONE = "none"
+_NONE, _UNKNOWN = "none", "unknown"
 _COLUMNS = ("country", "sign", "name", "equivalent", "reason", "note", "checked")
 
 
@@ -22,108 +22,136 @@ _COLUMNS = ("country", "sign", "name", "equivalent", "reason", "note", "checked"
 class Equivalent:
     """One country's sign for one sign of the catalogue.
 
-    Attributes:
-        sign: the catalogue's code, such as "3.24".
-        code: the country's official code, or several that stand together ("220-20 + 1000-33"); None without one.
-        reason: why there is none; None where there is one.
-        note: what differs, else None.
-        checked: whether the entry was found in a source other than memory.
+    code: the country's official one, or several that stand together ("220-20 + 1000-33"), "none", or "unknown" where
+    its file has no entry. reason: why there is none. note: what differs. checked: found in a source other than
+    memory.
     """
 
-    sign: str
-    code: str | None
-    reason: str | None
-    note: str | None
+    code: str
     checked: bool
+    reason: str | None = None
+    note: str | None = None
+
+    def __post_init__(self) -> None:
+        if (self.code == _NONE) != (self.reason is not None):
+            missing = self.reason is None
+            raise ValueError(
+                "reason: is missing"
+                if missing
+                else "reason: goes with code: none only; what differs is a note"
+            )
+
+    @property
+    def exists(self) -> bool:
+        """Is there such a sign, as far as is known?"""
+        return self.code not in (_NONE, _UNKNOWN)
 
 
 @dataclass(frozen=True)
 class Country:
     """A country's signs.
 
-    Attributes:
-        code: two small letters, also the file's name.
-        name_en, name_own: in English and in its own language.
-        numbering: the law or catalogue that numbers its signs.
-        published_percent: share of signs with an equivalent that the spec quotes, 0-100.
-        latin: how letters of its codes are written in a picture, whose fonts have Latin letters only.
-        equivalents: by the catalogue's codes, in its order; covers all of them.
+    code: two small letters, also the file's name. numbering: the law or catalogue that numbers its signs.
+    published_percent: share of signs with an equivalent that the spec quotes, 0-100; None where it names none. latin:
+    how letters of its codes are written in a picture, whose fonts have Latin letters only. equivalents: by the
+    catalogue's codes, in its order; covers all of them.
     """
 
     code: str
     name_en: str
     name_own: str
     numbering: str
-    published_percent: float
+    published_percent: float | None
     latin: Mapping[str, str]
     equivalents: Mapping[str, Equivalent]
 
     @property
     def count(self) -> int:
         """How many signs have an equivalent."""
-        return sum(entry.code is not None for entry in self.equivalents.values())
+        return sum(entry.exists for entry in self.equivalents.values())
+
+    @property
+    def known(self) -> int:
+        """How many signs have an entry."""
+        return sum(entry.code != _UNKNOWN for entry in self.equivalents.values())
 
     @property
     def percent(self) -> float:
-        """Share of the signs with an equivalent, 0-100."""
-        return 100.0 * self.count / len(self.equivalents)
+        """Share of those with an entry that have an equivalent, 0-100."""
+        return 100.0 * self.count / self.known if self.known else 0.0
 
     @property
     def checked(self) -> int:
         """How many entries, those without an equivalent included, rest on a source."""
         return sum(entry.checked for entry in self.equivalents.values())
 
+    def caption(self, sign: str) -> str:
+        """The code that a picture gives a plate: the country's behind its two letters, in Latin letters."""
+        entry = self.equivalents[sign]
+        name = self.code.upper()
+        return (
+            f"{name} {_in_latin(entry.code, self.latin)}"
+            if entry.exists
+            else f"{sign} ({name}: {entry.code})"
+        )
+
+
+@dataclass(frozen=True)
+class _Names:
+    en: str
+    own: str
+
+
+@dataclass(frozen=True)
+class _File:
+    country: str
+    names: _Names
+    numbering: str
+    signs: Mapping[str, Equivalent]
+    published_percent: float | None = None
+    latin: Mapping[str, str] = field(default_factory=dict)
+
 
 def load_country(code: str, root: Path | None = None) -> Country:
-    """The country of a code, such as "de".
+    """The country of a code, such as "de". Raises InputError: no such country, or file, key, what is wrong.
 
-    Args:
-        code: name of a file in `countries/`, without its suffix.
-        root: the catalogue's folder; by default `sign_catalog/` of this repository.
-
-    Raises:
-        InputError: one line: no such country, or file, key, what is wrong.
+    root: the catalogue's folder; by default `sign_catalog/` of this repository.
     """
-    catalog = load_catalog(root)
-    known = [path.stem for path in _files(catalog)]
+    folder = load_catalog(root).root / "countries"
+    known = [path.stem for path in yaml_files(folder)]
     if code not in known:
-        raise InputError(f"{catalog.root / 'countries'}: no country {code!r}: it has {', '.join(known)}")
-    return _load(catalog.root, code)
+        raise InputError(f"{folder}: no country {code!r}: it has {', '.join(known)}")
+    return _load(folder / f"{code}.yaml")
 
 
 def load_countries(root: Path | None = None) -> tuple[Country, ...]:
     """All countries by code; raises as `load_country` does."""
-    catalog = load_catalog(root)
-    return tuple(_load(catalog.root, path.stem) for path in _files(catalog))
+    return tuple(_load(path) for path in yaml_files(load_catalog(root).root / "countries"))
 
 
 def shown_code(sign: str, country: Country | None) -> str:
-    """The code that a picture's caption gives a plate: the catalogue's, or the country's behind its two letters."""
-    if country is None:
-        return sign
-    foreign = country.equivalents[sign].code
-    name = country.code.upper()
-    return f"{sign} ({name}: {_NONE})" if foreign is None else f"{name} {_in_latin(foreign, country.latin)}"
+    """The code that a picture's caption gives a plate: the catalogue's, or a country's."""
+    return sign if country is None else country.caption(sign)
 
 
 def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> None:
     """One row per country and sign, UTF-8; the file's folder is made where it is missing.
 
-    Raises:
+    Raises
+    ------
         InputError: the file cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(_COLUMNS)
-            for country in countries:
-                for entry in country.equivalents.values():
-                    texts = (entry.code or _NONE, entry.reason or "", entry.note or "")
-                    name = catalog.sign(entry.sign).name_en
-                    writer.writerow((country.code, entry.sign, name, *texts, str(entry.checked).lower()))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from error
+    with (
+        io_errors_as_input_errors(path),
+        replacing(path) as part,
+        part.open("w", encoding="utf-8", newline="") as file,
+    ):
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for country in countries:
+            for sign, entry in country.equivalents.items():
+                texts = (entry.code, entry.reason or "", entry.note or "", str(entry.checked).lower())
+                writer.writerow((country.code, sign, catalog.sign(sign).name_en, *texts))
 
 
 def _in_latin(code: str, latin: Mapping[str, str]) -> str:
@@ -132,61 +160,27 @@ def _in_latin(code: str, latin: Mapping[str, str]) -> str:
     return code
 
 
-def _files(catalog: Catalog) -> list[Path]:
-    paths = sorted((catalog.root / "countries").glob("*.yaml"))
-    if not paths:
-        raise InputError(f"{catalog.root / 'countries'}: no YAML files here")
-    return paths
-
-
 @cache
-def _load(root: Path, code: str) -> Country:
-    top = open_file(root / "countries" / f"{code}.yaml")
-    if (written := top.text("country")) != code:
-        top.fail("country", f"{written!r} stands in the file of {code!r}")
-    names, letters, signs = top.fields("names"), top.optional_fields("latin"), top.fields("signs")
-    latin = {letter: letters.text(letter) for letter in letters.names()}
-    equivalents = _equivalents(signs, load_catalog(root))
-    for entry in equivalents.values():
-        if entry.code is not None and not _in_latin(entry.code, latin).isascii():
-            signs.fail(entry.sign, f"code {entry.code!r} needs its letters under latin")
-    percent = top.number("published_percent")
-    if not 0 <= percent <= 100:
-        top.fail("published_percent", f"must lie between 0 and 100, not {percent:g}")
-    country = Country(
-        code=code,
-        name_en=names.text("en"),
-        name_own=names.text("own"),
-        numbering=top.text("numbering"),
-        published_percent=percent,
-        latin=latin,
-        equivalents=equivalents,
-    )
-    names.done()
-    top.done()
-    return country
+def _load(path: Path) -> Country:
+    catalog = load_catalog(path.parents[1])
+    return read_file(_File, path, "country", lambda file: _country(file, catalog))
 
 
-def _equivalents(given: Fields, catalog: Catalog) -> dict[str, Equivalent]:
-    """The entries in the catalogue's order: each of its signs, and no other."""
-    for sign in given.names():
+def _country(file: _File, catalog: Catalog) -> Country:
+    for sign, entry in file.signs.items():
         if sign not in catalog.signs:
-            given.fail(sign, "the catalogue has no such sign")
-    return {sign: _equivalent(sign, given.fields(sign)) for sign in catalog.signs}
-
-
-def _equivalent(sign: str, entry: Fields) -> Equivalent:
-    code = entry.text("code")
-    if not entry.has("checked"):
-        entry.fail("checked", "is missing")
-    if code != _NONE and entry.has("reason"):
-        entry.fail("reason", f"goes with code: {_NONE} only; what differs is a note")
-    equivalent = Equivalent(
-        sign=sign,
-        code=None if code == _NONE else code,
-        reason=entry.text("reason") if code == _NONE else None,
-        note=entry.text("note") if entry.has("note") else None,
-        checked=entry.flag("checked"),
+            raise ValueError(f"signs: {sign}: the catalogue has no such sign")
+        if not _in_latin(entry.code, file.latin).isascii():
+            raise ValueError(f"signs: {sign}: code {entry.code!r} needs its letters under latin")
+    percent = file.published_percent
+    if percent is not None and not 0 <= percent <= 100:
+        raise ValueError(f"published_percent: must lie between 0 and 100, not {percent:g}")
+    return Country(
+        code=file.country,
+        name_en=file.names.en,
+        name_own=file.names.own,
+        numbering=file.numbering,
+        published_percent=percent,
+        latin=file.latin,
+        equivalents={sign: file.signs.get(sign, Equivalent(_UNKNOWN, False)) for sign in catalog.signs},
     )
-    entry.done()
-    return equivalent

@@ -25,14 +25,8 @@ DIGITS = {
 
 
 def number_path(number: float) -> tuple[str, float, float]:
-    """A whole number as stroked glyphs.
-
-    Returns:
-        SVG elements without colour, their width on the grid, and the horizontal scale that keeps them within
-        the width of two digits.
-
-    Raises:
-        ValueError: the number is negative or not whole.
+    """A whole number as stroked glyphs: SVG elements without colour, their width on the grid, and the horizontal scale
+    that keeps them within the width of two digits. Raises ValueError for a number that is negative or not whole.
     """
     if number < 0 or number != int(number):
         raise ValueError(f"no plate shows {number}")

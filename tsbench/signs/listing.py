@@ -1,6 +1,6 @@
 """The catalogue as tables for the terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Group
 from rich.table import Table
@@ -8,12 +8,13 @@ from rich.text import Text
 
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.countries import Country
-from tsbench.signs.model import MapNeeds, Placement, PostedValue, RuleSpec, Sign
+from tsbench.signs.model import MapNeeds, Placement, PostedValue, Sign
 
 
 def sign_table(catalog: Catalog) -> Table:
     """All signs in the order of the scenario types' rows, end plates behind the sign that they end."""
-    table = Table(caption=_caption(catalog), box=None, pad_edge=False)
+    caption = f"{len(catalog.signs)} signs, {len(catalog.types)} scenario types"
+    table = Table(caption=caption, box=None, pad_edge=False)
     for heading in ("#", "type", "group", "sign", "name", "sets"):
         table.add_column(heading, no_wrap=heading != "name")
     for kind in catalog.types:
@@ -43,17 +44,13 @@ def sign_page(sign: Sign) -> Group:
     for name, text in rows.items():
         if text:
             facts.add_row(Text(name, style="dim"), Text(text))
+    rule = sign.rule
+    thresholds = {key: f"{number:g}" for key, number in rule.thresholds.items()}
+    options = {key: ", ".join(words) for key, words in rule.options.items()}
+    numbers = _two_columns("threshold", "value", {**thresholds, **options})
+    clauses = _two_columns("clause", "a violation is", {c.id: c.description for c in rule.clauses})
     title = Text(f"{sign.code}  {sign.name_en}", style="bold")
-    return Group(
-        title,
-        facts,
-        Text(),
-        Text(sign.rule.description),
-        Text(),
-        _parameters(sign.rule),
-        Text(),
-        _clauses(sign.rule),
-    )
+    return Group(title, facts, Text(), Text(rule.description), Text(), numbers, Text(), clauses)
 
 
 def countries_table(countries: Sequence[Country]) -> Table:
@@ -64,8 +61,8 @@ def countries_table(countries: Sequence[Country]) -> Table:
     for heading in ("signs", "share", "published", "checked"):
         table.add_column(heading, justify="right", no_wrap=True)
     for country in countries:
-        numbers = (f"{country.count}/{len(country.equivalents)}", f"{country.percent:.0f} %")
-        published = f"{country.published_percent:g} %"
+        numbers = (f"{country.count}/{country.known}", f"{country.percent:.0f} %")
+        published = "" if country.published_percent is None else f"{country.published_percent:g} %"
         row = (country.code, country.name_en, country.numbering, *numbers, published, str(country.checked))
         table.add_row(*row)
     return table
@@ -73,19 +70,14 @@ def countries_table(countries: Sequence[Country]) -> Table:
 
 def country_table(catalog: Catalog, country: Country) -> Table:
     """One country's sign for each sign of the catalogue; "memory" marks what rests on no source."""
-    caption = f"{country.count} of {len(country.equivalents)} signs, {country.checked} entries checked"
+    caption = f"{country.count} of {country.known} signs, {country.checked} entries checked"
     table = Table(title=f"{country.name_en}: {country.numbering}", caption=caption, box=None, pad_edge=False)
     for heading in ("sign", "name", "equivalent", "", "remark"):
         table.add_column(heading, no_wrap=heading not in ("name", "remark"))
-    for entry in country.equivalents.values():
-        remark = entry.reason or entry.note or ""
-        name = catalog.sign(entry.sign).name_en
-        table.add_row(entry.sign, name, entry.code or "none", "" if entry.checked else "memory", remark)
+    for sign, entry in country.equivalents.items():
+        source = "" if entry.checked or entry.code == "unknown" else "memory"
+        table.add_row(sign, catalog.sign(sign).name_en, entry.code, source, entry.reason or entry.note or "")
     return table
-
-
-def _caption(catalog: Catalog) -> str:
-    return f"{len(catalog.signs)} signs, {len(catalog.types)} scenario types"
 
 
 def _values(value: PostedValue) -> str:
@@ -121,17 +113,8 @@ def _maps(maps: MapNeeds) -> str:
     return "; ".join(parts + [f"{name} {bound}" for name, bound in bounds.items() if bound])
 
 
-def _parameters(rule: RuleSpec) -> Table:
-    table = Table("threshold", "value", box=None, pad_edge=False)
-    for key, number in rule.thresholds.items():
-        table.add_row(key, f"{number:g}")
-    for key, words in rule.options.items():
-        table.add_row(key, ", ".join(words))
-    return table
-
-
-def _clauses(rule: RuleSpec) -> Table:
-    table = Table("clause", "a violation is", box=None, pad_edge=False)
-    for clause in rule.clauses:
-        table.add_row(clause.id, clause.description)
+def _two_columns(first: str, second: str, rows: Mapping[str, str]) -> Table:
+    table = Table(first, second, box=None, pad_edge=False)
+    for row in rows.items():
+        table.add_row(*row)
     return table

@@ -2,29 +2,44 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal, get_args
 
-GROUPS = ("priority", "speed", "obstacles", "routing")
-FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
+Group = Literal["priority", "speed", "obstacles", "routing"]
+Family = Literal["junction", "roundabout", "dual_path", "corridor"]
+Shape = Literal["T", "X", "ring", "straight", "curved"]
+Slot = Literal["s_l", "s_r", "l_s", "l_r", "r_s", "r_l"]
+
+GROUPS: tuple[str, ...] = get_args(Group)
 
 # Words that may stand in `ended_by` beside the codes of end plates.
 END_PLACES = ("junction", "crossing", "obstacle", "marked_zone")
+
+_SHAPES: Mapping[Family, tuple[Shape, ...]] = {
+    "junction": ("T", "X"),
+    "roundabout": ("ring",),
+    "dual_path": ("T", "X"),
+    "corridor": ("straight", "curved"),
+}
 
 
 @dataclass(frozen=True)
 class Clause:
     """One way to break a rule.
 
-    Attributes:
-        id: such as "over_limit".
-        unit: unit of the event's value, threshold and margin; empty where the clause measures nothing.
-        description: the formal clause in one sentence.
-        template: sentence of an event, with the fields of `sentence` in braces.
+    unit: of the event's value, threshold and margin; empty where the clause measures nothing. template: sentence of
+    an event, with the fields of `sentence` in braces.
     """
 
     id: str
     unit: str
     description: str
     template: str
+
+    def __post_init__(self) -> None:
+        try:
+            self.sentence(sign_code="0", time_s=0.0, value=0.0, threshold=0.0, margin=0.0)
+        except (KeyError, IndexError, ValueError, AttributeError) as error:
+            raise ValueError(f"sentence: bad template: {error}") from None
 
     def sentence(
         self,
@@ -36,16 +51,7 @@ class Clause:
         margin: float,
         other: str | None = None,
     ) -> str:
-        """An event in words.
-
-        Args:
-            sign_code: code of the sign that was broken.
-            time_s: start of the event, s of simulation time.
-            value: what was measured, in the clause's unit.
-            threshold: what it was measured against, same unit.
-            margin: how far the value lies on the wrong side of the threshold, same unit.
-            other: id of the other actor, None where there is none.
-        """
+        """An event in words: value, threshold and margin in the clause's unit; other: id of the other road user."""
         return self.template.format(
             clause=self.id,
             sign_code=sign_code,
@@ -62,10 +68,8 @@ class Clause:
 class OptionSpec:
     """A choice of words that a rule offers to its signs.
 
-    Attributes:
-        words: the vocabulary.
-        single: exactly one word is chosen; otherwise one or more.
-        default: the choice of a sign that says nothing; None where every sign must choose.
+    single: exactly one word is chosen, else one or more. default: the choice of a sign that says nothing; None where
+    every sign must choose.
     """
 
     words: tuple[str, ...]
@@ -80,15 +84,10 @@ class RuleSpec:
     A `Sign` carries its rule bound to it: with its own thresholds and options. The catalogue's rules are
     unbound: they hold the defaults, and no `ended_by`.
 
-    Attributes:
-        name: such as "give_way"; names the monitor.
-        extends: the rule whose thresholds, options and clauses it takes over, None where it stands alone.
-        description: when the rule binds and what it asks, in a few sentences.
-        thresholds: by key; the unit is the end of the key (`gap_s`, `tolerance_kmh`).
-        options: chosen words by option; a bound rule has every option of its vocabulary.
-        vocabulary: what may be chosen.
-        clauses: in the order of the file, inherited ones last.
-        ended_by: codes of end plates and words of END_PLACES; empty where nothing in a scene ends the sign.
+    extends: the rule whose thresholds, options and clauses it takes over. thresholds: by key; the unit is the end of
+    the key (`gap_s`, `tolerance_kmh`). options: chosen words; a bound rule has every option of its vocabulary.
+    clauses: in the order of the file, inherited ones last. ended_by: codes of end plates and words of END_PLACES;
+    empty where nothing in a scene ends the sign.
     """
 
     name: str
@@ -124,10 +123,8 @@ class RuleSpec:
 class PostedValue:
     """The number that a sign sets.
 
-    Attributes:
-        unit: such as "km/h".
-        allowed: the values that scenes may use, ascending.
-        printed: the number stands on the plate; where it does not, it is implied and there is only one.
+    allowed: the values that scenes may use, ascending. printed: it stands on the plate; where it does not, it is
+    implied and there is only one.
     """
 
     unit: str
@@ -139,31 +136,30 @@ class PostedValue:
 class Placement:
     """Where a plate may stand.
 
-    Attributes:
-        side: "right" or "left" of the lanes it faces, or "obstacle": on the obstacle itself.
-        edge: "approach" to the junction, "exit" from it, or "mid_block".
-        faces: whose traffic it faces: "ego" or "main_arms".
-        reference: what the distance is counted from: "line" (end of the approach lane), "exit_start" (first
-            point of the exit lane), "crossing", "obstacle", or "own_line" (the plate makes the line itself).
-        distance_m: least and greatest distance from the reference, metres: upstream of a line, a crossing or
-            an obstacle, downstream of the start of an exit.
+    side: of the lanes that it faces, or on the obstacle itself. reference: what the distance is counted from: the end
+    of the approach lane, the first point of the exit lane, the crossing, the obstacle, or the line that the plate
+    makes itself. distance_m: least and greatest, metres: upstream of a line, a crossing or an obstacle, downstream of
+    the start of an exit.
     """
 
-    side: str
-    edge: str
-    faces: str
-    reference: str
+    side: Literal["right", "left", "obstacle"]
+    edge: Literal["approach", "exit", "mid_block"]
+    faces: Literal["ego", "main_arms"]
+    reference: Literal["line", "exit_start", "crossing", "obstacle", "own_line"]
     distance_m: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.distance_m[0] <= self.distance_m[1]:
+            raise ValueError("distance_m: must be [least, greatest], neither negative")
 
 
 @dataclass(frozen=True)
 class Law:
     """Where the sign stands in law.
 
-    Attributes:
-        pdd: paragraphs of the Russian traffic rules (ПДД РФ) and the sign's entry in their appendix 1.
-        gost: Russian standards that draw the sign and say where it goes.
-        vienna: article and annex 1 code of the Convention on Road Signs and Signals (Vienna, 1968).
+    pdd: paragraphs of the Russian traffic rules (ПДД РФ) and the sign's entry in their appendix 1. gost: Russian
+    standards that draw the sign and say where it goes. vienna: article and annex 1 code of the Convention on Road
+    Signs and Signals (Vienna, 1968).
     """
 
     pdd: str
@@ -175,20 +171,14 @@ class Law:
 class MapNeeds:
     """Maps that can carry the sign.
 
-    Attributes:
-        family: one of FAMILIES.
-        shapes: accepted shapes, in equal shares ("T", "X", "ring", "straight", "curved").
-        slots: dual-path slots such as "l_s"; empty for other families.
-        min_lanes, max_lanes: lanes per direction, None where there is no bound.
-        preferred_min_lanes: taken first where the pool has such maps.
-        min_arms: arms of a ring.
-        one_way: the road must be one-way.
-        may_span_edges: the zone may run over several edges.
+    shapes: accepted ones, in equal shares. slots: of dual paths only. min_lanes, max_lanes: per direction.
+    preferred_min_lanes: taken first where the pool has such maps. min_arms: of a ring. may_span_edges: the zone may
+    run over several edges.
     """
 
-    family: str
-    shapes: tuple[str, ...]
-    slots: tuple[str, ...] = ()
+    family: Family
+    shapes: tuple[Shape, ...]
+    slots: tuple[Slot, ...] = ()
     min_lanes: int | None = None
     max_lanes: int | None = None
     preferred_min_lanes: int | None = None
@@ -196,24 +186,27 @@ class MapNeeds:
     one_way: bool = False
     may_span_edges: bool = False
 
+    def __post_init__(self) -> None:
+        possible = _SHAPES[self.family]
+        for shape in self.shapes:
+            if shape not in possible:
+                raise ValueError(f"shapes: {shape!r} is none of {', '.join(possible)}")
+        if not self.shapes:
+            raise ValueError("shapes: needs at least one shape")
+        if bool(self.slots) != (self.family == "dual_path"):
+            raise ValueError("slots: dual paths have at least one, other families none")
+
 
 @dataclass(frozen=True)
 class Sign:
     """One sign of the catalogue.
 
-    Attributes:
-        code: GOST R 52290 number, such as "3.24".
-        name_ru, name_en: official Russian name and its English rendering.
-        group: one of GROUPS.
-        type_id, type_row: the scenario type it belongs to, and that type's row in the table of types.
-        is_end: it only closes the zone of `ends` and is no scenario's target.
-        ends: code of the sign whose zone it closes, None for others.
-        drawing: file name of its SVG under `sign_catalog/plates/`.
-        caption: short English text below the plate in figures.
-        value: what it posts, None where it sets no number.
-        rule: the rule that judges it, bound to the sign (for an end plate: the rule that reads it).
-        placement, law, maps: see the classes.
-        context: codes of other plates that may stand in its scenes, itself among them where it may stand there again.
+    code: GOST R 52290 number, such as "3.24". type_id, type_row: the scenario type it belongs to, and that type's row
+    in the table of types. is_end: it only closes the zone of `ends` and is no scenario's target. drawing: file name
+    of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. value: what it
+    posts, None where it sets no number. rule: the one that judges it, bound to the sign (for an end plate: the one
+    that reads it). context: codes of other plates that may stand in its scenes, itself among them where it may stand
+    there again.
     """
 
     code: str
@@ -236,8 +229,7 @@ class Sign:
     def effective_value(self, posted: float | None) -> float | None:
         """The number that binds drivers: the posted one, or the one that the sign implies.
 
-        Raises:
-            ValueError: the posted value is not one that the sign may carry, or it needs one and has none.
+        Raises ValueError where the sign may not carry the posted value, or needs one and has none.
         """
         if self.value is None:
             if posted is not None:
@@ -253,15 +245,9 @@ class Sign:
 
 @dataclass(frozen=True)
 class ScenarioType:
-    """One scenario type: the signs that share a row of the table of types.
+    """The signs that share a row (from 1) of the table of types.
 
-    Attributes:
-        id: such as "speed_limit".
-        row: number in the table of types, from 1.
-        group: one of GROUPS.
-        family: one of FAMILIES.
-        codes: codes of its target signs, in numerical order.
-        end_codes: codes of the plates that close its zone.
+    codes: of its target signs, in numerical order. end_codes: of the plates that close its zone.
     """
 
     id: str

@@ -1,14 +1,14 @@
-"""From a file of `sign_catalog/` to a `RuleSpec` or a `Sign`."""
+"""The files of `sign_catalog/` as they are written, and what they mean: a `RuleSpec`, a `Sign`."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from tsbench.signs.model import (
     END_PLACES,
-    FAMILIES,
-    GROUPS,
     Clause,
+    Group,
     Law,
     MapNeeds,
     OptionSpec,
@@ -17,185 +17,183 @@ from tsbench.signs.model import (
     RuleSpec,
     Sign,
 )
-from tsbench.signs.reading import Fields, read_yaml
+from tsbench.signs.reading import read_file
 
-SCHEMA = 1
+# One word, or a list of them.
+_Words = str | tuple[str, ...]
 
-_SHAPES = {
-    "junction": ("T", "X"),
-    "roundabout": ("ring",),
-    "dual_path": ("T", "X"),
-    "corridor": ("straight", "curved"),
-}
-_SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
-_SIDES = ("right", "left", "obstacle")
-_EDGES = ("approach", "exit", "mid_block")
-_FACES = ("ego", "main_arms")
-_REFERENCES = ("line", "exit_start", "crossing", "obstacle", "own_line")
+
+@dataclass(frozen=True)
+class _Option:
+    words: tuple[str, ...]
+    pick: Literal["one", "some"]
+    default: _Words = ()
+
+
+@dataclass(frozen=True)
+class _Clause:
+    description: str
+    sentence: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class _RuleFile:
+    rule: str
+    description: str
+    extends: str | None = None
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    options: Mapping[str, _Option] = field(default_factory=dict)
+    clauses: Mapping[str, _Clause] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Names:
+    ru: str
+    en: str
+
+
+@dataclass(frozen=True)
+class _Type:
+    id: str
+    row: int
+
+
+@dataclass(frozen=True)
+class _Plate:
+    drawing: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class _Value:
+    unit: str
+    posted: tuple[float, ...] = ()
+    implied: float | None = None
+
+
+@dataclass(frozen=True)
+class _Rule:
+    name: str
+    thresholds: Mapping[str, float] = field(default_factory=dict)
+    options: Mapping[str, _Words] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _SignFile:
+    code: str
+    names: _Names
+    group: Group
+    scenario_type: _Type
+    plate: _Plate
+    rule: _Rule
+    placement: Placement
+    law: Law
+    maps: MapNeeds
+    value: _Value | None = None
+    ended_by: tuple[str, ...] | None = None
+    ends: str | None = None
+    context: tuple[str, ...] = ()
 
 
 def parse_rule(path: Path) -> RuleSpec:
     """The rule of one file as it stands there: what it takes over from another is not yet in it."""
-    top = open_file(path)
-    name = top.text("rule")
-    if name != path.stem:
-        top.fail("rule", f"{name!r} stands in the file of {path.stem!r}")
-    given = top.optional_fields("thresholds")
-    options = top.optional_fields("options")
-    vocabulary = {key: _option(options.fields(key)) for key in options.names()}
-    clauses = top.optional_fields("clauses")
-    rule = RuleSpec(
-        name=name,
-        extends=top.text("extends") if top.has("extends") else None,
-        description=top.text("description").strip(),
-        thresholds={key: given.number(key) for key in given.names()},
-        options={key: spec.default for key, spec in vocabulary.items() if spec.default is not None},
-        vocabulary=vocabulary,
-        clauses=tuple(_clause(key, clauses.fields(key)) for key in clauses.names()),
-    )
-    top.done()
-    return rule
+    return read_file(_RuleFile, path, "rule", _rule)
 
 
 def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
-    """The sign of one file, with its rule's thresholds and options filled in.
+    """The sign of one file, with its rule's thresholds and options filled in."""
+    return read_file(_SignFile, path, "code", lambda file: _sign(file, rules))
 
-    Raises:
-        InputError: one line: file, key, what is wrong.
-    """
-    top = open_file(path)
-    code = top.text("code")
-    if code != path.stem:
-        top.fail("code", f"{code!r} stands in the file of {path.stem!r}")
-    names, kind, plate = top.fields("names"), top.fields("scenario_type"), top.fields("plate")
-    judged = top.fields("rule")
-    rule = rules[judged.text("name", rules)]
-    is_end = top.has("ends")
-    sign = Sign(
-        code=code,
-        name_ru=names.text("ru"),
-        name_en=names.text("en"),
-        group=top.text("group", GROUPS),
-        type_id=kind.text("id"),
-        type_row=kind.integer("row"),
-        is_end=is_end,
-        ends=top.text("ends") if is_end else None,
-        drawing=plate.text("drawing"),
-        caption=plate.text("caption"),
-        value=_value(top.fields("value")) if top.has("value") else None,
-        rule=replace(
-            rule,
-            thresholds=_thresholds(judged.optional_fields("thresholds"), rule),
-            options=_options(judged.optional_fields("options"), rule),
-            ended_by=() if is_end else top.texts("ended_by"),
-        ),
-        placement=_placement(top.fields("placement")),
-        law=_law(top.fields("law")),
-        maps=_maps(top.fields("maps")),
-        context=top.texts("context") if top.has("context") else (),
+
+def _rule(file: _RuleFile) -> RuleSpec:
+    vocabulary = {}
+    for key, option in file.options.items():
+        default = _words(option.default)
+        vocabulary[key] = OptionSpec(option.words, option.pick == "one", default or None)
+        _check_choice(f"options: {key}: default", vocabulary[key], default or option.words[:1])
+    clauses = []
+    for key, clause in file.clauses.items():
+        try:
+            clauses.append(Clause(key, clause.unit, clause.description, clause.sentence))
+        except ValueError as error:
+            raise ValueError(f"clauses: {key}: {error}") from None
+    return RuleSpec(
+        name=file.rule,
+        extends=file.extends,
+        description=file.description,
+        thresholds=file.thresholds,
+        options={key: spec.default for key, spec in vocabulary.items() if spec.default is not None},
+        vocabulary=vocabulary,
+        clauses=tuple(clauses),
     )
-    for part in (names, kind, plate, judged, top):
-        part.done()
-    for word in sign.rule.ended_by:
+
+
+def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
+    if file.rule.name not in rules:
+        raise ValueError(f"rule: name: {file.rule.name!r} is none of {', '.join(rules)}")
+    if (file.ends is None) == (file.ended_by is None):
+        raise ValueError(
+            "ended_by: is missing" if file.ends is None else "ended_by: nothing ends an end plate"
+        )
+    ended_by = file.ended_by or ()
+    for word in ended_by:
         if word not in END_PLACES and not word[0].isdigit():
-            top.fail("ended_by", f"{word!r} is neither a code nor one of {', '.join(END_PLACES)}")
-    return sign
+            raise ValueError(f"ended_by: {word!r} is neither a code nor one of {', '.join(END_PLACES)}")
+    return Sign(
+        code=file.code,
+        name_ru=file.names.ru,
+        name_en=file.names.en,
+        group=file.group,
+        type_id=file.scenario_type.id,
+        type_row=file.scenario_type.row,
+        is_end=file.ends is not None,
+        ends=file.ends,
+        drawing=file.plate.drawing,
+        caption=file.plate.caption,
+        value=None if file.value is None else _value(file.value),
+        rule=replace(_bound(file.rule, rules[file.rule.name]), ended_by=ended_by),
+        placement=file.placement,
+        law=file.law,
+        maps=file.maps,
+        context=file.context,
+    )
 
 
-def open_file(path: Path) -> Fields:
-    """The keys of a catalogue file of this schema; InputError for another."""
-    top = read_yaml(path)
-    if (schema := top.integer("schema")) != SCHEMA:
-        top.fail("schema", f"is {schema}, this version reads {SCHEMA}")
-    return top
-
-
-def _option(given: Fields) -> OptionSpec:
-    words = given.texts("words")
-    single = given.text("pick", ("one", "some")) == "one"
-    default = given.words("default", words) if given.has("default") else None
-    if single and default is not None and len(default) != 1:
-        given.fail("default", "must be one word")
-    given.done()
-    return OptionSpec(words, single, default)
-
-
-def _clause(clause_id: str, given: Fields) -> Clause:
-    unit = given.text("unit") if given.has("unit") else ""
-    clause = Clause(clause_id, unit, given.text("description").strip(), given.text("sentence").strip())
-    given.done()
-    try:
-        clause.sentence(sign_code="0", time_s=0.0, value=0.0, threshold=0.0, margin=0.0)
-    except (KeyError, IndexError, ValueError, AttributeError) as error:
-        given.fail("sentence", f"bad template: {error}")
-    return clause
-
-
-def _value(given: Fields) -> PostedValue:
-    printed = not given.has("implied")
-    allowed = given.numbers("posted") if printed else (given.number("implied"),)
-    if not allowed or list(allowed) != sorted(set(allowed)):
-        given.fail("posted", "must be different numbers in ascending order")
-    value = PostedValue(given.text("unit"), allowed, printed)
-    given.done()
-    return value
-
-
-def _thresholds(own: Fields, rule: RuleSpec) -> dict[str, float]:
-    for key in own.names():
-        if key not in rule.thresholds:
-            own.fail(key, f"rule {rule.name} has no such threshold")
-    return {key: own.number(key) if own.has(key) else value for key, value in rule.thresholds.items()}
-
-
-def _options(own: Fields, rule: RuleSpec) -> dict[str, tuple[str, ...]]:
-    for key in own.names():
-        if key not in rule.vocabulary:
-            own.fail(key, f"rule {rule.name} has no such option")
-    chosen = {}
+def _bound(own: _Rule, rule: RuleSpec) -> RuleSpec:
+    """The rule with a sign's own thresholds and options."""
+    for what, given, known in (
+        ("threshold", own.thresholds, rule.thresholds),
+        ("option", own.options, rule.vocabulary),
+    ):
+        for key in given:
+            if key not in known:
+                raise ValueError(f"rule: {what}s: {key}: rule {rule.name} has no such {what}")
+    options = {}
     for key, spec in rule.vocabulary.items():
-        given = own.has(key) or key not in rule.options
-        chosen[key] = own.words(key, spec.words) if given else rule.options[key]
-        if spec.single and len(chosen[key]) != 1:
-            own.fail(key, "must be one word")
-    return chosen
+        if key not in own.options and key not in rule.options:
+            raise ValueError(f"rule: options: {key}: is missing")
+        options[key] = _words(own.options[key]) if key in own.options else rule.options[key]
+        _check_choice(f"rule: options: {key}", spec, options[key])
+    return replace(rule, thresholds={**rule.thresholds, **own.thresholds}, options=options)
 
 
-def _placement(given: Fields) -> Placement:
-    distance = given.numbers("distance_m")
-    if len(distance) != 2 or not 0 <= distance[0] <= distance[1]:
-        given.fail("distance_m", "must be [least, greatest], neither negative")
-    placement = Placement(
-        side=given.text("side", _SIDES),
-        edge=given.text("edge", _EDGES),
-        faces=given.text("faces", _FACES),
-        reference=given.text("reference", _REFERENCES),
-        distance_m=(distance[0], distance[1]),
-    )
-    given.done()
-    return placement
+def _check_choice(where: str, spec: OptionSpec, chosen: tuple[str, ...]) -> None:
+    strange = [word for word in chosen if word not in spec.words]
+    if strange:
+        raise ValueError(f"{where}: {strange[0]!r} is none of {', '.join(spec.words)}")
+    if spec.single and len(chosen) != 1:
+        raise ValueError(f"{where}: must be one word")
+    if not chosen:
+        raise ValueError(f"{where}: needs at least one word")
 
 
-def _law(given: Fields) -> Law:
-    law = Law(given.text("pdd"), given.text("gost"), given.text("vienna"))
-    given.done()
-    return law
+def _words(given: _Words) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else given
 
 
-def _maps(given: Fields) -> MapNeeds:
-    family = given.text("family", FAMILIES)
-    maps = MapNeeds(
-        family=family,
-        shapes=given.texts("shapes", _SHAPES[family]),
-        slots=given.words("slots", _SLOTS) if family == "dual_path" else (),
-        min_lanes=given.optional_integer("min_lanes"),
-        max_lanes=given.optional_integer("max_lanes"),
-        preferred_min_lanes=given.optional_integer("preferred_min_lanes"),
-        min_arms=given.optional_integer("min_arms"),
-        one_way=given.flag("one_way"),
-        may_span_edges=given.flag("may_span_edges"),
-    )
-    if not maps.shapes:
-        given.fail("shapes", "needs at least one shape")
-    given.done()
-    return maps
+def _value(given: _Value) -> PostedValue:
+    allowed = given.posted if given.implied is None else (given.implied,)
+    if not allowed or list(allowed) != sorted(set(allowed)):
+        raise ValueError("value: posted: must be different numbers in ascending order")
+    return PostedValue(given.unit, allowed, given.implied is None)

@@ -1,15 +1,16 @@
 """What stands on a plate of each kind of rule beside its code and its place: the parts of the map that it rules.
 
 A plate's params are written as texts (`PlateParams.texts`) and read back once, when its scene is read (`read_params`).
-Each field's metadata says what its names are names of; that these are there is checked against the map by
-`tsbench.sim.scene.Scene`.
+Each field's metadata says what its names are names of, a number has none; that these are there is checked against the
+map by `tsbench.sim.scene.Scene`. What a contrast scene asks beside its plate is written alike (`signs.contrast`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import TypeVar
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, TypeVar
 
 NAMES = "names"
 EDGE, LANE = {NAMES: "edge"}, {NAMES: "lane"}
@@ -18,16 +19,19 @@ JUNCTION, CROSSING, OBSTACLE = {NAMES: "junction"}, {NAMES: "crossing"}, {NAMES:
 
 @dataclass(frozen=True)
 class PlateParams:
-    """Base of all: fields are one name (str) or several in order (tuple of str)."""
+    """Base of all: fields are one name (str), several in order (tuple of str) or a number (float)."""
 
     def named(self) -> dict[str, tuple[str, ...]]:
-        """The names of each field."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        """The names of each field that holds names."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if NAMES in f.metadata}
         return {key: (value,) if isinstance(value, str) else value for key, value in values.items()}
 
     def texts(self) -> dict[str, str]:
-        """As they stand in a scene file: several names with spaces between."""
-        return {key: " ".join(names) for key, names in self.named().items()}
+        """As they stand in a scene file: several names with spaces between, none left out."""
+        numbers = {
+            f.name: repr(float(getattr(self, f.name))) for f in fields(self) if NAMES not in f.metadata
+        }
+        return {**{key: " ".join(names) for key, names in self.named().items() if names}, **numbers}
 
 
 @dataclass(frozen=True)
@@ -93,15 +97,25 @@ Params = TypeVar("Params", bound=PlateParams)
 
 def read_params(kind: type[Params], given: Mapping[str, str]) -> Params:
     """The params of one kind from their texts. Raises ValueError for one that is missing, empty or of no such kind."""
-    wanted = {f.name: f.type for f in fields(kind)}
-    for key in wanted:
-        if not given.get(key, "").split():
+    wanted = {f.name: f for f in fields(kind)}
+    for key, param in wanted.items():
+        if not given.get(key, "").split() and (key in given or param.default is MISSING):
             raise ValueError(f"param {key!r} is missing")
     strange = sorted(set(given) - set(wanted))
     if strange:
         raise ValueError(f"param {strange[0]!r} is none of {', '.join(wanted)}")
-    names = {key: tuple(text.split()) for key, text in given.items()}
-    for key, several in names.items():
-        if wanted[key] == "str" and len(several) != 1:
-            raise ValueError(f"param {key!r} must be one name, not {given[key]!r}")
-    return kind(**{key: several[0] if wanted[key] == "str" else several for key, several in names.items()})
+    return kind(**{key: _value(wanted[key], text) for key, text in given.items()})
+
+
+def _value(param: Field[Any], text: str) -> str | tuple[str, ...] | float:
+    names = tuple(text.split())
+    if NAMES in param.metadata and param.type != "str":
+        return names
+    if len(names) != 1:
+        raise ValueError(f"param {param.name!r} must be one name, not {text!r}")
+    if NAMES in param.metadata:
+        return names[0]
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"param {param.name!r}: {text} is not a finite number")
+    return number

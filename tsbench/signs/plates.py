@@ -22,13 +22,8 @@ _CACHED_PICTURES = 512
 def plate_svg(code: str, value: float | None = None) -> str:
     """The plate as an SVG document of 200 x 200 units without any text element.
 
-    Args:
-        code: catalogue code.
-        value: posted value, required where the sign prints one.
-
-    Raises:
-        InputError: unknown code, or a drawing that does not parse.
-        ValueError: the sign cannot carry this value.
+    value: required where the sign prints one. Raises InputError for an unknown code or a drawing that does not parse,
+    ValueError for a value that the sign cannot carry.
     """
     catalog = load_catalog()
     sign = catalog.sign(code)

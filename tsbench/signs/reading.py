@@ -1,15 +1,23 @@
-"""Reading a YAML file key by key, so that every problem is one line: file: key: what is wrong."""
+"""From YAML to frozen dataclasses, each field by its type; every problem is one line: file: key: what is wrong."""
 
-from collections.abc import Iterable, Mapping
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, Literal, NoReturn, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
 
+SCHEMA = 1
+
 _TOO_BIG = 1e300  # shuts out infinity, and whole numbers that no float can hold
+
+Shape = TypeVar("Shape")
+Meaning = TypeVar("Meaning")
 
 
 class _UniqueKeyLoader(yaml.CSafeLoader):
@@ -27,128 +35,105 @@ class _UniqueKeyLoader(yaml.CSafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def read_yaml(path: Path) -> "Fields":
-    """The mapping at the top of a YAML file.
+def read_file(kind: type[Shape], path: Path, name: str, meaning: Callable[[Shape], Meaning]) -> Meaning:
+    """What a file of the catalogue means: `meaning` of the dataclass that it holds, whose field `name` names the file.
 
-    Raises:
-        InputError: the file is missing, not UTF-8, not YAML, or no mapping.
+    Raises InputError for whatever is wrong with it, ValueError of `meaning` included.
     """
     content = textfile.read_yaml(path, "sheet of the sign catalogue", _UniqueKeyLoader)
     if not isinstance(content, dict):
         raise InputError(f"{path}: the file must be a mapping of keys")
-    return Fields(content, str(path))
+    try:
+        schema = build(int, content.pop("schema", 0), "schema")
+        if schema != SCHEMA:
+            raise ValueError(f"schema: is {schema}, this version reads {SCHEMA}")
+        file = build(kind, content)
+        if (written := getattr(file, name)) != path.stem:
+            raise ValueError(f"{name}: {written!r} stands in the file of {path.stem!r}")
+        return meaning(file)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
-class Fields:
-    """A mapping that is taken apart key by key; `done` complains about what nobody asked for.
+def build(kind: Any, value: object, where: str = "") -> Any:
+    """A value of YAML as a type wants it; ValueError (`where`: what is wrong) for another.
 
-    Each getter raises InputError where the key is missing (unless it has a default) or of the wrong kind.
+    kind: str, float, int (at least 1), bool, a Literal of texts, a tuple, a Mapping by text, a dataclass by its
+    fields (one with a default, or of no value, may be missing), and the first of a union that is as nested as the
+    value.
     """
-
-    def __init__(self, content: Mapping[object, object], where: str) -> None:
-        self._content = dict(content)
-        self._where = where
-        self._asked: set[object] = set()
-
-    def fail(self, key: str, problem: str) -> NoReturn:
-        """Raise the one-line error of a key."""
-        raise InputError(f"{self._where}: {key}: {problem}")
-
-    def has(self, key: str) -> bool:
-        """Whether the key is there with something behind it."""
-        self._asked.add(key)
-        return self._content.get(key) is not None
-
-    def names(self) -> tuple[str, ...]:
-        """All keys in the order of the file."""
-        for key in self._content:
-            if not isinstance(key, str):
-                self.fail(repr(key), "the key must be text (quote it)")
-        return tuple(str(key) for key in self._content)
-
-    def done(self) -> None:
-        """Raise for a key that no getter asked for."""
-        for key in self._content:
-            if key not in self._asked:
-                raise InputError(f"{self._where}: {key}: unknown key")
-
-    def fields(self, key: str) -> "Fields":
-        """A nested mapping."""
-        value = self._get(key)
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin is types.UnionType:
+        several = [part for part in parts if get_origin(part) is tuple]
+        return build(several[0] if several and isinstance(value, list) else parts[0], value, where)
+    if origin is tuple:
+        return _tuple(parts, value, where)
+    if origin is Mapping or is_dataclass(kind):
         if not isinstance(value, dict):
-            self.fail(key, "must be a mapping")
-        return Fields(value, f"{self._where}: {key}")
+            _fail(where, "must be a mapping")
+        strange = next((key for key in value if not isinstance(key, str)), None)
+        if strange is not None:
+            _fail(_below(where, repr(strange)), "the key must be text (quote it)")
+        if origin is Mapping:
+            return {key: build(parts[1], entry, _below(where, key)) for key, entry in value.items()}
+        return _dataclass(kind, value, where)
+    return _scalar(kind, value, where)
 
-    def optional_fields(self, key: str) -> "Fields":
-        """A nested mapping, empty where the key is missing."""
-        return self.fields(key) if self.has(key) else Fields({}, f"{self._where}: {key}")
 
-    def text(self, key: str, among: Iterable[str] | None = None) -> str:
-        """A text that is not empty, on request one of a vocabulary."""
-        return self._as_text(key, self._get(key), among)
+def _tuple(parts: tuple[Any, ...], value: object, where: str) -> tuple[Any, ...]:
+    if not isinstance(value, list):
+        _fail(where, "must be a list")
+    if parts[-1] is not ... and len(value) != len(parts):
+        _fail(where, f"must be {len(parts)} entries")
+    entries = tuple(build(parts[0], entry, where) for entry in value)
+    if isinstance(next(iter(entries), None), str) and len(set(entries)) < len(entries):
+        _fail(where, "an entry stands twice")
+    return entries
 
-    def texts(self, key: str, among: Iterable[str] | None = None) -> tuple[str, ...]:
-        """A list of different texts; may be empty."""
-        words = tuple(self._as_text(key, item, among) for item in self._list(key))
-        if len(set(words)) < len(words):
-            self.fail(key, "an entry stands twice")
-        return words
 
-    def words(self, key: str, among: Iterable[str]) -> tuple[str, ...]:
-        """One word or a list of at least one."""
-        words = self.texts(key, among) if isinstance(self._get(key), list) else (self.text(key, among),)
-        if not words:
-            self.fail(key, "needs at least one word")
-        return words
+def _dataclass(kind: Any, value: Mapping[str, object], where: str) -> Any:
+    hints = _hints(kind)
+    for key in value:
+        if key not in hints:
+            _fail(_below(where, key), "unknown key")
+    given: dict[str, Any] = {}
+    for field in fields(kind):
+        if value.get(field.name) is not None:
+            given[field.name] = build(hints[field.name], value[field.name], _below(where, field.name))
+        elif field.default is MISSING and field.default_factory is MISSING:
+            _fail(_below(where, field.name), "is missing")
+    try:
+        return kind(**given)
+    except ValueError as error:
+        raise ValueError(_below(where, str(error))) from None
 
-    def number(self, key: str) -> float:
-        """A finite number."""
-        return self._as_number(key, self._get(key))
 
-    def numbers(self, key: str) -> tuple[float, ...]:
-        """A list of finite numbers."""
-        return tuple(self._as_number(key, item) for item in self._list(key))
-
-    def integer(self, key: str) -> int:
-        """A whole number of at least 1."""
-        value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            self.fail(key, f"must be a whole number of at least 1, not {value!r}")
-        return value
-
-    def optional_integer(self, key: str) -> int | None:
-        """A whole number of at least 1, None where the key is missing."""
-        return self.integer(key) if self.has(key) else None
-
-    def flag(self, key: str) -> bool:
-        """A truth value, False where the key is missing."""
-        if not self.has(key):
-            return False
-        value = self._get(key)
+def _scalar(kind: Any, value: object, where: str) -> object:
+    if kind is bool:
         if not isinstance(value, bool):
-            self.fail(key, f"must be true or false, not {value!r}")
-        return value
-
-    def _get(self, key: str) -> object:
-        self._asked.add(key)
-        if self._content.get(key) is None:
-            self.fail(key, "is missing")
-        return self._content[key]
-
-    def _list(self, key: str) -> list[object]:
-        value = self._get(key)
-        if not isinstance(value, list):
-            self.fail(key, "must be a list")
-        return value
-
-    def _as_text(self, key: str, value: object, among: Iterable[str] | None) -> str:
-        if not isinstance(value, str) or not value.strip():
-            self.fail(key, f"must be text, not {value!r} (quote codes and numbers)")
-        if among is not None and value not in (words := tuple(among)):
-            self.fail(key, f"{value!r} is none of {', '.join(words)}")
-        return value
-
-    def _as_number(self, key: str, value: object) -> float:
+            _fail(where, f"must be true or false, not {value!r}")
+    elif kind is int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            _fail(where, f"must be a whole number of at least 1, not {value!r}")
+    elif kind is float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < _TOO_BIG:
-            self.fail(key, f"must be a number, not {value!r}")
+            _fail(where, f"must be a number, not {value!r}")
         return float(value)
+    elif not isinstance(value, str) or not value.strip():
+        _fail(where, f"must be text, not {value!r} (quote codes and numbers)")
+    elif get_origin(kind) is Literal and value not in get_args(kind):
+        _fail(where, f"{value!r} is none of {', '.join(get_args(kind))}")
+    return value
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def _below(where: str, key: str) -> str:
+    return f"{where}: {key}" if where else key
+
+
+def _fail(where: str, problem: str) -> NoReturn:
+    raise ValueError(f"{where}: {problem}")

@@ -1,16 +1,15 @@
 """The kinds of rules that there are, each declared here once.
 
 Everything else attaches to a kind by its name: its texts and numbers (`sign_catalog/rules/<name>.yaml`), its monitor
-(`rules.registry`), its expert's constraint (`planners.expert`), how it is taught (`learn.finetune_targets`), its
-labelled cases (`tests/cases/<name>/`) and its section of docs/rules.md. Tables in code go through `for_every_kind`, so
-that a kind that is half there is an error when they are imported.
+(`rules/<name>.py`), its expert's constraint (`planners/experts/rules/<name>.py`), its labelled cases
+(`tests/cases/<name>/`) and its section of docs/rules.md. A kind that is half there is an error when these are imported.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import TypeVar
 
 from tsbench.signs.plate_params import (
@@ -25,18 +24,16 @@ from tsbench.signs.plate_params import (
     ZoneParams,
 )
 
-_UNITS = ("s", "m", "mps", "mps2", "kmh", "deg", "cos", "sin", "widths")
+_UNITS = ("s", "m", "mps", "mps2", "kmh", "deg", "cos", "sin", "widths", "ratio")
 
 
 @dataclass(frozen=True)
 class RuleKind:
     """One kind of rule.
 
-    Attributes:
-        name: such as "give_way".
-        params: what stands on its plates; None where the plate's own edge and place say all.
-        thresholds: keys of the numbers that decide its verdicts, with spaces between; a key ends with its unit.
-        clauses: ids of the ways to break it, likewise.
+    params: what stands on its plates; None where the plate's own edge and place say all. thresholds: keys of the
+    numbers that decide its verdicts, with spaces between; a key ends with its unit. clauses: ids of the ways to break
+    it, likewise.
     """
 
     name: str
@@ -89,17 +86,38 @@ _KINDS = (
         "in_reserved_lane contact",
     ),
 )
+# Of no plate: what a contrast scene asks beside the rule of its plate (`signs.contrast`).
+NEEDLESS = RuleKind(
+    "needless",
+    None,
+    "before_line_m standing_mps standing_s passage_time_ratio lateral_mps2 slow_zone_m slow_speed_ratio "
+    f"leader_gap_s lane_s {_ROAD}",
+    "needless_stop needless_yield needless_slow needless_detour",
+)
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
 
 Part = TypeVar("Part")
 
 
-def for_every_kind(what: str, table: Mapping[str, Part]) -> Mapping[str, Part]:
-    """A table by kind of rule, read-only. Raises ValueError where a declared kind has no entry or an entry no kind."""
-    missing = [name for name in RULE_KINDS if name not in table]
-    strange = [name for name in table if name not in RULE_KINDS]
-    if missing:
-        raise ValueError(f"rule {missing[0]!r} is declared in signs/rule_kinds.py, but has no {what}")
-    if strange:
-        raise ValueError(f"a {what} for rule {strange[0]!r}, which is not declared in signs/rule_kinds.py")
-    return MappingProxyType(dict(table))
+def class_of_every_kind(modules: Mapping[str, ModuleType], base: type[Part]) -> Mapping[str, type[Part]]:
+    """For each kind the subclass of `base` that the module of its name defines; other modules are helpers of these.
+
+    Raises ValueError for a kind without a module, and for a module of a kind that defines none, or several.
+    """
+    found: dict[str, type[Part]] = {}
+    for name in RULE_KINDS:
+        if name not in modules:
+            places = {module.__name__.rpartition(".")[0] for module in modules.values()}
+            raise ValueError(
+                f"rule {name!r} is declared in signs/rule_kinds.py, but {', '.join(places)} has no {name}.py"
+            )
+        module = modules[name]
+        own = [
+            value
+            for value in vars(module).values()
+            if isinstance(value, type) and issubclass(value, base) and value.__module__ == module.__name__
+        ]
+        if len(own) != 1:
+            raise ValueError(f"{module.__file__}: defines {len(own)} {base.__name__} classes, not one")
+        found[name] = own[0]
+    return MappingProxyType(found)

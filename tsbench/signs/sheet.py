@@ -5,6 +5,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.countries import Country, shown_code
 from tsbench.signs.model import GROUPS, Sign
@@ -39,18 +40,11 @@ def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
 
 
 def save_sheet(catalog: Catalog, path: Path, country: Country | None = None) -> None:
-    """Draw the contact sheet into a PNG file, whose folder is made where it is missing.
-
-    Raises:
-        InputError: the file is no PNG by name or cannot be written.
-    """
+    """Draw the contact sheet into a PNG file. Raises InputError where it is none by name or cannot be written."""
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the sheet is a PNG, name it so")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw_sheet(catalog, country).save(path, format="PNG")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from error
+    with io_errors_as_input_errors(path), replacing(path) as part:
+        draw_sheet(catalog, country).save(part, format="PNG")
 
 
 def _signs_of(catalog: Catalog, group: str) -> list[Sign]:

@@ -6,9 +6,8 @@ only; planners never see the plan.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from tsbench.roads.network import RoadNetwork
+from tsbench.sim.scene import ReleasePlan
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0
@@ -16,30 +15,6 @@ _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
 _LONG_S = 60.0
-
-
-class Meeting(Protocol):
-    """What a release goes by: see `sim.scene.ConvoyPlan`."""
-
-    @property
-    def line_lane(self) -> str:
-        """Lane whose end is the ego's line."""
-
-    @property
-    def ego_zone_m(self) -> float:
-        """From that line to the zone."""
-
-    @property
-    def lead_time_s(self) -> float:
-        """From the release until the first is there."""
-
-    @property
-    def ego_cruise_mps(self) -> float:
-        """What the ego may accelerate to."""
-
-    @property
-    def ego_turn_mps(self) -> float:
-        """Its speed at the line."""
 
 
 def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
@@ -60,7 +35,7 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
 class ConvoyRelease:
     """Decides the moment of release, of vehicles or pedestrians. `update` returns True once, at that tick."""
 
-    def __init__(self, plan: Meeting, network: RoadNetwork) -> None:
+    def __init__(self, plan: ReleasePlan, network: RoadNetwork) -> None:
         self.plan = plan
         lane = network.lane(plan.line_lane)
         self._edge = frozenset(network.edges[lane.edge].lanes)

@@ -16,7 +16,6 @@ from tsbench.core.textfile import read_json
 
 @cache
 def statistics() -> dict[str, Any]:
-    """The figures of `scenarios/nuplan_statistics.json`."""
     path = data_file("scenarios/nuplan_statistics.json")
     loaded: dict[str, Any] = read_json(path, "table of nuPlan's figures")
     return loaded

@@ -10,7 +10,8 @@ from tsbench.core.errors import InputError
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, ZoneParams
+from tsbench.signs.contrast import ContrastClause, PassageParams
+from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +38,14 @@ class EgoStart:
 
 
 @dataclass(frozen=True, slots=True)
-class ConvoyPlan:
-    """Vehicles held until their lead would reach the conflict zone together with the ego.
+class ReleasePlan:
+    """Road users held until their first would reach the conflict zone together with the ego; then all set off.
 
-    vehicles: SUMO ids, lead first. line_lane: lane id whose end is the ego's line. ego_zone_m: from that line to the
-    zone along the ego's nominal path. lead_time_s: from standing start to the zone, measured when the scene was built.
-    ego_cruise_mps, ego_turn_mps: what the prediction lets the ego accelerate to, and its speed at the line.
+    line_lane: lane id whose end is the ego's line. ego_zone_m: from that line to the zone along the ego's nominal path.
+    lead_time_s: from the release until the first is there. ego_cruise_mps, ego_turn_mps: what the prediction lets the
+    ego accelerate to, and its speed at the line.
     """
 
-    vehicles: tuple[str, ...]
     line_lane: str
     ego_zone_m: float
     lead_time_s: float
@@ -54,20 +54,18 @@ class ConvoyPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class WalkersPlan:
-    """Pedestrians held until the first of them would meet the ego at their crossing; then all set off.
+class ConvoyPlan(ReleasePlan):
+    """vehicles: SUMO ids, lead first. Their lead's time was measured when the scene was built."""
 
-    persons: SUMO ids. speeds: m/s, by person. line_lane, ego_cruise_mps, ego_turn_mps: as of a convoy. ego_zone_m: from
-    that line to the crossing. lead_time_s: from the release until the first is where it would meet the ego.
-    """
+    vehicles: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WalkersPlan(ReleasePlan):
+    """Pedestrians, whose zone is their crossing. persons: SUMO ids. speeds: m/s, by person."""
 
     persons: tuple[str, ...]
     speeds: tuple[float, ...]
-    line_lane: str
-    ego_zone_m: float
-    lead_time_s: float
-    ego_cruise_mps: float
-    ego_turn_mps: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,59 +80,79 @@ class SceneFile:
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A loaded scene. `target` is the id of the sign that the scenario is about; `horizon` in steps.
+class SceneLayout:
+    """What a recipe decides of a scene, and its additional file says.
 
-    route_hint: edges of the way that navigation gives at the start; compliant_hint: of an obedient way, where it
-    is another one. Both are for lint and pictures; no planner sees them.
+    target: id of the sign that the scenario is about. route_hint: edges of the way that navigation gives at the start;
+    compliant_hint: of an obedient way, where it is another one. Both are for lint and pictures; no planner sees them.
+    contrast: what is asked beside the target's rule in a contrast scene, where the target may bind nobody; else none.
+    """
+
+    signs: tuple[SignInstance, ...]
+    target: str
+    obstacles: tuple[Obstacle, ...]
+    start: EgoStart
+    destination: Destination
+    convoy: ConvoyPlan | None = None
+    route_hint: tuple[str, ...] = ()
+    compliant_hint: tuple[str, ...] = ()
+    walkers: WalkersPlan | None = None
+    contrast: tuple[ContrastClause, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(SceneLayout):
+    """A layout on its network. horizon: steps.
+
     Raises InputError where a plate's params name what is not there, or what does not fit its place.
     """
 
     net: SceneFile
     additional: SceneFile
     network: RoadNetwork
-    signs: tuple[SignInstance, ...]
-    target: str
-    obstacles: tuple[Obstacle, ...]
-    start: EgoStart
-    destination: Destination
-    convoy: ConvoyPlan | None
     horizon: int
     seed: int
-    route_hint: tuple[str, ...] = ()
-    compliant_hint: tuple[str, ...] = ()
-    walkers: WalkersPlan | None = None
 
     def __post_init__(self) -> None:
-        for sign in self.signs:
-            problem = self._problem(sign)
+        parts: list[tuple[str, str, PlateParams | None]] = [
+            (f"sign {s.id!r}", s.edge, s.params) for s in self.signs
+        ]
+        parts += [(f"contrast clause {c.name!r}", "", c.params) for c in self.contrast]
+        for what, edge, params in parts:
+            problem = None if params is None else self._problem(params) or self._misfit(params, edge)
             if problem is not None:
-                raise InputError(f"{self.additional}: sign {sign.id!r}: {problem}")
+                raise InputError(f"{self.additional}: {what}: {problem}")
 
-    def _problem(self, sign: SignInstance) -> str | None:
-        """What makes a plate's params impossible on this map, in words."""
-        params, network = sign.params, self.network
-        if params is None:
-            return None
+    def _problem(self, params: PlateParams) -> str | None:
+        """Which name in some params is that of nothing in this scene, in words."""
+        network = self.network
         known: dict[str, Container[str]] = {
             "edge": network.edges, "lane": network.lane_index, "junction": network.junctions,
             "crossing": network.crossings, "obstacle": {o.id for o in self.obstacles},
         }  # fmt: skip
-        for param in fields(params):
-            what = param.metadata[NAMES]
-            for name in params.named()[param.name]:
-                if name not in known[what]:
-                    return f"param {param.name!r}: no {what} {name!r}"
-        if isinstance(params, JunctionParams):
-            into = (params.approach, *(params.main_in if isinstance(params, GiveWayParams) else ()))
-            for edge in into:
-                if network.edges[edge].target != params.junction:
-                    return f"edge {edge!r} does not lead to junction {params.junction!r}"
-        if isinstance(params, ZoneParams) and params.zone_edges[0] != sign.edge:
-            return f"stands on edge {sign.edge!r}, but its zone starts with {params.zone_edges[0]!r}"
+        kinds = {f.name: f.metadata.get(NAMES, "") for f in fields(params)}
+        for key, names in params.named().items():
+            for name in names:
+                if name not in known[kinds[key]]:
+                    return f"param {key!r}: no {kinds[key]} {name!r}"
+        return None
+
+    def _misfit(self, params: PlateParams, edge: str) -> str | None:
+        """What makes some params impossible on this map, and at a plate on `edge`, in words."""
+        edges = self.network.edges
+        if isinstance(params, ZoneParams) and params.zone_edges[0] != edge:
+            return f"stands on edge {edge!r}, but its zone starts with {params.zone_edges[0]!r}"
+        if not isinstance(params, JunctionParams | PassageParams):
+            return None
+        node = params.junction if isinstance(params, JunctionParams) else edges[params.approach].target
+        main_in = params.main_in if isinstance(params, GiveWayParams | PassageParams) else ()
+        for one in (params.approach, *main_in):
+            if edges[one].target != node:
+                return f"edge {one!r} does not lead to junction {node!r}"
+        if isinstance(params, PassageParams) and edges[params.exit].source != node:
+            return f"edge {params.exit!r} does not lead away from junction {node!r}"
         return None
 
     @property
     def target_sign(self) -> SignInstance:
-        """The sign that the scenario is about."""
         return next(s for s in self.signs if s.id == self.target)

@@ -7,8 +7,8 @@ Units: m, s, m/s, rad; floats are written with repr and come back exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from lxml import etree
 
@@ -17,32 +17,28 @@ from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.footprint import corners
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
-from tsbench.signs.annotations import SignInstance, sign_to_poi, signs_from_additional
-from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, WalkersPlan
+from tsbench.signs.annotations import sign_to_poi, signs_from_additional
+from tsbench.signs.contrast import contrast_from_additional, contrast_to_poi
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, SceneLayout, WalkersPlan
 
 EGO_ID = "ego"
 
 
-@dataclass(frozen=True)
-class SceneLayout:
-    """What a recipe decides, before it becomes elements: see `Scene` for the fields."""
-
-    signs: tuple[SignInstance, ...]
-    target: str
-    obstacles: tuple[Obstacle, ...]
-    start: EgoStart
-    destination: Destination
-    convoy: ConvoyPlan | None
-    route_hint: tuple[str, ...]
-    compliant_hint: tuple[str, ...] = ()
-    walkers: WalkersPlan | None = None
+# Numbers of an obstacle and of a plan, by which they are written and read.
+_BOX = ("x", "y", "heading", "length", "width")
+_PLAN = ("ego_zone_m", "lead_time_s", "ego_cruise_mps", "ego_turn_mps")
 
 
 def _poi(kind: str, x: float, y: float, color: str, params: dict[str, str]) -> etree._Element:
-    poi = etree.Element("poi", id=kind, type=kind, color=color, layer="90", x=repr(x), y=repr(y))
+    return _with_params(
+        etree.Element("poi", id=kind, type=kind, color=color, layer="90", x=repr(x), y=repr(y)), params
+    )
+
+
+def _with_params(element: etree._Element, params: dict[str, str]) -> etree._Element:
     for key, value in params.items():
-        etree.SubElement(poi, "param", key=key, value=value)
-    return poi
+        etree.SubElement(element, "param", key=key, value=value)
+    return element
 
 
 def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._Element]:
@@ -67,6 +63,9 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
             "speeds": " ".join(map(repr, layout.walkers.speeds)),
         }
         elements.append(_plan_poi("walkers", layout.walkers, held, network))
+    if layout.contrast:
+        target = next(sign for sign in layout.signs if sign.id == layout.target)
+        elements.extend(contrast_to_poi(clause, target.x, target.y) for clause in layout.contrast)
     elements.extend(_obstacle_poly(o) for o in layout.obstacles)
     return elements
 
@@ -76,14 +75,7 @@ def _plan_poi(
 ) -> etree._Element:
     """Who is held and when it is let go, at the ego's line."""
     line = network.lane(plan.line_lane).line
-    params = {
-        **held,
-        "line_lane": plan.line_lane,
-        "ego_zone_m": repr(plan.ego_zone_m),
-        "lead_time_s": repr(plan.lead_time_s),
-        "ego_cruise_mps": repr(plan.ego_cruise_mps),
-        "ego_turn_mps": repr(plan.ego_turn_mps),
-    }
+    params = held | {"line_lane": plan.line_lane} | {name: repr(getattr(plan, name)) for name in _PLAN}
     return _poi(kind, *line.point_at(line.length), "cyan", params)
 
 
@@ -92,11 +84,8 @@ def _obstacle_poly(o: Obstacle) -> etree._Element:
     poly = etree.Element(
         "poly", id=o.id, type="obstacle", color="orange", fill="true", layer="80", shape=shape
     )  # fmt: skip
-    values = {"shape": o.shape, "lane": o.lane}
-    values |= {k: repr(getattr(o, k)) for k in ("x", "y", "heading", "length", "width")}
-    for key, value in values.items():
-        etree.SubElement(poly, "param", key=key, value=value)
-    return poly
+    values = {"shape": o.shape, "lane": o.lane} | {name: repr(getattr(o, name)) for name in _BOX}
+    return _with_params(poly, values)
 
 
 def read_additional(path: Path, content: bytes | None = None) -> etree._Element:
@@ -127,10 +116,13 @@ def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
             ),
             start=EgoStart(start["lane"], float(start["s"]), float(start["speed"])),
             destination=Destination(end["edge"], float(end["s"])),
-            convoy=None if convoy is None else _convoy(convoy),
+            convoy=None
+            if convoy is None
+            else ConvoyPlan(**_plan(convoy), vehicles=tuple(convoy["vehicles"].split())),
             route_hint=tuple(start["route"].split()),
             compliant_hint=tuple(start.get("compliant", "").split()),
             walkers=None if walkers is None else _walkers(walkers),
+            contrast=contrast_from_additional(root, str(path)),
         )
     except KeyError as error:
         raise InputError(f"{path}: scene file lacks {error}") from None
@@ -142,42 +134,24 @@ def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
 
 
 def _obstacle(obstacle_id: str, p: dict[str, str]) -> Obstacle:
-    x, y, heading, length, width = (float(p[k]) for k in ("x", "y", "heading", "length", "width"))
-    return Obstacle(obstacle_id, p["shape"], x, y, heading, length, width, p["lane"])
+    box: dict[str, Any] = {name: float(p[name]) for name in _BOX}
+    return Obstacle(id=obstacle_id, shape=p["shape"], lane=p["lane"], **box)
 
 
-def _convoy(p: dict[str, str]) -> ConvoyPlan:
-    return ConvoyPlan(
-        vehicles=tuple(p["vehicles"].split()),
-        line_lane=p["line_lane"],
-        ego_zone_m=float(p["ego_zone_m"]),
-        lead_time_s=float(p["lead_time_s"]),
-        ego_cruise_mps=float(p["ego_cruise_mps"]),
-        ego_turn_mps=float(p["ego_turn_mps"]),
-    )
+def _plan(p: dict[str, str]) -> dict[str, Any]:
+    return {"line_lane": p["line_lane"], **{name: float(p[name]) for name in _PLAN}}
 
 
 def _walkers(p: dict[str, str]) -> WalkersPlan:
     persons, speeds = tuple(p["persons"].split()), tuple(map(float, p["speeds"].split()))
     if not persons or len(persons) != len(speeds):
         raise ValueError(f"{len(persons)} walkers with {len(speeds)} speeds")
-    return WalkersPlan(
-        persons=persons,
-        speeds=speeds,
-        line_lane=p["line_lane"],
-        ego_zone_m=float(p["ego_zone_m"]),
-        lead_time_s=float(p["lead_time_s"]),
-        ego_cruise_mps=float(p["ego_cruise_mps"]),
-        ego_turn_mps=float(p["ego_turn_mps"]),
-    )
+    return WalkersPlan(**_plan(p), persons=persons, speeds=speeds)
 
 
 def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None:
-    lanes = {"start": layout.start.lane}
-    if layout.convoy is not None:
-        lanes["convoy"] = layout.convoy.line_lane
-    if layout.walkers is not None:
-        lanes["walkers"] = layout.walkers.line_lane
+    plans = {"convoy": layout.convoy, "walkers": layout.walkers}
+    lanes = {"start": layout.start.lane} | {what: plan.line_lane for what, plan in plans.items() if plan}
     lanes |= {f"obstacle {o.id}": o.lane for o in layout.obstacles}
     for what, lane in lanes.items():
         if lane not in network.lane_index:
@@ -196,9 +170,4 @@ def scene_from_layout(
 ) -> Scene:
     """Network and layout as one scene. Raises InputError where the layout names a lane or edge that is not there."""
     _check_places(layout, network, additional.path)
-    return Scene(
-        net=net, additional=additional, network=network, signs=layout.signs,
-        target=layout.target, obstacles=layout.obstacles, start=layout.start, destination=layout.destination,
-        convoy=layout.convoy, horizon=horizon, seed=seed, route_hint=layout.route_hint,
-        compliant_hint=layout.compliant_hint, walkers=layout.walkers,
-    )  # fmt: skip
+    return Scene(**vars(layout), net=net, additional=additional, network=network, horizon=horizon, seed=seed)

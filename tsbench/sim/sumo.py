@@ -16,6 +16,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 
+from tsbench.core.benchmark import ROAD_USER_RANGE_M
 from tsbench.core.errors import SimulationError
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.ego import Motion
@@ -23,9 +24,7 @@ from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, Box
 
-VIEW_M = 120.0
 OBSTACLE_PREFIX = "obstacle"
-CONVOY_PREFIX = "convoy"
 
 _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
 # keepRoute of moveToXY: off the road too (2), and on lanes that the ego may not use (4), or nobody there would see it.
@@ -67,11 +66,6 @@ class _Sight:
         return Actors(table, index, pose, speed, lane, place, tuple(self.boxes))
 
 
-def sumo_version() -> str:
-    """Version of the SUMO library, such as "SUMO 1.28.0"."""
-    return str(libsumo.getVersion()[1])
-
-
 @contextmanager
 def _in_memory(content: bytes) -> Iterator[str]:
     """A path by which SUMO, in this process, can read `content`: gone with the block, or with the process."""
@@ -84,12 +78,33 @@ def _in_memory(content: bytes) -> Iterator[str]:
         os.close(file)
 
 
+class _Library:
+    """libsumo is one for the process, whoever talks to it: what outlives a `Simulation` stands here.
+
+    holder: who loaded the scene that is there, None = nobody. placed: a move that no step has carried out.
+    """
+
+    holder: Simulation | None = None
+    placed = False
+
+    def settle(self) -> None:
+        """Carry out a move that is left: it would outlive its simulation and crash the next one."""
+        if self.placed:
+            self.placed = False
+            libsumo.simulationStep()
+
+
+_LIBRARY = _Library()
+
+
 class Simulation:
-    """SUMO with one scene at a time. `load_scene`, then `place_ego` and `step` in turn, then `actors`."""
+    """SUMO with one scene at a time. `load_scene`, then `place_ego` and `step` in turn, then `actors`.
+
+    A process has one scene at a time too: where another `Simulation` has loaded one, `step` and `place_ego` of this one
+    raise SimulationError until it loads again.
+    """
 
     def __init__(self) -> None:
-        self._running = False
-        self._placed = False
         self._table = ActorTable()
         self._lane_index: dict[str, int] = {}
         self._seen: tuple[str, ...] = ()
@@ -110,17 +125,15 @@ class Simulation:
 
     def _load(self, net: str, additional: str, network: RoadNetwork, seed: int, where: Path) -> None:
         options = ["-n", net, "-a", additional, "--seed", str(seed & 0x7FFFFFFF), *_OPTIONS]
-        if self._placed:
-            # A move that no step has carried out outlives its simulation and crashes the next one.
-            self.step()
         try:
-            if self._running:
+            _LIBRARY.settle()
+            if _LIBRARY.holder is not None:
                 libsumo.load(options)
             else:
                 libsumo.start(["sumo", *options])
-                self._running = True
+            _LIBRARY.holder = self
         except _SUMO_ERRORS as error:
-            self._running = False
+            _LIBRARY.holder = None
             raise SimulationError(f"{where}: SUMO does not load the scene ({error})") from error
         self._lane_index = network.lane_index
         self._table = ActorTable()
@@ -130,7 +143,6 @@ class Simulation:
 
     @property
     def table(self) -> ActorTable:
-        """Road users seen since the scene was loaded."""
         return self._table
 
     def start_ego(self, motion: Motion, edge: str, lane_order: int) -> None:
@@ -144,6 +156,7 @@ class Simulation:
 
     def place_ego(self, m: Motion, edge: str, lane_order: int) -> None:
         """Put the ego where its own motion says; `edge` and `lane_order` ("" and -1 where unknown) are only a hint."""
+        self._check_holder()
         half = EGO_LENGTH_M / 2
         x, y = m.x + half * math.cos(m.heading), m.y + half * math.sin(m.heading)
         if not math.isfinite(x + y + m.speed):
@@ -151,11 +164,11 @@ class Simulation:
         libsumo.vehicle.moveToXY(EGO_ID, edge, lane_order, x, y, 90.0 - math.degrees(m.heading), _ANYWHERE)
         libsumo.vehicle.setPreviousSpeed(EGO_ID, m.speed)
         self._ego_front = (x, y)
-        self._placed = True
+        _LIBRARY.placed = True
 
     def step(self) -> None:
-        """Advance 0.1 s."""
-        self._placed = False
+        self._check_holder()
+        _LIBRARY.placed = False
         try:
             libsumo.simulationStep()
         except _SUMO_ERRORS as error:
@@ -203,7 +216,6 @@ class Simulation:
         self._persons = tuple(sorted(persons))
 
     def let_walk(self, person: str, speed: float) -> None:
-        """Let a pedestrian who is held go on."""
         if person in libsumo.person.getIDList():
             libsumo.person.setSpeed(person, speed)
 
@@ -220,14 +232,8 @@ class Simulation:
     def add_car(self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int) -> None:
         """Let a car of a loaded type in at the start of its first edge, as fast as is safe."""
         libsumo.route.add(f"{vehicle}_route", edges)
-        libsumo.vehicle.add(
-            vehicle,
-            f"{vehicle}_route",
-            vtype,
-            departLane=str(lane_order),
-            departPos="base",
-            departSpeed="max",
-        )
+        depart = {"departLane": str(lane_order), "departPos": "base", "departSpeed": "max"}
+        libsumo.vehicle.add(vehicle, f"{vehicle}_route", vtype, **depart)
 
     def distance_driven(self, vehicle: str) -> float:
         """Metres since its departure, its start position included."""
@@ -271,7 +277,9 @@ class Simulation:
         p, known = libsumo.person, self._bodies
         there = frozenset(p.getIDList())
         near = [
-            i for i in self._persons if i in there and math.dist(p.getPosition(i), self._ego_front) <= VIEW_M
+            i
+            for i in self._persons
+            if i in there and math.dist(p.getPosition(i), self._ego_front) <= ROAD_USER_RANGE_M
         ]
         return [
             known[i]
@@ -284,19 +292,15 @@ class Simulation:
         self, domain: type[libsumo.vehicle] | type[libsumo.person], bodies: list[_Body], sight: _Sight
     ) -> None:
         """Read where these are; those farther than 120 m from the ego's front are left out."""
-        position, angle, speed, place = (
-            domain.getPosition,
-            domain.getAngle,
-            domain.getSpeed,
-            domain.getLanePosition,
-        )
+        position, angle = domain.getPosition, domain.getAngle
+        speed, place = domain.getSpeed, domain.getLanePosition
         lane_of, lanes = domain.getLaneID, self._lane_index
         ego_x, ego_y = self._ego_front
         boxes, poses, cos, sin = sight.boxes, sight.poses, math.cos, math.sin
         for name, row, half, length, width in bodies:
             x, y = position(name)
             dx, dy = x - ego_x, y - ego_y
-            if dx * dx + dy * dy > VIEW_M * VIEW_M:
+            if dx * dx + dy * dy > ROAD_USER_RANGE_M * ROAD_USER_RANGE_M:
                 continue
             heading = ((270.0 - angle(name)) % 360.0 - 180.0) * _RAD_PER_DEGREE
             x, y = x - half * cos(heading), y - half * sin(heading)
@@ -308,7 +312,14 @@ class Simulation:
             sight.places.append(place(name))
 
     def close(self) -> None:
-        """End SUMO in this process."""
-        if self._running:
+        """End SUMO in this process, unless another `Simulation` has a scene in it."""
+        if _LIBRARY.holder is self:
+            _LIBRARY.holder = None
+            _LIBRARY.settle()
             libsumo.close()
-            self._running = False
+
+    def _check_holder(self) -> None:
+        if _LIBRARY.holder is not self:
+            raise SimulationError(
+                "no scene of this Simulation is loaded: SUMO holds one for the process, and another has taken its place"
+            )

@@ -26,8 +26,6 @@ Box = tuple[float, float, float, float, float]
 
 
 class ActorKind(IntEnum):
-    """What another road user is."""
-
     CAR = 0
     BUS = 1
     BICYCLE = 2
@@ -55,7 +53,6 @@ class EgoState:
 
     @property
     def front(self) -> tuple[float, float]:
-        """Middle of the front edge."""
         half = EGO_LENGTH_M / 2
         return self.x + half * math.cos(self.heading), self.y + half * math.sin(self.heading)
 
@@ -63,8 +60,7 @@ class EgoState:
 class ActorTable:
     """What stays the same of each road user of an episode; grows as they appear (row = `Actors.index`).
 
-    Attributes:
-        ids: SUMO ids. kind: ActorKind values. length, width, longest: m. routes: edge ids in order (empty for persons).
+    ids: SUMO ids. kind: ActorKind values. length, width, longest: m. routes: edge ids in order (empty for persons).
     """
 
     def __init__(self, capacity: int = 256) -> None:

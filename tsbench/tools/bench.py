@@ -11,15 +11,17 @@ import multiprocessing
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing.synchronize import Barrier
 
-from tsbench.episode.runner import EpisodeRunner, Phase
+from tsbench.episode.phase import Phase
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import episode_metrics
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.sim.ego import Motion
+from tsbench.sim.ego import Motion, start_motion
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EgoState
@@ -40,7 +42,6 @@ class BenchResult:
     workers_speedup: float
 
     def to_dict(self) -> dict[str, float]:
-        """Plain figures for JSON."""
         return {k: round(v, 4) for k, v in asdict(self).items()}
 
 
@@ -49,7 +50,7 @@ class _Loops:
 
     def __init__(self) -> None:
         # One simulation per process: the loops and the runner take turns with it.
-        self.runner = EpisodeRunner("idm", "idm", heartbeat=self._beat)
+        self.runner = EpisodeRunner(resolve("idm"), heartbeat=self._beat)
         self._loop_began = 0.0
         self.sim: Simulation = self.runner.simulation
         self.loader = SceneLoader()
@@ -61,7 +62,6 @@ class _Loops:
             self._loop_began = time.process_time()
 
     def bare(self, spec: ScenarioSpec) -> tuple[float, int, int]:
-        """SUMO alone."""
         scene, _ = self.loader.load(spec)
         self.sim.load_scene(scene)
         began = time.process_time()
@@ -74,11 +74,12 @@ class _Loops:
         """The ego rolls along its path at 5 m/s, placed and read at each tick."""
         scene, roads = self.loader.load(spec)
         lane = scene.network.lane(scene.start.lane)
-        x, y = lane.line.point_at(scene.start.s)
-        motion = Motion(x, y, lane.line.heading_at(scene.start.s), 5.0)
+        motion = replace(start_motion(scene), speed=5.0)
         self.sim.load_scene(scene)
         self.sim.start_ego(motion, lane.edge, lane.order)
-        state = EgoState(x, y, motion.heading, 5.0, 0.0, 0.0, 0.0, lane.index, scene.start.s, 0.0, True)
+        state = EgoState(
+            motion.x, motion.y, motion.heading, 5.0, 0.0, 0.0, 0.0, lane.index, scene.start.s, 0.0, True
+        )
         line = Navigator(roads.graph, scene.destination).update(state).path.line
         # Five metres a second for as long as the path lasts, and 20 m less: the ego stays on the map.
         ticks = min(TICKS, int((line.length - 20.0) / (5.0 * DT_S)))
@@ -127,7 +128,7 @@ def bench_scenes(limit: int) -> list[ScenarioSpec]:
 
 def _episodes(specs: Sequence[ScenarioSpec], gate: Barrier, seconds: multiprocessing.Queue[float]) -> None:
     """In a worker process: warm up, wait for the others, then run all episodes."""
-    runner = EpisodeRunner("idm", "idm")
+    runner = EpisodeRunner(resolve("idm"))
     runner.run(specs[0])
     gate.wait()
     began = time.perf_counter()

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tsbench.planners.common.batching import Infer, Records
-from tsbench.planners.registry import resolve
-from tsbench.tools.doctor.arithmetic import NETWORKS, questions
+from tsbench.tools.doctor.arithmetic import NETWORKS, batched, questions
 
 _ROUNDS, _BATCH = 30, 8
 
@@ -17,7 +16,7 @@ _ROUNDS, _BATCH = 30, 8
 def bench_networks() -> Iterator[tuple[str, float, float]]:
     """(planner, CPU ms for one answer alone, ms for each of eight); the least over many rounds, as others disturb."""
     for name in NETWORKS:
-        infer = resolve(name).factory.network("cpu")  # type: ignore[attr-defined]
+        infer = batched(name).network("cpu")
         asked = np.resize(questions(name), _BATCH)
         yield name, _least(infer, asked[:1]), _least(infer, asked) / _BATCH
 

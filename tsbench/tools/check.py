@@ -20,19 +20,20 @@ from typing import Any
 
 import numpy as np
 
+from tsbench.core.benchmark import ROWS
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD
 
 SCENES = 10
-_PATIENCE_S = 60.0
+_WAIT_LIMIT_S = 60.0
 _SLOW_STEP_S = 0.1
 _GROWTH_BYTES = 4_000_000
 _CHATTY_BYTES = 2_000
-_BATCH_ROWS = 5_800
 
 
 @dataclass
@@ -65,16 +66,16 @@ def choose(specs: Sequence[ScenarioSpec], count: int = SCENES) -> list[ScenarioS
 
 
 def check_driving(
-    spec: str, name: str, scenes: Sequence[ScenarioSpec], patience_s: float = _PATIENCE_S
+    spec: str, scenes: Sequence[ScenarioSpec], wait_limit_s: float = _WAIT_LIMIT_S
 ) -> list[Finding]:
     """Findings from driving the planner through the scenes, the first one three times.
 
-    patience_s: how long one step of the planner, or making it, may take before it is given up.
+    wait_limit_s: how long one step of the planner, or making it, may take before it is given up.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     beats = context.RawValue("Q", 0)
-    child = context.Process(target=_drive, args=(sender, beats, spec, name, list(scenes)), daemon=True)
+    child = context.Process(target=_drive, args=(sender, beats, spec, list(scenes)), daemon=True)
     child.start()
     sender.close()
     done, heard, last = 0, 0, time.monotonic()
@@ -91,10 +92,10 @@ def check_driving(
                 done += 1
         elif beats.value != heard:
             heard, last = beats.value, time.monotonic()
-        elif time.monotonic() - last > patience_s:
+        elif time.monotonic() - last > wait_limit_s:
             child.kill()
             child.join()
-            text = f"gave no answer for {patience_s:.0f} s in scene {done + 1} ({_id(scenes, done)})"
+            text = f"gave no answer for {wait_limit_s:.0f} s in scene {done + 1} ({_id(scenes, done)})"
             return [Finding(Level.PROBLEM, "time", text)]
     child.join()
     if seen is None:
@@ -107,7 +108,7 @@ def _id(scenes: Sequence[ScenarioSpec], k: int) -> str:
     return scenes[min(k, len(scenes) - 1)].scenario_id
 
 
-def _drive(sender: Connection, beats: Any, spec: str, name: str, scenes: list[ScenarioSpec]) -> None:
+def _drive(sender: Connection, beats: Any, spec: str, scenes: list[ScenarioSpec]) -> None:
     """In the child: every scene once, then the first one again with the same planner and with a new one."""
     seen = Seen()
 
@@ -119,13 +120,13 @@ def _drive(sender: Connection, beats: Any, spec: str, name: str, scenes: list[Sc
         sys.stdout.flush()
         os.dup2(heard.fileno(), 1)
         os.dup2(heard.fileno(), 2)
-        runner = EpisodeRunner(spec, name, heartbeat=beat)
+        runner = EpisodeRunner(resolve(spec), heartbeat=beat)
         for scene in scenes:
             seen.results.append(_light(runner.run(scene)))
             seen.memory.append(_resident())
             sender.send(scene.scenario_id)
         seen.again = _light(runner.run(scenes[0]))
-        seen.fresh = _light(EpisodeRunner(spec, name, heartbeat=beat).run(scenes[0]))
+        seen.fresh = _light(EpisodeRunner(resolve(spec), heartbeat=beat).run(scenes[0]))
         sys.stdout.flush()
         seen.printed = heard.seek(0, io.SEEK_END)
         heard.seek(0)
@@ -146,7 +147,6 @@ def _resident() -> int:
 
 
 def findings(seen: Seen) -> list[Finding]:
-    """What the measurements mean."""
     return [
         *_errors(seen.results),
         *_range(seen.results),
@@ -221,10 +221,10 @@ def _time(results: list[EpisodeResult]) -> list[Finding]:
     if not len(steps):
         return []
     mean, p95, most = float(steps.mean()), float(np.quantile(steps, 0.95)), float(steps.max())
-    hours = mean * len(steps) / len(results) * _BATCH_ROWS / 3600.0
+    hours = mean * len(steps) / len(results) * ROWS["test"] / 3600.0
     text = (
         f"{1e3 * mean:.2f} ms a step (95 %: {1e3 * p95:.2f}, most: {1e3 * most:.1f}); about {hours:.1f} h of its own "
-        f"time for {_BATCH_ROWS} scenarios on one core"
+        f"time for {ROWS['test']} scenarios on one core"
     )
     return [Finding(Level.NOTE if p95 > _SLOW_STEP_S else Level.OK, "time", text)]
 

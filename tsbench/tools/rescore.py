@@ -18,7 +18,7 @@ from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
-from tsbench.run.log.manifest import Manifest, read_manifest
+from tsbench.run.log.manifest import Manifest, planners_of, read_manifest
 from tsbench.run.log.record import Row
 from tsbench.run.log.score import score
 from tsbench.run.log.tables import read_table
@@ -169,7 +169,7 @@ def _contract_note(manifest: Manifest, now: str) -> str:
 def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iterator[str]:
     """An interrupted run has no summary, one with holes has a partial one."""
     path = folder / SUMMARY
-    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    asked = dict.fromkeys((p.name for p in planners_of(manifest)), manifest["effective"]["scenarios"])
     holes = len(episodes) < sum(asked.values())
     if not path.is_file():
         if not holes:

@@ -11,6 +11,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
@@ -46,7 +47,7 @@ def drive() -> Callable[[str, ScenarioSpec], EpisodeResult]:
 
     def run(planner: str, row: ScenarioSpec) -> EpisodeResult:
         if planner not in runners:
-            runners[planner] = EpisodeRunner(planner, planner, simulation=world.simulation())
+            runners[planner] = EpisodeRunner(resolve(planner), simulation=world.simulation())
         return runners[planner].run(row)
 
     return run

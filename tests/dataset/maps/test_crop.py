@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.crop import build_net, plain_crop
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.families.expectations import expectations
 from tsbench.dataset.maps.families.registry import REGISTRY
 from tsbench.dataset.maps.lines import length
@@ -26,7 +27,7 @@ from tsbench.dataset.maps.plain import (
     PlainNode,
 )
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.roads.netfile import read_net_facts
+from tsbench.roads.network import read_network
 from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -132,4 +133,4 @@ def test_a_crop_is_cut_and_built_quickly(tiny: SourceNetwork, tmp_path: Path) ->
 def test_facts_of_a_broken_net_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "half.net.xml").write_text("<net><edge id=")
     with pytest.raises(InputError, match=r"half\.net\.xml"):
-        read_net_facts(tmp_path / "half.net.xml")
+        read_network(tmp_path / "half.net.xml")

@@ -9,7 +9,7 @@ import pytest
 from test_crop import rows_of
 
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.report.drawing.sheet import save_png
+from tsbench.report.drawing.paint import save_png
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.map_sheet import map_sheet
 

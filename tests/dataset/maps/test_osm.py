@@ -11,9 +11,9 @@ import pytest
 from town import make_town
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.convert import convert_extract
+from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
-from tsbench.roads.netfile import read_net_facts
+from tsbench.roads.network import read_network
 
 XML = make_town().xml()
 NO_ROADS = '<?xml version="1.0"?><osm version="0.6"><node id="1" version="1" lat="55.8" lon="37.4"/></osm>'
@@ -79,7 +79,9 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
         facts = convert_extract(tmp_path / name, out)
         assert facts.roads == len(make_town().ways)
         assert len(facts.signals) == 1
-        lanes.append([(lane.edge, lane.length, lane.width) for lane in read_net_facts(out).lanes])
+        lanes.append(
+            [(lane.edge, lane.length, lane.width) for lane in read_network(out).lanes if not lane.internal]
+        )
     assert lanes[0] == lanes[1] == lanes[2] == lanes[3]
     assert len(lanes[0]) > 60
 

@@ -29,7 +29,8 @@ from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.report.drawing.initial_state import staged_bodies
+from tsbench.planners.registry import resolve
+from tsbench.report.drawing.scene import staged_bodies
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.video.render import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
@@ -235,7 +236,7 @@ def test_a_site_is_sound_and_tells_who_yields(
         results = {}
         for planner in ("idm", "idm-e"):
             runner = EpisodeRunner(
-                planner, planner, simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
+                resolve(planner), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
             )
             results[planner] = runner.run(row)
         for result in results.values():
@@ -256,7 +257,7 @@ def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pyt
     walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
     assert set(walkers) == set(scene.walkers.persons)
     # Where the first tick of an episode sees them.
-    runner = EpisodeRunner("idm", "idm", simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
+    runner = EpisodeRunner(resolve("idm"), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
     facts = runner.run(row).facts
     assert facts is not None
     first = facts.snapshots[0].actors
@@ -290,7 +291,7 @@ print(digest(eval(sys.argv[4]), Path(sys.argv[3]), Simulation()))
 
 def digest(row: object, root: Path, sim: Simulation) -> str:
     """What `idm-e` and everybody around it did, to the last bit."""
-    runner = EpisodeRunner("idm-e", "idm-e", simulation=sim, loader=SceneLoader(SceneFolder(root)))
+    runner = EpisodeRunner(resolve("idm-e"), simulation=sim, loader=SceneLoader(SceneFolder(root)))
     facts = runner.run(row).facts  # type: ignore[arg-type]
     assert facts is not None
     found = hashlib.sha256()

@@ -23,6 +23,7 @@ from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.outcome import Contact, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, write_trace
+from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.run.log.record import Row
@@ -201,7 +202,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
 def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
     """An episode's trace, and its row and events as a run records them."""
     loader = SceneLoader(SceneFolder(root))
-    result = EpisodeRunner(planner, planner, simulation=simulation(), loader=loader).run(spec)
+    result = EpisodeRunner(resolve(planner), simulation=simulation(), loader=loader).run(spec)
     assert result.facts is not None, result.error
     row, events = score(spec, planner, False, result.facts)
     write_trace(folder / "trace.parquet", result)

@@ -18,7 +18,7 @@ from tsbench.dataset.scenes.demand_calibration import (
     EVERY_TICKS,
     GREEN_S,
     LEAST_HEADWAY_S,
-    Inflow,
+    DemandCalibration,
 )
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time
@@ -118,7 +118,7 @@ def test_the_same_seed_gives_the_same_cars(on_cross: SceneMaker) -> None:
 
 
 class Rehearsal:
-    """Inflow on the crossroads for thirty seconds."""
+    """DemandCalibration on the crossroads for thirty seconds."""
 
     def __init__(self, made: SceneMaker, folder: Path, target: float, **more: object) -> None:
         network, graph = made.network, LaneGraph(made.network)
@@ -131,7 +131,7 @@ class Rehearsal:
         write_additional([*self.types, *background(self.standing)], self.path)
         simulation().load(made.net, self.path, network, 3)
         self.asked = target * lane_km(network)
-        inflow = Inflow(simulation(), network, graph, request, self.standing, self.asked, rng)
+        inflow = DemandCalibration(simulation(), network, graph, request, self.standing, self.asked, rng)
         self.mean = inflow.drive(40.0)
         self.inflow = inflow
         self.cars: list[Car] = inflow.cars

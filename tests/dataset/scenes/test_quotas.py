@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 from pool_builders import row
 
+from tsbench.core import parallel
+from tsbench.core.parallel import Workers
 from tsbench.dataset.scenes import build as build_module
 from tsbench.dataset.scenes.build import (
     BuildRequest,
@@ -55,10 +57,7 @@ class Pool:
     def __init__(self, unfit: dict[str, str] | None = None) -> None:
         self.unfit, self.asked = unfit or {}, []  # type: ignore[var-annotated]
 
-    def __enter__(self) -> Pool:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def shutdown(self, cancel_futures: bool) -> None:
         pass
 
     def submit(self, _: object, recipe: Recipe, pool_row: PoolRow, split: str, request: BuildRequest) -> Any:
@@ -89,7 +88,9 @@ def fill(
     root: Path, rows: list[PoolRow], pool: Pool | None = None, split: str = "train", workers: int = 2
 ) -> tuple[list[str], dict[str, int], dict[str, int], TypeReport]:
     request = BuildRequest((), root, root, workers, "")
-    builder = TypeBuilder(request, recipe(), pool or Pool(), dict.fromkeys((r.map_id for r in rows), split))  # type: ignore[arg-type]
+    builder = TypeBuilder(
+        request, recipe(), Workers(pool or Pool()), dict.fromkeys((r.map_id for r in rows), split)
+    )  # type: ignore[arg-type]
     told: list[tuple[str, int, int]] = []
     sites, report = builder.fill(rows, split, lambda *a: told.append(a))
     assert [t[1] for t in told] == list(range(1, len(sites) + 1))
@@ -111,7 +112,7 @@ def test_the_test_split_gets_a_quarter(tmp_path: Path) -> None:
 def test_only_maps_of_the_split(tmp_path: Path) -> None:
     rows = strewn(24)
     sides = {r.map_id: "test" if k % 2 else "train" for k, r in enumerate(rows)}
-    builder = TypeBuilder(BuildRequest((), tmp_path, tmp_path, 2, ""), recipe(), Pool(), sides)  # type: ignore[arg-type]
+    builder = TypeBuilder(BuildRequest((), tmp_path, tmp_path, 2, ""), recipe(), Workers(Pool()), sides)  # type: ignore[arg-type]
     for split in ("train", "test"):
         sites, _ = builder.fill(rows, split, lambda *_: None)
         assert {sides[s.map_id] for s in sites} == {split}
@@ -203,12 +204,13 @@ def test_a_build_that_was_broken_off_goes_on(tmp_path: Path) -> None:
         fill(tmp_path, rows, Breaks())
     kept = len(list((tmp_path / "build" / "detour_right").glob("*.json")))
     assert kept > 0
-    assert not list((tmp_path / "build" / "detour_right").glob("*.part"))
+    assert not list((tmp_path / "build" / "detour_right").glob("*.tmp"))
     whole = Pool()
     assert fill(tmp_path, rows, rest)[0] == fill(tmp_path / "fresh", rows, whole)[0]
     assert len(rest.asked) == len(whole.asked) - kept
     record = json.loads(next((tmp_path / "build" / "detour_right").glob("*.json")).read_text())
-    assert set(record) == {"map_id", "rows", "certificates", "reason", "stamp"}
+    assert set(record) == {"stamp", "result"}
+    assert set(record["result"]) == {"map_id", "rows", "certificates", "reason"}
 
 
 def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
@@ -220,7 +222,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     monkeypatch.setattr(build_module, "read_pool", lambda _: rows)
     monkeypatch.setattr(build_module, "split_pool", lambda _: sides)
     monkeypatch.setattr(build_module, "load_recipe", lambda *_: recipe())
-    monkeypatch.setattr(build_module, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
+    monkeypatch.setattr(parallel, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
 
     def build(root: Path) -> dict[str, bytes]:
         build_scenarios(BuildRequest(("detour_right",), root, root, 2, ""), lambda *_: None)

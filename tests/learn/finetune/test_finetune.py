@@ -8,27 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training_helpers import break_off, fresh_weights
+from training_helpers import break_off, fresh_tuned, fresh_weights
 
 from tsbench.core.errors import InputError
-from tsbench.learn.finetune import task as finetune
-from tsbench.learn.finetune.frames import SIGN_FRAME, LessonSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.recipe import FineTuning, lessons_of
+from tsbench.learn.finetune.frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.finetune.report import report
 from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.finetune.task import FinetuneTask, capped_batches, quotas, share_of
+from tsbench.learn.finetune.task import beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
-from tsbench.learn.imitation.frames_store import plan_hash
+from tsbench.learn.imitation.frames_store import Place, plan_hash
 from tsbench.learn.imitation.recipe import kept_for_validation
 from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.trainer import Place, train
+from tsbench.learn.imitation.task import Task
+from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.plant2.planner_ft import Plant2Ft
-from tsbench.planners.weights import load_weights, save_weights
+from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -95,8 +94,8 @@ def test_quotas_fill_the_batch_as_there_are_frames() -> None:
 
 
 def test_rates_fall_towards_the_inputs_and_are_higher_for_what_is_new() -> None:
-    net, recipe = Plant2FtNetwork("mini"), FineTuning()
-    shares = {name: share_of(name, net, recipe) for name, _ in net.named_parameters()}
+    net, recipe = fresh_tuned("mini"), FineTuning()
+    shares = {name: share_of(name, 4, recipe) for name, _ in net.named_parameters()}
     assert shares["signs.weight"] == shares["speed_token"] == shares["ego_speed_head.bias"] == 5.0
     assert shares["path_head.first.weight"] == 1.0
     assert shares["encoder.layers.3.linear1.weight"] == pytest.approx(0.8)
@@ -114,7 +113,7 @@ def recorded(row: ScenarioSpec, rank: int, part: str) -> Recorded:
 def test_drives_are_of_no_map_that_checkpoints_are_chosen_on(
     rows: list[ScenarioSpec], base: Path, tmp_path: Path
 ) -> None:
-    driven = lessons_of(rows, FineTuning(base=base, drivers=("idm-e", "idm-s4-e"), drives=100))
+    driven = finetune_drives(rows, FineTuning(base=base, drivers=("idm-e", "idm-s4-e"), drives=100))
     assert not any(kept_for_validation(drive.spec) for drive in driven)
     assert [drive.driver for drive in driven[:3] if isinstance(drive, PlannerDrive)] == [
         "idm-e",
@@ -133,30 +132,29 @@ def test_drives_are_of_no_map_that_checkpoints_are_chosen_on(
     ]
     write_trajectories(table, path)
     recipe = FineTuning(base=base, trajectories=path)
-    found = lessons_of(rows, recipe)
+    found = finetune_drives(rows, recipe)
     assert [d.recorded.rank for d in found if isinstance(d, RecordedDrive)] == [1, 2]
     assert recipe.facts()["trajectories"] is not None
     with pytest.raises(InputError, match="no drives of the train split"):
-        lessons_of([two], recipe)
+        finetune_drives([two], recipe)
 
 
 def test_a_share_of_drives_is_begun_by_the_student(
     rows: list[ScenarioSpec], base: Path, tmp_path: Path
 ) -> None:
-    arrays = {key: value.numpy() for key, value in Plant2FtNetwork("mini").state_dict().items()}
-    save_weights("plant2-ft", tmp_path, arrays, {"size": "mini"})
+    fresh_weights(tmp_path, "plant2-ft", fresh_tuned)
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=200, student=tmp_path, takeover=0.3)
-    drives = lessons_of(rows, recipe)
+    drives = finetune_drives(rows, recipe)
     taken = [drive for drive in drives if isinstance(drive, TakeoverDrive)]
     assert 35 < len(taken) < 85
     assert len({drive.tick for drive in taken}) > 20
-    assert lessons_of(rows, recipe) == drives
+    assert finetune_drives(rows, recipe) == drives
     assert len({drive.spec.scenario_type for drive in taken}) > 20
 
 
 def prepared(
     out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
-) -> tuple[FinetuneTask, Place]:
+) -> tuple[Task, Place]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told.
 
     The second is the best: the third has as much SCD and complies less.
@@ -164,14 +162,14 @@ def prepared(
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
     skills = ((0.25, 0.5), (0.75, 1.0), (0.75, 0.75))
     told = iter([Skill(4, 0.9, 0.0, 0.0, 0.1, scd, compliant) for scd, compliant in skills])
-    monkeypatch.setattr(finetune, "measure", lambda *_: next(told))
+    monkeypatch.setattr(trainer, "measure", lambda *_: next(told))
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=40, epochs=3, batch=16, validation=4, rate=1e-3)
-    source = LessonSource(recipe.sampling)
-    folder = out / "frames" / plan_hash(lessons_of(rows, recipe), source, recipe.seed)
+    source = FinetuneSource(recipe.sampling, recipe.vocabulary())
+    folder = out / "frames" / plan_hash(finetune_drives(rows, recipe), source, recipe.seed)
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
         np.save(folder / f"chunk-{number:05d}.npy", made_up(96, number))
-    return FinetuneTask(recipe, rows), Place(out, "cpu", 1, 10**9)
+    return fine_tuning(recipe, rows), Place(out, "cpu", 1, 10**9)
 
 
 @pytest.mark.own_process
@@ -192,26 +190,33 @@ def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
     Plant2Ft(folder=tmp_path / "broken")
     # What was fine-tuned can be trained on.
-    again = FinetuneTask(FineTuning(base=tmp_path / "broken", drivers=("idm-e",), drives=1), rows)
-    assert torch.equal(again.network().state_dict()["signs.weight"], torch.from_numpy(ours["signs.weight"]))
+    again = FineTuning(base=tmp_path / "broken", drivers=("idm-e",), drives=1)
+    assert torch.equal(
+        beginning(again, again.vocabulary()).state_dict()["signs.weight"],
+        torch.from_numpy(ours["signs.weight"]),
+    )
 
 
 def test_frames_are_told_and_shown(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=20)
-    drives = lessons_of(rows, recipe)
-    folder = tmp_path / "frames" / plan_hash(drives, LessonSource(recipe.sampling), recipe.seed)
+    drives = finetune_drives(rows, recipe)
+    folder = (
+        tmp_path
+        / "frames"
+        / plan_hash(drives, FinetuneSource(recipe.sampling, recipe.vocabulary()), recipe.seed)
+    )
     folder.mkdir(parents=True)
     frames = made_up(200)
     frames["type"] %= 6
     np.save(folder / "chunk-00000.npy", frames)
-    paths = report(drives, recipe, tmp_path, 1, 10**9, lambda _: None)
+    paths = report(drives, recipe, Place(tmp_path, "cpu", 1, 10**9), lambda _: None)
     names = ["frames.md", "frames.png", "frames-priority.png"]
     assert [path.name for path in paths] == names
     assert all(path.stat().st_size > 0 for path in paths)
     assert "| all | | | 20 | 200 |" in paths[0].read_text()
     np.save(folder / "chunk-00000.npy", made_up(0))
     with pytest.raises(InputError, match="no frames to look at"):
-        report(drives, recipe, tmp_path, 1, 10**9, lambda _: None)
+        report(drives, recipe, Place(tmp_path, "cpu", 1, 10**9), lambda _: None)
 
 
 def test_another_base_is_another_training(base: Path, tmp_path: Path) -> None:

@@ -3,40 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from training_helpers import fresh_weights
+from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.finetune.frames import LessonSource, RecordedDrive, TakeoverDrive, succeeded
-from tsbench.learn.finetune.targets import LessonSampling
+from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive, succeeded
+from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
 from tsbench.planners.base import PlannerContext
-from tsbench.planners.experts.expert import IdmExpert
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.plant2.planner_ft import Plant2Ft
-from tsbench.planners.plant2.signs import VOCABULARY
+from tsbench.planners.plant2.vocabulary import vocabulary_of
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-SOURCE = LessonSource(LessonSampling())
+WORDS = vocabulary_of()
+SOURCE = FinetuneSource(FinetuneSampling(), WORDS)
 
 
-class Recording(EpisodeRunner):
+class Recording:
     """`idm-e` with commands as they are stored."""
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
-        super().__init__("idm-e", "idm-e", simulation=simulation, loader=loader)
-        self.rounded = QuantisedPlanner(IdmExpert)
-        self._planner = self.rounded
+        expert = resolve("idm-e")
+        self.rounded = QuantisedPlanner(expert.factory)
+        rounded = replace(expert, factory=lambda: self.rounded)
+        self.run = EpisodeRunner(rounded, simulation=simulation, loader=loader).run
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +55,11 @@ def drivers() -> Iterator[Drivers]:
 
 @pytest.fixture(scope="module")
 def student(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return fresh_weights(tmp_path_factory.mktemp("student"), "plant2-ft", Plant2FtNetwork)
+    return fresh_weights(tmp_path_factory.mktemp("student"), "plant2-ft", fresh_tuned)
 
 
 def words(frames: at.Records) -> list[str]:
-    return [VOCABULARY[state - 1] if state else "" for state in frames["sign_state"].tolist()]
+    return [WORDS.words[state - 1] if state else "" for state in frames["sign_state"].tolist()]
 
 
 def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:

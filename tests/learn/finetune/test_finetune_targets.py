@@ -11,7 +11,7 @@ import pytest
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.geometry.polyline import Polyline
 from tsbench.learn.finetune.frames import SIGN_FRAME
-from tsbench.learn.finetune.targets import FAMILIES, LESSONS, LessonSampling, SignTargets
+from tsbench.learn.finetune.targets import FAMILIES, TARGET_SPECS, FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.planners.base import Observation
 from tsbench.scenarios.scene_loader import Roads
@@ -31,7 +31,7 @@ def teacher(code: str, speeds: np.ndarray, value: float | None = None, since: in
     )
     facts = cast(EpisodeFacts, SimpleNamespace(scene=scene, snapshots=egos))
     driven = DriveResult(facts, cast(Roads, None), since)
-    return SignTargets(driven, load_catalog().sign(code).rule, 3, LessonSampling())
+    return SignTargets(driven, load_catalog().sign(code).rule, 3, FinetuneSampling())
 
 
 def wish(obeyed: SignTargets, k: int, seen: Any = None) -> float:
@@ -41,8 +41,8 @@ def wish(obeyed: SignTargets, k: int, seen: Any = None) -> float:
 
 
 def test_every_rule_has_a_lesson() -> None:
-    assert set(LESSONS) == set(load_catalog().rules)
-    assert {lesson.family for lesson in LESSONS.values()} == set(FAMILIES)
+    assert set(TARGET_SPECS) == set(load_catalog().rules)
+    assert {lesson.family for lesson in TARGET_SPECS.values()} == set(FAMILIES)
 
 
 def test_turns_are_slowed_down_for_four_seconds_ahead_and_set_off_after_a_halt() -> None:

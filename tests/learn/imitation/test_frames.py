@@ -17,9 +17,10 @@ from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, Track, frames_of, observations
-from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, make_chunk, plan_hash
+from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, Place, make_chunk, plan_hash
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
@@ -37,7 +38,7 @@ def row() -> ScenarioSpec:
 @pytest.fixture(scope="module")
 def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
     loader, simulation = SceneLoader(), Simulation()
-    result = EpisodeRunner("idm", "idm", simulation=simulation, loader=loader).run(row)
+    result = EpisodeRunner(resolve("idm"), simulation=simulation, loader=loader).run(row)
     simulation.close()
     return result, loader.load(row)[1]
 
@@ -131,8 +132,8 @@ def test_a_chunk_that_was_dropped_is_made_the_same_again(row: ScenarioSpec, tmp_
 def store(root: Path, row: ScenarioSpec, bound: int) -> tuple[FrameStore, Path]:
     """A store and its own folder."""
     drives = [PlannerDrive(row, "idm")] * 50
-    made = FrameStore(root, drives, SOURCE, seed=0, bound_bytes=bound, workers=1, progress=lambda _: None)
-    return made, root / made.plan
+    made = FrameStore(Place(root, "cpu", 1, bound), drives, SOURCE, 0, lambda _: None)
+    return made, root / "frames" / made.plan
 
 
 def test_the_folder_keeps_to_its_bound(row: ScenarioSpec, tmp_path: Path) -> None:

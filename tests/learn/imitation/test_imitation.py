@@ -12,15 +12,14 @@ import torch
 from training_helpers import break_off
 
 from tsbench.core.errors import InputError
-from tsbench.learn.imitation import task as imitation
 from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.frames import FRAME
-from tsbench.learn.imitation.frames_store import ImitationSource, plan_hash
+from tsbench.learn.imitation.frames_store import ImitationSource, Place, plan_hash
 from tsbench.learn.imitation.loss import losses, total, two_hot
 from tsbench.learn.imitation.recipe import Recipe, drives_of, kept_for_validation, validation_rows
 from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import Imitation, batches_of, rate_at
-from tsbench.learn.imitation.trainer import Place, train, trimmed
+from tsbench.learn.imitation.task import batches_of, imitation
+from tsbench.learn.imitation.trainer import rate_at, train, trimmed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.weights import load_weights
@@ -86,7 +85,7 @@ def test_each_frame_is_in_one_batch_at_most_and_neighbours_are_alike() -> None:
 
 def test_rate_rises_then_falls_to_nothing() -> None:
     recipe = Recipe()
-    rates = [rate_at(share, recipe.rate, recipe.warm_up) for share in np.linspace(0.0, 1.0, 101)]
+    rates = [rate_at(share, recipe) for share in np.linspace(0.0, 1.0, 101)]
     assert max(rates) == pytest.approx(recipe.rate, rel=0.01)
     assert rates[0] < 0.02 * recipe.rate
     assert rates[-1] < 1e-9
@@ -111,7 +110,7 @@ def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec
     """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
     told = iter(SKILLS)
-    monkeypatch.setattr(imitation, "measure", lambda *_: next(told))
+    monkeypatch.setattr(trainer, "measure", lambda *_: next(told))
     recipe = Recipe(episodes=40, epochs=3, batch=16, validation=4)
     folder = (
         out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
@@ -128,7 +127,7 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
 ) -> None:
     said: list[str] = []
     recipe, place = prepared(tmp_path / "whole", monkeypatch, rows)
-    whole = train(Imitation(recipe, rows), place, said.append)
+    whole = train(imitation(recipe, rows), place, said.append)
     assert whole.training["epoch"] == 2
     assert whole.training["validation_skill"]["arrived"] == 0.9
     assert any("best so far" in line for line in said)
@@ -136,19 +135,19 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     assert [json.loads(line)["arrived"] for line in curve] == [0.5, 0.9, 0.7]
 
     recipe, place = prepared(tmp_path / "broken", monkeypatch, rows)
-    task = Imitation(recipe, rows)
+    task = imitation(recipe, rows)
     break_off(monkeypatch, lambda: train(task, place, said.append))
     again = train(task, place, said.append)
     ours, theirs = (load_weights("plant2", tmp_path / name) for name in ("broken", "whole"))
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
-    assert again.training["sittings"] == 2
+    assert again.training["sessions"] == 2
 
 
 @pytest.mark.own_process
 def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> None:
     recipe, place = prepared(tmp_path, monkeypatch, rows)
     said: list[str] = []
-    train(Imitation(replace(recipe, rate=2e-3), rows), place, said.append)
+    train(imitation(replace(recipe, rate=2e-3), rows), place, said.append)
     speeds = [float(line.split("speed ")[1].split()[0]) for line in said if "window" in line]
     assert speeds[-1] < 0.8 * speeds[0]
 
@@ -158,11 +157,11 @@ def test_another_training_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
     recipe, place = prepared(tmp_path, monkeypatch, rows)
-    train(Imitation(recipe, rows), place, lambda _: None)
+    train(imitation(recipe, rows), place, lambda _: None)
     with pytest.raises(InputError, match="of a training with batch 16, not 32"):
-        train(Imitation(replace(recipe, batch=32), rows), place, lambda _: None)
+        train(imitation(replace(recipe, batch=32), rows), place, lambda _: None)
     with pytest.raises(InputError, match="of a training with plan"):
-        train(Imitation(recipe, rows[: len(rows) // 2]), place, lambda _: None)
+        train(imitation(recipe, rows[: len(rows) // 2]), place, lambda _: None)
     (tmp_path / "checkpoint.safetensors").write_bytes(b"no")
     with pytest.raises(InputError, match="no checkpoint of this training"):
-        train(Imitation(recipe, rows), place, lambda _: None)
+        train(imitation(recipe, rows), place, lambda _: None)

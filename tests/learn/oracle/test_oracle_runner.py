@@ -12,15 +12,16 @@ import pytest
 import served_expert
 from rich.console import Console
 
-from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_lot
+from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_variant
 from tsbench.learn.oracle.runner import OracleRunner, record_of, unpack
 from tsbench.learn.oracle.select import select
 from tsbench.learn.oracle.stats import verify
 from tsbench.learn.oracle.store import read_tries
 from tsbench.learn.oracle.trajectories import retry_seed
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.experts.expert import IdmExpert
-from tsbench.planners.registry import names
+from tsbench.planners.experts.expert import Expert
+from tsbench.planners.idm import Idm
+from tsbench.planners.registry import names, resolve
 from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
@@ -28,6 +29,11 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
+
+
+class IdmExpert(Expert):
+    def __init__(self) -> None:
+        super().__init__(Idm())
 
 
 class Lost(IdmExpert):
@@ -82,7 +88,7 @@ def sumo() -> Iterator[Simulation]:
 
 def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
     return OracleRunner(
-        f"{__file__}:{name}", name, most=most, probe=asdict(rows[0]), simulation=sumo, loader=SceneLoader()
+        resolve(f"{__file__}:{name}"), most=most, probe=asdict(rows[0]), simulation=sumo, loader=SceneLoader()
     )
 
 
@@ -138,7 +144,7 @@ def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
     assert chosen(table, 10) == table
     assert len({r.variant for r in four}) == 10
     # Three experts with four variants each drive all ten between them.
-    lots = [first_lot(name) for name in ("ppo-e", "carl-e", "plant2-e")]
+    lots = [first_variant(name) for name in ("ppo-e", "carl-e", "plant2-e")]
     assert sorted(lots) == [0, 3, 6]
     assert {r.scenario_id for lot in lots for r in chosen(table, 4, lot)} == {r.scenario_id for r in table}
 
@@ -186,16 +192,14 @@ def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.
             super().__init__(device)
             served.append(device)
 
-    monkeypatch.setattr("tsbench.run.execution.inference_client.InferenceServer", Seen)
-    expert = f"{Path(served_expert.__file__)}:ServedExpert"
+    monkeypatch.setattr("tsbench.run.execution.local.InferenceServer", Seen)
+    expert = f"{Path(served_expert.__file__)}:Served-e"
     request = Request((expert,), "train", ("bus_lane_road",), limit=2)
     lines = []
     for workers, servers in ((1, []), (2, ["cpu"])):
         out = tmp_path / str(workers)
         said = ProgressWatcher(Console(file=io.StringIO(), width=200))
-        assert (
-            collect(CollectOptions(request, out, workers=workers), said).experts["ServedExpert"].solved == 2
-        )
+        assert collect(CollectOptions(request, out, workers=workers), said).experts["Served-e"].solved == 2
         assert served == servers
         # The first line says what the journal is of, the others stand in the order in which they came.
         lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))

@@ -21,7 +21,7 @@ from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, selec
 from tsbench.learn.oracle.stats import stats
 from tsbench.learn.oracle.store import basis, read_tries
 from tsbench.learn.oracle.trajectories import read_trajectories
-from tsbench.report.analyses.output import to_csv, write_analysis
+from tsbench.report.analyses.writing import to_csv, write_analysis
 from tsbench.run.log.record import Record, error_row
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -105,7 +105,7 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
 
 def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
     """With rank 0: another expert may yet change the order of the others."""
-    third = {**PLANNERS[2], "name": "other-e"}
+    third = replace(PLANNERS[2], name="other-e")
     with closing(collection(tmp_path / "c", rows[:1], [*PLANNERS, third])) as made:
         for name, steps in (("idm-e", 100), ("net-e", 110), ("other-e", 120)):
             made.keep(line(name, rows[0], steps))
@@ -130,9 +130,9 @@ def test_tries_are_one_row_each_in_order(full: Path) -> None:
 
 def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[ScenarioSpec]) -> None:
     """Another scenario and an expert more: the rest stays. A scenario or an expert that has changed is driven anew."""
-    newer = {**PLANNERS[2], "weights_sha256": "other weights"}
+    newer = replace(PLANNERS[2], weights_sha256="other weights")
     table = [replace(rows[0], seed=rows[0].seed + 1), *rows[1:5]]
-    more = [PLANNERS[0], {**newer, "name": "carl-e"}, newer]
+    more = [PLANNERS[0], replace(newer, name="carl-e"), newer]
     with closing(collection(full / "c", table, more)) as made:
         kept = set(made.journal.done)
         assert kept == {(p, r.scenario_id) for r in rows[1:3] for p in ("idm-e", "idm-s4-e")}
@@ -146,7 +146,7 @@ def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[
 
 def test_other_code_of_an_expert_is_told_and_voids_nothing(full: Path, rows: list[ScenarioSpec]) -> None:
     """A drive is its commands, whatever made them; only who asks for it has it driven again."""
-    other = [{**PLANNERS[0], "code_sha256": "other"}, *PLANNERS[1:]]
+    other = [replace(PLANNERS[0], code_sha256="other"), *PLANNERS[1:]]
     with closing(collection(full / "c", rows[:3], other)) as made:
         assert len(made.journal.done) == 9
         assert [line.partition(": ")[2] for line in made.notices] == [

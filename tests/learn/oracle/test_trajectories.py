@@ -27,7 +27,7 @@ from tsbench.learn.oracle.trajectories import (
     steps_of,
     write_trajectories,
 )
-from tsbench.planners.experts.expert import IdmS4Expert
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
@@ -35,13 +35,14 @@ from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motio
 from tsbench.sim.sumo import Simulation
 
 
-class DriveResult(EpisodeRunner):
+class DriveResult:
     """An expert that announces its way, with rounded commands."""
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
-        super().__init__("idm-s4-e", "idm-s4-e", simulation=simulation, loader=loader)
-        self.rounded = QuantisedPlanner(IdmS4Expert)
-        self._planner = self.rounded
+        expert = resolve("idm-s4-e")
+        self.rounded = QuantisedPlanner(expert.factory)
+        rounded = replace(expert, factory=lambda: self.rounded)
+        self.run = EpisodeRunner(rounded, simulation=simulation, loader=loader).run
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,9 @@ from stable_baselines3 import PPO
 
 from tsbench.core.errors import InputError
 from tsbench.learn.rl import train as rl_train
-from tsbench.learn.rl.checkpoint import Progress, load_checkpoint, save_checkpoint, sitting_seed
 from tsbench.learn.rl.config import HYPER, Job
 from tsbench.learn.rl.policy import BetaActions, actor_tensors, policy_of
+from tsbench.learn.rl.progress import Progress, load_progress, save_progress, session_seed
 from tsbench.planners.carl.planner import RECORD, Carl
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
 from tsbench.planners.ppo.planner import RECORD as VECTOR
@@ -103,8 +103,8 @@ def test_beta_actions_have_the_density_of_the_textbook() -> None:
     assert bool((drawn.abs() <= 1.0).all())
 
 
-def test_no_sitting_draws_what_another_drew() -> None:
-    assert len({sitting_seed(seed, k) for seed in range(5) for k in range(5)}) == 25
+def test_no_session_draws_what_another_drew() -> None:
+    assert len({session_seed(seed, k) for seed in range(5) for k in range(5)}) == 25
 
 
 class Still(gymnasium.Env[Any, Any]):
@@ -142,9 +142,9 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
 
     model = fresh(0)
     model.learn(8)
-    save_checkpoint(tmp_path, model, Progress(8, 1.5, 1, 2), {"seed": 0})
+    save_progress(tmp_path, model, Progress(8, 1.5, 1, 2), {"seed": 0})
     other = fresh(1)
-    assert load_checkpoint(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1, 2)
+    assert load_progress(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1, 2, model._n_updates)
     assert other.num_timesteps == 8
     for (name, a), (_, b) in zip(
         model.policy.named_parameters(), other.policy.named_parameters(), strict=True
@@ -156,7 +156,7 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
 
     (tmp_path / "checkpoint.safetensors").write_bytes(b"nothing")
     with pytest.raises(InputError, match="is no checkpoint") as caught:
-        load_checkpoint(tmp_path, other, {"seed": 0})
+        load_progress(tmp_path, other, {"seed": 0})
     assert "\n" not in str(caught.value)
 
 
@@ -189,12 +189,12 @@ def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pyte
     record["draw"] = 0.5
     assert np.isfinite(Ppo(folder=tmp_path).infer(record)["action"]).all()
 
-    # Every driving process of the second sitting dies once, at its first step.
+    # Every driving process of the second session dies once, at its first step.
     monkeypatch.setattr(rl_train, "_learn", dying_once(rl_train._learn))
     second = rl_train.train(replace(job, steps=32, rate=1e-4, more=("speed",)), told.append)
     after = load_file(tmp_path / "checkpoint.safetensors")
     assert second.training["steps"] == 32
-    assert second.training["sittings"] == 2
+    assert second.training["sessions"] == 2
     assert (first.training["hyper"]["rate"], second.training["hyper"]["rate"]) == (3e-4, 1e-4)
     assert (first.training["more"], second.training["more"]) == ([], ["speed"])
     assert second.weights.sha256 != first.weights.sha256

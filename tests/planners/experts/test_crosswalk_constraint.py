@@ -10,7 +10,7 @@ from planner_loop import Body, World, constant, verdict
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Privilege
-from tsbench.planners.experts.expert import IdmExpert
+from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork, read_network
@@ -63,7 +63,7 @@ def test_lets_people_cross_whenever_they_set_off(
     network: RoadNetwork, side: str, lane: int, start: float, after: float
 ) -> None:
     people = [walker(f"p{k}", side, 3.0 + 4.2 * k, setting_off(after, 1.2)) for k in range(3)]
-    driven = world(network, *people, lane=lane, speed=start).run(IdmExpert(), 60.0)
+    driven = world(network, *people, lane=lane, speed=start).run(Expert(Idm()), 60.0)
     assert driven.arrived
     assert verdict(driven).compliant
 
@@ -75,26 +75,26 @@ def test_whoever_goes_by_what_is_in_the_way_does_not(network: RoadNetwork) -> No
 
 
 def test_an_empty_crossing_costs_no_time(network: RoadNetwork) -> None:
-    obedient, blind = world(network).run(IdmExpert(), 60.0), world(network).run(Idm(), 60.0)
+    obedient, blind = world(network).run(Expert(Idm()), 60.0), world(network).run(Idm(), 60.0)
     assert len(obedient.states) == len(blind.states)
     assert not verdict(obedient).engaged
 
 
 def test_passes_behind_one_who_walks_away(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", -8.0, constant(1.2))).run(IdmExpert(), 60.0)
+    driven = world(network, walker("p0", "right", -8.0, constant(1.2))).run(Expert(Idm()), 60.0)
     assert driven.arrived
     assert min(e.speed for e in driven.states) > 7.0
 
 
 def test_passes_before_one_who_is_far_away(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", 20.0, constant(1.2)), speed=11.0).run(IdmExpert(), 60.0)
+    driven = world(network, walker("p0", "right", 20.0, constant(1.2)), speed=11.0).run(Expert(Idm()), 60.0)
     assert driven.arrived
     assert min(e.speed for e in driven.states) > 9.0
     assert verdict(driven).compliant
 
 
 def test_does_not_wait_for_ever_for_one_who_stands_at_the_kerb(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", 1.0, constant(0.0))).run(IdmExpert(), 60.0)
+    driven = world(network, walker("p0", "right", 1.0, constant(0.0))).run(Expert(Idm()), 60.0)
     stood = sum(e.speed < 0.3 for e in driven.states) * 0.1
     assert driven.arrived
     assert 3.0 < stood < 15.0
@@ -102,7 +102,7 @@ def test_does_not_wait_for_ever_for_one_who_stands_at_the_kerb(network: RoadNetw
 
 
 def test_stops_short_of_the_crossing(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", -1.0, constant(0.0))).run(IdmExpert(), 40.0)
+    driven = world(network, walker("p0", "right", -1.0, constant(0.0))).run(Expert(Idm()), 40.0)
     assert not driven.arrived
     assert 0.3 <= CROSSING_X - (driven.ego.x + EGO_LENGTH_M / 2) <= 2.5
     assert verdict(driven).compliant

@@ -11,7 +11,7 @@ from planner_loop import Body, World, constant, front_of, ids, load, verdict
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
-from tsbench.planners.experts.expert import Expert, IdmExpert
+from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
@@ -71,7 +71,7 @@ def car(
 
 
 def test_goes_through_without_a_stop_where_nobody_comes() -> None:
-    world = junction(load("cross"), "cn", []).run(IdmExpert(), 40.0)
+    world = junction(load("cross"), "cn", []).run(Expert(Idm()), 40.0)
     assert world.arrived
     assert min(e.speed for e in world.states) > 7.0
 
@@ -85,7 +85,7 @@ def test_lets_pass_who_comes(target: str, before: float, speed: float) -> None:
         car(network, "wc", "ce", before, constant(speed)),
         car(network, "ec", "cw", before + 15.0, constant(speed)),
     ]
-    world = junction(network, target, vehicles).run(IdmExpert(), 60.0)
+    world = junction(network, target, vehicles).run(Expert(Idm()), 60.0)
     assert world.arrived
     assert not touched(world)
     assert verdict(world).compliant
@@ -94,7 +94,7 @@ def test_lets_pass_who_comes(target: str, before: float, speed: float) -> None:
 def test_stops_before_the_line_while_it_waits() -> None:
     network = load("cross")
     stream = [car(network, "wc", "ce", 40.0 + 16.0 * k, constant(7.0)) for k in range(5)]
-    world = junction(network, "cn", stream).run(IdmExpert(), 60.0)
+    world = junction(network, "cn", stream).run(Expert(Idm()), 60.0)
     assert world.arrived
     standing = [front_to_line(world, k) for k, e in enumerate(world.states) if e.speed < 0.05]
     assert standing
@@ -116,7 +116,7 @@ def test_a_held_convoy_is_neither_waited_for_for_ever_nor_dashed_in_front_of(
         return min(2.0 * (t - w.let), 7.0) if hasattr(w, "let") else 0.0
 
     convoy = [car(network, "wc", "ce", away + gap, held) for gap in (0.0, 9.5)]
-    world = junction(network, "cn", convoy, speed).run(IdmExpert(), 60.0)
+    world = junction(network, "cn", convoy, speed).run(Expert(Idm()), 60.0)
     assert world.arrived
     assert not touched(world)
     assert verdict(world).compliant
@@ -124,13 +124,13 @@ def test_a_held_convoy_is_neither_waited_for_for_ever_nor_dashed_in_front_of(
 
 def test_one_who_goes_on_standing_far_away_is_passed_in_the_end() -> None:
     network = load("cross")
-    world = junction(network, "cn", [car(network, "wc", "ce", 30.0, constant(0.0))]).run(IdmExpert(), 60.0)
+    world = junction(network, "cn", [car(network, "wc", "ce", 30.0, constant(0.0))]).run(Expert(Idm()), 60.0)
     assert world.arrived
 
 
 def test_whoever_has_no_priority_is_not_waited_for() -> None:
     network = load("cross")
-    world = junction(network, "ce", [car(network, "nc", "cs", 20.0, constant(0.0))]).run(IdmExpert(), 60.0)
+    world = junction(network, "ce", [car(network, "nc", "cs", 20.0, constant(0.0))]).run(Expert(Idm()), 60.0)
     assert world.arrived
     assert world.time < 20.0
 
@@ -149,7 +149,7 @@ def test_is_slow_enough_at_the_plate_and_until_the_end_plate(limit: float, ends:
     world = World(
         network, "ab_0", start, v0, Destination("ab", 400.0), signs=(plate,) if ends else (),
         privilege=privilege("3.24", "ab", limit, line, zone_edges="ab"),
-    ).run(IdmExpert(), 90.0)  # fmt: skip
+    ).run(Expert(Idm()), 90.0)  # fmt: skip
     assert world.arrived
     inside = [e.speed * KMH for e in world.states if line < front_of(e) < end]
     behind = [e.speed * KMH for e in world.states if front_of(e) > end + 20.0]
@@ -185,10 +185,10 @@ def passes_clear(world: World, side: str) -> bool:
 
 @pytest.mark.parametrize("speed", [3.6, 7.75, 11.05, 16.0])
 def test_passes_the_obstacle_on_the_allowed_side(speed: float) -> None:
-    right = detour([], speed).run(IdmExpert(), 60.0)
+    right = detour([], speed).run(Expert(Idm()), 60.0)
     assert passes_clear(right, "right")
     assert min(e.speed for e in right.states) > min(speed, 5.0) - 0.5
-    left = detour([], speed, "4.2.2", "ab_0").run(IdmExpert(), 60.0)
+    left = detour([], speed, "4.2.2", "ab_0").run(Expert(Idm()), 60.0)
     assert passes_clear(left, "left")
 
 
@@ -198,7 +198,7 @@ def test_waits_for_a_gap_in_the_lane_beside(speed: float, start: float) -> None:
         Body(f"q{k}", ("ab_0", "bd_0"), 25.0 + 12.0 * k, lambda t, _: speed if t >= start else 0.0)
         for k in range(7)
     ]
-    world = detour(queue, 8.0).run(IdmExpert(), 60.0)
+    world = detour(queue, 8.0).run(Expert(Idm()), 60.0)
     assert passes_clear(world, "right")
     assert verdict(world).compliant
     assert not touched(world)
@@ -206,7 +206,7 @@ def test_waits_for_a_gap_in_the_lane_beside(speed: float, start: float) -> None:
 
 def test_never_leaves_its_lane_beside_somebody() -> None:
     beside = Body("b", ("ab_0", "bd_0"), 40.0, lambda t, w: w.ego.speed if t < 5.0 else 14.0)
-    world = detour([beside], 8.0).run(IdmExpert(), 60.0)
+    world = detour([beside], 8.0).run(Expert(Idm()), 60.0)
     assert passes_clear(world, "right")
     assert not touched(world)
 
@@ -219,7 +219,7 @@ def test_takes_the_compliant_branch_and_is_not_led_back() -> None:
     rule = privilege("3.18.2", "ec", junction="c", approach="ec")
     world = World(network, "ec_0", 60.0, 8.0, Destination("cs", 60.0), privilege=rule)
     # Left from `ec` is `cs`; the other way to it leads round by the north-west corner and `nc`.
-    world.run(IdmExpert(), 120.0)
+    world.run(Expert(Idm()), 120.0)
     driven = [network.lanes[e.lane].edge for e in world.states if e.lane >= 0]
     assert ("ec", "cs") not in list(pairwise(driven))
     assert world.arrived
@@ -233,7 +233,7 @@ def test_says_so_where_no_way_is_allowed() -> None:
     network = load("corridor")
     rule = privilege("4.1.2", "ab", junction="b", approach="ab")
     with pytest.raises(InputError, match="no way to edge 'bd'"):
-        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0), privilege=rule).run(IdmExpert(), 1.0)
+        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0), privilege=rule).run(Expert(Idm()), 1.0)
 
 
 # --- the wrapper ---
@@ -269,7 +269,7 @@ def test_leads_a_base_that_has_its_own_way() -> None:
 def test_needs_its_privilege() -> None:
     network = load("corridor")
     with pytest.raises(InputError, match="privilege"):
-        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0)).run(IdmExpert(), 1.0)
+        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0)).run(Expert(Idm()), 1.0)
 
 
 # --- junctions without a sign ---
@@ -280,9 +280,9 @@ def test_gives_way_at_other_junctions_as_the_network_has_it() -> None:
     rule = privilege("3.18.2", "nne", junction="ne", approach="nne")
     stream = [car(network, "wc", "ce", 20.0 + 12.0 * k, constant(7.0)) for k in range(5)]
     world = World(network, "sc_0", 60.0, 8.0, Destination("cn", 60.0), bodies=stream, privilege=rule)
-    world.run(IdmExpert(), 60.0)
+    world.run(Expert(Idm()), 60.0)
     assert world.arrived
     assert not touched(world)
     assert min(e.speed for e in world.states) < 0.5
     onto = World(network, "wc_0", 60.0, 8.0, Destination("ce", 60.0), privilege=rule)
-    assert min(e.speed for e in onto.run(IdmExpert(), 60.0).states) > 7.0
+    assert min(e.speed for e in onto.run(Expert(Idm()), 60.0).states) > 7.0

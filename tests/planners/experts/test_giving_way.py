@@ -7,10 +7,11 @@ from planner_loop import Body, World, constant, ids, load, verdict
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Privilege
-from tsbench.planners.experts.expert import IdmExpert
+from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.junction import crossing, paths_through
+from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.junction_paths import junction_paths
 from tsbench.roads.lane_graph import LaneGraph
@@ -35,7 +36,7 @@ def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: s
         network, "sc_0", start, speed, Destination(target, 60.0), bodies=list(bodies),
         privilege=privilege(code, **params),
     )  # fmt: skip
-    return world.run(IdmExpert(), 60.0)
+    return world.run(Expert(Idm()), 60.0)
 
 
 def car(source: str, target: str, before: float, speed: float) -> Body:

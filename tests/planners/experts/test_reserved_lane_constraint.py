@@ -8,7 +8,7 @@ from planner_loop import Body, World, constant, front_of, verdict
 
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege
 from tsbench.planners.common.pure_pursuit import pursue_route
-from tsbench.planners.experts.expert import Expert, IdmExpert
+from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork, read_network
@@ -54,7 +54,7 @@ def test_the_sign_blind_driver_is_tempted(code: str) -> None:
 @pytest.mark.parametrize("code", CODES)
 @pytest.mark.parametrize("speed", [3.61, 7.75, 11.05])
 def test_the_expert_changes_lane_before_the_plate_and_arrives(code: str, speed: float) -> None:
-    w = world(code, user(code), speed=speed).run(IdmExpert(), 60.0)
+    w = world(code, user(code), speed=speed).run(Expert(Idm()), 60.0)
     v = verdict(w)
     assert (w.arrived, v.engaged, v.violations) == (True, True, ())
     assert all(e.on_road for e in w.states)
@@ -69,7 +69,7 @@ def test_waits_before_the_plate_while_the_lane_beside_is_full(code: str) -> None
         Body(f"car{k}", beside, 2.0 + 8.0 * k, lambda t, w: min(w.ego.speed, 9.0) if t < 8.0 else 12.0)
         for k in range(9)
     ]
-    w = world(code, *column, speed=8.0, start=12.0).run(IdmExpert(), 60.0)
+    w = world(code, *column, speed=8.0, start=12.0).run(Expert(Idm()), 60.0)
     v = verdict(w)
     assert (w.arrived, v.violations) == (True, ())
     network = CODES[code]
@@ -85,7 +85,7 @@ def test_whoever_starts_beside_is_left_alone(code: str) -> None:
     network = CODES[code]
     goal = Destination("cd", 40.0) if network is SAME else Destination("bc", 80.0)
     free = World(network, "ab_1", 20.0, 10.0, goal, privilege=privilege(code)).run(Idm(), 40.0)
-    led = World(network, "ab_1", 20.0, 10.0, goal, privilege=privilege(code)).run(IdmExpert(), 40.0)
+    led = World(network, "ab_1", 20.0, 10.0, goal, privilege=privilege(code)).run(Expert(Idm()), 40.0)
     assert led.states == free.states
     assert verdict(led).violations == ()
 

@@ -8,7 +8,7 @@ import pytest
 from planner_loop import Body, World, constant, front_of, load, verdict
 
 from tsbench.planners.base import Planner, Privilege, SignView
-from tsbench.planners.experts.expert import Expert, IdmExpert
+from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.roads.destination import Destination
@@ -108,6 +108,6 @@ def test_stops_behind_who_stands(base: Callable[[], Planner], gap: float) -> Non
 
 
 def test_who_drives_as_fast_as_the_minimum_excuses_nothing() -> None:
-    world = min_speed(40.0, 12.0, [leader(42.0, 30.0)]).run(IdmExpert(), 60.0)
+    world = min_speed(40.0, 12.0, [leader(42.0, 30.0)]).run(Expert(Idm()), 60.0)
     assert verdict(world).compliant
     assert min(e.speed for e in world.states if front_of(e) > LINE + 50.0) * KMH >= 38.0

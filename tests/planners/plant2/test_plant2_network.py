@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from click.testing import CliRunner
+from training_helpers import fresh_tuned
 
 from tsbench.cli.planners import planners
 from tsbench.core.errors import InputError
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.engine import Engine
-from tsbench.planners.plant2.inference import load
-from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
+from tsbench.planners.plant2.engine import Engine, target_speed_of
+from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.parts import PUBLISHED_ADDED, PUBLISHED_MEDIUM, parts
-from tsbench.planners.plant2.plan import target_speed_of
+from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
 from tsbench.tools.doctor.arithmetic import questions
@@ -45,7 +46,10 @@ def samples(count: int, dtype: np.dtype = at.SIGN_TOKENS) -> at.Records:
     return batch
 
 
-def made(kind: type[Plant2Network], size: str = "mini") -> Plant2Network:
+Make = Callable[[str], Plant2Network]
+
+
+def made(kind: Make, size: str = "mini") -> Plant2Network:
     torch.manual_seed(3)
     return kind(size)
 
@@ -66,11 +70,11 @@ def test_counts_are_the_published_ones() -> None:
     assert counted["encoder"] == 8 * (4 * (512 * 512 + 512) + 2 * 512 * 2048 + 2048 + 512 + 4 * 512)
 
 
-BOTH = pytest.mark.parametrize("kind", [Plant2Network, Plant2FtNetwork])
+BOTH = pytest.mark.parametrize("kind", [Plant2Network, fresh_tuned])
 
 
 @BOTH
-def test_plans_do_not_hang_on_the_company(kind: type[Plant2Network]) -> None:
+def test_plans_do_not_hang_on_the_company(kind: Make) -> None:
     infer = engine(made(kind))
     batch = samples(16, infer.inputs)
     alone = [infer(batch[k : k + 1])[0] for k in range(16)]
@@ -105,12 +109,13 @@ def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: s
     assert np.abs(mine["standing"] - its["standing"]).max() < 2e-5
 
 
-@pytest.mark.parametrize("name", ["plant2", "plant2-ft"])
-def test_shipped_weights_plan_as_by_torch(name: str) -> None:
+@pytest.mark.parametrize("planner", [Plant2, Plant2Ft])
+def test_shipped_weights_plan_as_by_torch(planner: type[Plant2]) -> None:
+    name = planner.weights
     asked = questions(name)
     mine, its = (
-        load(name, "cpu")(asked),
-        inference(network_of("mini", load_weights(name), name), "cpu")(asked),
+        planner.network("cpu")(asked),
+        inference(network_of("mini", load_weights(name)), "cpu")(asked),
     )
     assert np.abs(its["path"]).max() > 5.0
     assert np.abs(mine["path"] - its["path"]).max() < 1e-4
@@ -132,8 +137,8 @@ def test_weights_that_do_not_fit_are_refused(
 ) -> None:
     arrays = {name: value.numpy() for name, value in made(Plant2Network).state_dict().items()}
     save_weights("plant2", tmp_path, arrays | change, {"size": "mini"})
-    with pytest.raises(InputError, match=f"are not those of a plant2 network .*{problem}") as caught:
-        load("plant2", "cpu", tmp_path)
+    with pytest.raises(InputError, match=f"are not those of plant2's network .*{problem}") as caught:
+        Plant2.network("cpu", tmp_path)
     assert "\n" not in str(caught.value)
 
 
@@ -147,7 +152,7 @@ def test_empty_slots_and_their_number_change_no_decision_beyond_rounding() -> No
 
 
 def test_fine_tuning_begins_with_the_bases_weights() -> None:
-    base, tuned = made(Plant2Network), made(Plant2FtNetwork)
+    base, tuned = made(Plant2Network), made(fresh_tuned)
     assert isinstance(tuned, Plant2FtNetwork)
     tuned.take_over(base)
     own = tuned.state_dict()
@@ -165,8 +170,8 @@ def test_speed_is_the_mean_of_its_classes() -> None:
 
 def test_foreign_weights_are_refused_in_one_line(tmp_path: Path) -> None:
     save_weights("plant2", tmp_path, {"w": np.zeros(3, dtype=np.float32)}, {"size": "mini"})
-    with pytest.raises(InputError, match="are not those of a plant2 network"):
-        load("plant2", "cpu", tmp_path)
+    with pytest.raises(InputError, match="are not those of plant2's network"):
+        Plant2.network("cpu", tmp_path)
 
 
 @pytest.mark.parametrize("name", ["ppo", "carl-e", "plant2", "plant2-e", "plant2-ft"])

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 import torch
 from learned_scenes import Recorder, record, with_signs
+from training_helpers import fresh_tuned
 
 from tsbench.planners.base import Control, Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
 from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
 from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import save_weights
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -35,9 +36,9 @@ def drive() -> Recorder:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where: Path = tmp_path_factory.mktemp("weights")
     torch.manual_seed(1)
-    for name, kind in (("plant2", Plant2Network), ("plant2-ft", Plant2FtNetwork)):
+    for name, kind in (("plant2", Plant2Network), ("plant2-ft", fresh_tuned)):
         arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
-        save_weights(name, where, arrays, {"size": "mini"})
+        save_weights(name, where, arrays, {"size": "mini"}, vocabulary_of().metadata())
     return where
 
 

@@ -13,10 +13,14 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.planners.plant2.signs import CLASSES, VALUES_KMH, VOCABULARY, SignMemory, state_of
+from tsbench.planners.plant2.signs import SignMemory
 from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
+
+WORDS = vocabulary_of()
+VOCABULARY = WORDS.words
 
 
 @pytest.fixture(scope="module")
@@ -97,13 +101,14 @@ def test_the_base_sees_no_sign(drive: Recorder, tokeniser: Tokeniser) -> None:
     assert tokeniser.tokens(o).tobytes() == tokeniser.tokens(with_signs(o)).tobytes()
 
 
-def test_vocabulary_holds_the_catalogue() -> None:
-    assert (len(CLASSES), len(VOCABULARY), len(set(VOCABULARY))) == (33, 48, 48)
+def test_every_word_is_of_the_catalogue() -> None:
+    assert (len(WORDS.classes), len(VOCABULARY), len(set(VOCABULARY))) == (33, 48, 48)
     signs = load_catalog().signs
-    assert {code for row in CLASSES for code in row} == set(signs)
-    for code, sign in signs.items():
+    assert {code for row in WORDS.classes for code in row} <= set(signs)
+    for code in WORDS.class_of:
+        sign = signs[code]
         allowed = sign.value.allowed if sign.value is not None else ()
-        for value in allowed if code in VALUES_KMH else ():
+        for value in allowed if code in WORDS.values_kmh else ():
             assert f"{code}@{value:g}" in VOCABULARY
 
 
@@ -115,7 +120,7 @@ def plate(o: Observation, code: str, value: float | None = None, *, ahead: float
 
 def test_the_sign_that_holds_is_remembered(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory = SignMemory(drive.context.network)
+    memory = SignMemory(drive.context.network, WORDS)
     assert memory.update(o) == 0
     limit = plate(o, "3.24", 20.0)
     assert VOCABULARY[memory.update(replace(o, signs=(limit,))) - 1] == "3.24@20"
@@ -137,7 +142,7 @@ def test_a_secondary_road_announced_to_another_arm_is_to_give_way(drive: Recorde
 
     def state(code: str, edge: str) -> int:
         seen = replace(plate(o, code), edge=edge, heading=o.ego.heading + 2.0)
-        return SignMemory(drive.context.network).update(replace(o, signs=(seen,)))
+        return SignMemory(drive.context.network, WORDS).update(replace(o, signs=(seen,)))
 
     for code in ("2.3.1", "2.3.2", "2.3.3"):
         assert VOCABULARY[state(code, other) - 1] == "2.4"
@@ -148,21 +153,21 @@ def test_states_of_plates() -> None:
     def view(code: str, value: float | None) -> SignView:
         return SignView(code, value, 0.0, 0.0, 0.0, "e", -1, 0.0, 0.0)
 
-    assert VOCABULARY[state_of(view("5.21", 20.0)) - 1] == "5.21"
-    assert VOCABULARY[state_of(view("4.6", 50.0)) - 1] == "4.6@50"
-    assert state_of(view("3.24", 90.0)) == 0
-    assert state_of(view("", None)) == 0
+    assert VOCABULARY[WORDS.state_of(view("5.21", 20.0)) - 1] == "5.21"
+    assert VOCABULARY[WORDS.state_of(view("4.6", 50.0)) - 1] == "4.6@50"
+    assert WORDS.state_of(view("3.24", 90.0)) == 0
+    assert WORDS.state_of(view("", None)) == 0
 
 
 def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Tokeniser) -> None:
     o = drive.seen[0]
     seen = replace(o, signs=(plate(o, "3.24", 36.0, ahead=10.0), replace(plate(o, "2.5"), code="")))
     record_ = np.zeros(1, dtype=at.SIGN_TOKENS)
-    signs = SignTokeniser(tokeniser, RouteAlternatives(drive.context.graph, drive.context.destination))
+    signs = SignTokeniser(tokeniser, RouteAlternatives(drive.context.graph, drive.context.destination), WORDS)
     signs.watch(seen)
     signs.fill(record_[0], seen)
     assert record_["sign_state"][0] == 0
-    assert CLASSES[record_["sign_classes"][0, 0] - 1] == ("3.24",)
+    assert WORDS.classes[record_["sign_classes"][0, 0] - 1] == ("3.24",)
     assert not record_["sign_classes"][0, 1:].any()
     assert record_["signs"][0, 0] == pytest.approx([0.2, 0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-6)
     for name in at.TOKENS.names:
@@ -171,7 +176,7 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
 
 def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory = SignMemory(drive.context.network)
+    memory = SignMemory(drive.context.network, WORDS)
     begin, end = plate(o, "5.31", 20.0, ahead=-15.0), plate(o, "5.32", 20.0, ahead=10.0)
     assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.31@20"
     end = plate(o, "5.32", 20.0, ahead=-1.0)
@@ -180,7 +185,7 @@ def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
 
 def test_after_a_full_stop_what_is_left_is_to_give_way(drive: Recorder) -> None:
     o = drive.seen[0]
-    memory, stop = SignMemory(drive.context.network), plate(o, "2.5", ahead=2.0)
+    memory, stop = SignMemory(drive.context.network, WORDS), plate(o, "2.5", ahead=2.0)
     line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
 
     def state(to_line: float, speed: float) -> str:

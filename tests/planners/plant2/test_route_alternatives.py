@@ -120,7 +120,7 @@ def test_the_way_that_a_plan_leads_to_is_meant(drive: Recorder, graph: LaneGraph
     ways = RouteAlternatives(graph, target)
     seen_from(on_lane(drive, graph, "sc_0", end - to_exit, target), ways)
     for way in ways.ways:
-        ways._meant = next(w for w in ways.ways if w.shown)
+        ways._intended = next(w for w in ways.ways if w.shown)
         x, y = way.line.point_at(way.s + 20.0)
         told = to_exit < 20.0 and not way.shown
         assert ways.intent(x, y, 20.0) == (way.edges if told else ())

@@ -10,12 +10,10 @@ import pytest
 from scipy.stats import rankdata
 
 from tsbench.report.analyses.correlations import spearman
-from tsbench.report.analyses.latex import escape, to_latex
-from tsbench.report.analyses.markdown import to_markdown
-from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.output import to_csv, write_analysis
+from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.published import in_published_order, published, published_metric, published_scd
 from tsbench.report.analyses.shown import lines_of
+from tsbench.report.analyses.writing import escape, to_csv, to_latex, to_markdown, write_analysis
 
 HOSTILE = r"50%_of {my}\planner & <b>$x^2$ #1|~"
 
@@ -58,7 +56,7 @@ def test_spearman_s_interval_covers_the_truth() -> None:
 
 def test_spearman_of_the_published_table() -> None:
     score = [published_metric(name, "driving_score") for name in published()]
-    scd = [published_scd(name, None) for name in published()]
+    scd = [published_scd(name, ALL) for name in published()]
     by_ranks = np.corrcoef(rankdata(score), rankdata(scd))[0, 1]
     assert spearman(score, scd).value == pytest.approx(by_ranks)
     assert spearman(score, scd).n == 17
@@ -80,9 +78,9 @@ def test_spearman_says_why_there_is_nothing() -> None:
 
 def test_the_published_table_is_whole() -> None:
     assert len(published()) == 17
-    assert (published_scd("plant2-ft", None), published_scd("idm", "priority")) == (72.3, 14.6)
+    assert (published_scd("plant2-ft", ALL), published_scd("idm", "priority")) == (72.3, 14.6)
     assert (published_metric("idm", "collision"), published_metric("idm", "comfort")) == (21.0, None)
-    assert published_scd("mine", None) is None
+    assert published_scd("mine", ALL) is None
     assert in_published_order(["zoo", "ppo", "alpha", "idm"]) == ("idm", "ppo", "alpha", "zoo")
 
 

@@ -86,3 +86,12 @@ def test_what_is_not_there_is_refused_and_the_page_left_alone(
     with pytest.raises(InputError, match=names):
         refresh(path, folder)
     assert path.read_text(encoding="utf-8") == text
+
+
+def test_the_table_of_metrics_is_what_the_code_declares(tmp_path: Path, folder: Path) -> None:
+    written = Path(__file__).parents[3] / "docs" / "metrics.md"
+    copy = page(tmp_path, written.read_text(encoding="utf-8"))
+    refresh(copy, folder)
+    assert copy.read_text(encoding="utf-8") == written.read_text(encoding="utf-8"), (
+        "tsbench analyse pages docs/metrics.md writes it anew"
+    )

@@ -21,9 +21,9 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
+from tsbench.planners.registry import resolve
 from tsbench.report.drawing.roads import road_shapes
-from tsbench.report.episode_files import make_one
-from tsbench.report.export.formats import WRITERS, export_kind
+from tsbench.report.episode_files import WRITERS, export_kind, make_one
 from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
 from tsbench.scenarios.certificates import certificates_path, read_certificates
@@ -48,7 +48,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         spec = next(
             r for r in rows if r.scenario_type == kind and r.variant == 2 and r.scenario_id in tempting
         )
-        runner = EpisodeRunner(planner, planner, simulation=sim)
+        runner = EpisodeRunner(resolve(planner), simulation=sim)
         sim = runner.simulation
         write_trace(trace_path(folder, planner, kind), runner.run(spec))
     return folder

@@ -14,7 +14,7 @@ import pytest
 from page_runs import HOSTILE, SENTENCE, TRACED
 from patience import HANG_S
 
-from tsbench.report.page import embed as embedding
+from tsbench.report.page import report as embedding
 from tsbench.report.page import server as serving
 from tsbench.report.page.report import write_report
 from tsbench.report.page.server import make_server

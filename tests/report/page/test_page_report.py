@@ -15,11 +15,10 @@ from page_runs import HOSTILE, TRACED
 from tsbench.cli import main
 from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.pool import read_pool
-from tsbench.report.page import embed as embedding
+from tsbench.report.page import report as embedding
 from tsbench.report.page.content import heading
-from tsbench.report.page.embed import embed
 from tsbench.report.page.episode_index import index_episodes
-from tsbench.report.page.report import NAME, Written, write_report
+from tsbench.report.page.report import NAME, Written, embed, write_report
 
 
 @pytest.fixture(autouse=True)
@@ -125,10 +124,10 @@ def test_missing_records_come_first_in_the_title(tmp_path: Path, capsys: pytest.
 
 
 def test_players_are_left_out_until_they_fit(tmp_path: Path) -> None:
-    stock = index_episodes(read_pool([page_runs.make_run(tmp_path / "run")], False))
-    whole = embed(stock, 10**6, 1, lambda done, of: None)
+    index = index_episodes(read_pool([page_runs.make_run(tmp_path / "run")], False))
+    whole = embed(index, 10**6, 1, lambda done, of: None)
     assert (len(whole.rows), whole.notes) == (4, [])
-    some = embed(stock, whole.size - 500, 1, lambda done, of: None)
+    some = embed(index, whole.size - 500, 1, lambda done, of: None)
     assert some.size <= whole.size - 500
     assert 2 <= len(some.rows) < 4
     # Each planner's first episode is its violation.
@@ -148,10 +147,10 @@ def test_a_bound_that_cannot_be_kept(
 def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
     runs = [page_runs.make_run(tmp_path / name, (name,)) for name in ("idm", "mine")]
     pool = read_pool(runs, False)
-    stock = index_episodes(pool)
+    index = index_episodes(pool)
     assert "idm, mine: 2 of 29 types" in heading(pool)["title"]
-    assert (len(stock.rows), len(stock.traces), stock.notes) == (96, 4, ())
-    assert {path.parents[2].name for path in stock.traces.values()} == {"idm", "mine"}
+    assert (len(index.rows), len(index.traces), index.notes) == (96, 4, ())
+    assert {path.parents[2].name for path in index.traces.values()} == {"idm", "mine"}
 
 
 def test_what_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -171,7 +171,7 @@ def test_a_slow_page_does_not_hold_the_others(tmp_path: Path, monkeypatch: pytes
     runs = [page_runs.make_run(tmp_path / name) for name in ("slow", "quick")]
     begun, go = threading.Event(), threading.Event()
 
-    def slow_page(pool, stock, data):
+    def slow_page(pool, index, data):
         if data.startswith("/run/0/"):
             begun.set()
             assert go.wait(60)

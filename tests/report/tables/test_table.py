@@ -8,8 +8,8 @@ from rich.console import Console
 from table_builders import random_rows, records, row
 
 from tsbench.metrics.aggregate import Summary, summarise
-from tsbench.report.analyses import markdown
-from tsbench.report.analyses.run_tables import run_tables
+from tsbench.report.analyses import writing as markdown
+from tsbench.report.analyses.main_table import run_tables
 from tsbench.report.analyses.shown import print_analysis
 
 HOSTILE = "[red]<b>my.py:Planner|x[/red]"

@@ -13,11 +13,11 @@ from run_builders import episode, lost, make_run
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_path, write_trace
-from tsbench.report.video.bulk import Job, make_files
-from tsbench.report.video.outfile import whole_file
-from tsbench.report.video.selection import Selection, episode_name, select_traces
+from tsbench.planners.registry import resolve
+from tsbench.report.episode_files import Selection, episode_name, make_files, select_traces
 from tsbench.scenarios.table import read_table, table_path
 
 
@@ -26,7 +26,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trace that was really driven, on a scene of the committed tables."""
     spec = next(row for row in read_table(table_path("test")) if row.scenario_type == "speed_limit")
     path = tmp_path_factory.mktemp("driven") / "trace.parquet"
-    runner = EpisodeRunner("idm", "idm")
+    runner = EpisodeRunner(resolve("idm"))
     write_trace(path, runner.run(spec))
     runner.close()
     return path
@@ -75,33 +75,34 @@ def test_a_selection_is_what_holds_all_of_it(run: Path) -> None:
 
 def copy_spec(trace: Trace, path: Path) -> None:
     """A maker for worker processes: text instead of a film."""
-    with whole_file(path) as part:
+    with replacing(path) as part:
         part.write_text(f"{os.getpid()} {len(trace.snapshots)}")
 
 
 def test_what_is_there_is_kept_and_a_torn_trace_costs_itself(driven: Path, tmp_path: Path) -> None:
     traces = [Path(shutil.copy(driven, tmp_path / f"{k}.parquet")) for k in range(4)]
     traces[3].write_bytes(driven.read_bytes()[:-100])
-    jobs = [Job(trace, tmp_path / "out" / f"{trace.stem}.txt") for trace in traces]
+    files = {trace: tmp_path / "out" / f"{trace.stem}.txt" for trace in traces}
     seen: list[tuple[int, int]] = []
-    tally = make_files(jobs, copy_spec, 2, lambda *at: seen.append(at))
+    tally = make_files(files, copy_spec, 2, lambda *at: seen.append(at))
     assert (tally.made, tally.kept, [path for path, _ in tally.failed]) == (3, 0, [traces[3]])
     assert "cannot be read as a trace" in tally.failed[0][1]
     assert seen == [(k, 4) for k in range(5)]
     assert tally.driven_s > 3.0
-    before = jobs[0].out.read_text()
+    before = files[traces[0]].read_text()
     assert not before.startswith(f"{os.getpid()} ")
 
     os.utime(traces[1], (2e9, 2e9))  # driven anew since
-    again = make_files(jobs[:3], copy_spec, 1, lambda *_: None)
+    del files[traces[3]]
+    again = make_files(files, copy_spec, 1, lambda *_: None)
     assert (again.made, again.kept, again.failed) == (1, 2, ())
-    assert jobs[0].out.read_text() == before
+    assert files[traces[0]].read_text() == before
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["0.txt", "1.txt", "2.txt"]
 
 
 def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
     def write_half() -> None:
-        with whole_file(tmp_path / "new" / "a") as part:
+        with replacing(tmp_path / "new" / "a") as part:
             part.write_text("half")
             raise RuntimeError
 
@@ -109,7 +110,11 @@ def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
         write_half()
     assert list((tmp_path / "new").iterdir()) == []
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), whole_file(tmp_path / "file" / "a"):
+    with (
+        pytest.raises(InputError, match="file: File exists"),
+        io_errors_as_input_errors(tmp_path / "file" / "a"),
+        replacing(tmp_path / "file" / "a"),
+    ):
         pass
 
 
@@ -131,7 +136,7 @@ def test_the_command_draws_all_violations(run: Path, capsys: pytest.CaptureFixtu
     assert cv2.VideoCapture(str(films[0])).get(cv2.CAP_PROP_FRAME_COUNT) > 50
     code, out, _ = command(capsys, run, "--types", "yield", "--planner", "idm", "--format", "mp4")
     assert (code, out.splitlines()[0]) == (0, "0 mp4 files made, 1 kept, 0 failed")
-    code, out, _ = command(capsys, run, "--types", "speed", "--jurisdiction", "de", "--out", run / "de")
+    code, out, _ = command(capsys, run, "--types", "speed", "--country", "de", "--out", run / "de")
     assert code == 0
     assert PilImage.open(run / "de" / "idm" / "speed_limit-m0-v0.de.png").format == "PNG"
     assert "1 selected episodes have no trace" in out

@@ -13,16 +13,15 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image as PilImage
 
-from tsbench.cli.render import render as command
+from tsbench.cli.episodes import render as command
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.report import episode_files as module
 from tsbench.report.drawing.bev import BirdsEye, PageSize
 from tsbench.report.drawing.camera import camera_at, camera_over
-from tsbench.report.drawing.initial_state import staged_bodies
 from tsbench.report.drawing.paint import paint
-from tsbench.report.drawing.scene import start_shapes
+from tsbench.report.drawing.scene import staged_bodies, start_shapes
 from tsbench.report.drawing.style import STYLE, VIOLATION_SHADE
 from tsbench.report.drawing.text import label, shorten, text_width, wrap
 from tsbench.report.video.encode import film
@@ -205,7 +204,7 @@ def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
     render_scene_png(scene, tmp_path / "new" / "scene.png", "title")
     assert PilImage.open(tmp_path / "new" / "scene.png").size == (1400, 1050)
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="File exists"):
         render_scene_png(scene, tmp_path / "file" / "scene.png", "title")
 
 

@@ -13,6 +13,7 @@ from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -72,7 +73,9 @@ class Certifier:
     def _drive(self, planner: str, spec: ScenarioSpec) -> EpisodeResult:
         runner = self._runners.get(planner)
         if runner is None:
-            runner = EpisodeRunner(planner, planner, simulation=self._simulation, loader=self._loader)
+            runner = EpisodeRunner(
+                replace(resolve(planner), name=planner), simulation=self._simulation, loader=self._loader
+            )
             self._runners[planner] = runner
         return runner.run(spec)
 

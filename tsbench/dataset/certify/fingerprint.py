@@ -18,6 +18,6 @@ _ROOTS = (
 
 @cache
 def driving_fingerprint() -> str:
-    """SHA-256 (hex) over the episode's code, the planners', the prover's, and versions."""
+    """SHA-256 (hex) over the episode's code, the planners', the certifier's, and versions."""
     files = code_files()
     return digest({"code": files | closure(_ROOTS, files), "versions": versions()})

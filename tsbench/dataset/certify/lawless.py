@@ -34,7 +34,6 @@ class Lawless:
         self._nobody: Actors
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._driver = Idm(_FAST)
         self._driver.reset(context)
         self._context = context
@@ -43,7 +42,6 @@ class Lawless:
         self._nobody = Actors(ActorTable(1), index, np.zeros((0, 3)), nothing, index, nothing)
 
     def act(self, observation: Observation) -> Control:
-        """What an IDM driver does who sees neither road users nor obstacles."""
         if observation.step == 0 and any(s.code == _MIN_SPEED for s in observation.signs):
             self._driver = Idm(_SLOW)
             self._driver.reset(self._context)

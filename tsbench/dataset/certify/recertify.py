@@ -1,23 +1,18 @@
-"""Certificates renewed: each row driven again in another process than the one that certified it. Resumable.
-
-Every map's rows leave a JSON below `scenarios/build/certify/`, keyed by rows, old certificates and code; what was
-driven is not driven again.
-"""
+"""Certificates renewed: each row driven again in another process than the one that certified it. Resumable."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import lru_cache
-from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 from tsbench.core.errors import InputError
+from tsbench.core.parallel import Kept, worker_processes
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
 from tsbench.scenarios.certificates import (
@@ -33,17 +28,26 @@ from tsbench.sim.sumo import Simulation
 
 Problem = tuple[str, str]
 _Batch = list[tuple[ScenarioSpec, Certificate]]
-_AT_ONCE = 64
 
 
 @lru_cache(maxsize=1)
-def _prover(root: Path) -> Certifier:
+def _certifier(root: Path) -> Certifier:
     return Certifier(Simulation(), SceneLoader(SceneStore(root)))
 
 
-def _drive(batch: _Batch, root: Path) -> list[Certificate]:
-    prover = _prover(root)
-    return [prover.again(spec, old) for spec, old in batch]
+def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:
+    certifier = _certifier(root)
+    return [asdict(certifier.again(spec, old)) for spec, old in batch]
+
+
+def _kept(batch: _Batch, root: Path) -> Kept:
+    """Where a map's certificates stay while a run goes on: keyed by rows, old certificates and code."""
+    row = batch[0][0]
+    text = json.dumps(
+        [[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True
+    )
+    stamp = hashlib.sha256(f"{driving_fingerprint()}|{text}".encode()).hexdigest()
+    return Kept(root / "build" / "certify" / row.pair_type / f"{row.map_id}.json", stamp)
 
 
 def recertify(
@@ -60,12 +64,14 @@ def recertify(
         raise InputError(f"{path}: no certificate for {missing[0]} (tsbench scenarios build makes it)")
     batches: dict[tuple[str, str], _Batch] = defaultdict(list)
     for row in sorted(rows, key=lambda r: r.scenario_id):
-        batches[(row.scenario_type, row.map_id)].append((row, table[row.scenario_id]))
+        batches[(row.pair_type, row.map_id)].append((row, table[row.scenario_id]))
     problems: list[Problem] = []
     done = 0
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        for batch, renewed in _driven(list(batches.values()), root, pool):
-            for (_, old), new in zip(batch, renewed, strict=True):
+    with worker_processes(workers, "certifying") as pool:
+        driven = pool.ordered(_drive, ((batch, root) for batch in batches.values()), _kept)
+        for batch, renewed in zip(batches.values(), driven, strict=True):
+            for (_, old), fields in zip(batch, renewed, strict=True):
+                new = Certificate(**fields)
                 table[new.scenario_id] = new
                 problems += [(new.scenario_id, p) for p in _problems(old, new)]
             done += len(batch)
@@ -75,47 +81,11 @@ def recertify(
 
 
 def draw_sample(rows: Sequence[ScenarioSpec], size: int) -> list[ScenarioSpec]:
-    """`size` rows of each type by a fixed lot: if other code is at work, do its episodes still come out the same?"""
+    """`size` rows of each type in shuffled order: if other code is at work, do its episodes still come out the same?"""
     by_type: dict[str, list[ScenarioSpec]] = defaultdict(list)
     for row in sorted(rows, key=lambda r: hashlib.sha256(f"sample {r.scenario_id}".encode()).digest()):
-        by_type[row.scenario_type].append(row)
+        by_type[row.pair_type].append(row)
     return [row for _, drawn in sorted(by_type.items()) for row in drawn[:size]]
-
-
-def _driven(
-    batches: list[_Batch], root: Path, pool: ProcessPoolExecutor
-) -> Iterator[tuple[_Batch, list[Certificate]]]:
-    """Batches with their renewed certificates, in order; a few dozen under way at once."""
-    queue = iter(batches)
-    while window := list(islice(queue, _AT_ONCE)):
-        running = [(batch, _start(batch, root, pool)) for batch in window]
-        yield from ((batch, get()) for batch, get in running)
-
-
-def _start(batch: _Batch, root: Path, pool: ProcessPoolExecutor) -> Callable[[], list[Certificate]]:
-    row = batch[0][0]
-    path = root / "build" / "certify" / row.scenario_type / f"{row.map_id}.json"
-    text = json.dumps(
-        [[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True
-    )
-    stamp = hashlib.sha256(f"{driving_fingerprint()}|{text}".encode()).hexdigest()
-    if path.is_file():
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept["stamp"] == stamp:
-            return lambda: [Certificate(**c) for c in kept["certificates"]]
-    future = pool.submit(_drive, batch, root)
-
-    def get() -> list[Certificate]:
-        renewed = future.result()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(
-            json.dumps({"stamp": stamp, "certificates": [asdict(c) for c in renewed]}), encoding="utf-8"
-        )
-        part.replace(path)
-        return renewed
-
-    return get
 
 
 def _problems(old: Certificate, new: Certificate) -> list[str]:

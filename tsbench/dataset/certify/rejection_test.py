@@ -7,7 +7,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 
 class RejectionTest(Certifier):
-    """A prover that also sees through drivers who are no part of a proof. Runs in the process's one simulation."""
+    """A certifier that also sees through drivers who are no part of a proof. Runs in the process's one simulation."""
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""

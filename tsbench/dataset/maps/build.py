@@ -6,10 +6,12 @@ import gzip
 import re
 import tempfile
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 
 from lxml import etree
 
+from tsbench.core.files import write_atomic
 from tsbench.dataset.maps.netconvert import run_netconvert
 from tsbench.dataset.maps.paths import netconvert_file
 from tsbench.dataset.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainNet, PlainNode
@@ -27,8 +29,7 @@ def build_net(plain: PlainNet, out: Path) -> None:
         built = Path(folder) / "built.net.xml"
         run_netconvert([*arguments, "--output-file", str(built)], what=out.name, timeout_s=TIMEOUT_S)
         data = _HEADER_COMMENT.sub(b"", built.read_bytes(), count=1)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if out.suffix == ".gz" else data)
+    write_atomic(out, gzip.compress(data, compresslevel=9, mtime=0) if out.suffix == ".gz" else data)
 
 
 def write_plain(plain: PlainNet, prefix: Path) -> list[str]:
@@ -73,30 +74,12 @@ def _node(node: PlainNode) -> etree._Element:
 
 
 def _edge(edge: PlainEdge) -> etree._Element:
-    shape = " ".join(f"{x:.2f},{y:.2f}" for x, y in edge.shape)
     element = _element(
-        "edge",
-        **{"id": edge.id, "from": edge.source, "to": edge.target, "type": edge.type, "name": edge.name},
-        numLanes=edge.num_lanes,
-        speed=edge.speed,
-        priority=edge.priority,
-        width=edge.width,
-        spreadType=edge.spread,
-        allow=edge.allow,
-        disallow=edge.disallow,
-        shape=shape,
-    )
-    for lane in edge.lanes:
-        element.append(
-            _element(
-                "lane",
-                index=lane.index,
-                width=lane.width,
-                speed=lane.speed,
-                allow=lane.allow,
-                disallow=lane.disallow,
-            )
-        )
+        "edge", **{"id": edge.id, "from": edge.source, "to": edge.target, "type": edge.type, "name": edge.name},
+        numLanes=edge.num_lanes, speed=edge.speed, priority=edge.priority, width=edge.width, spreadType=edge.spread,
+        allow=edge.allow, disallow=edge.disallow, shape=" ".join(f"{x:.2f},{y:.2f}" for x, y in edge.shape),
+    )  # fmt: skip
+    element.extend(_element("lane", **asdict(lane)) for lane in edge.lanes)
     return element
 
 
@@ -112,10 +95,7 @@ def _connection(link: PlainConnection) -> etree._Element:
 
 
 def _crossing(crossing: PlainCrossing) -> etree._Element:
+    edges = " ".join(crossing.edges)
     return _element(
-        "crossing",
-        node=crossing.node,
-        edges=" ".join(crossing.edges),
-        priority=crossing.priority,
-        width=crossing.width,
+        "crossing", node=crossing.node, edges=edges, priority=crossing.priority, width=crossing.width
     )

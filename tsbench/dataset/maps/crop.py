@@ -1,9 +1,8 @@
-"""Cuts the crop of a pool row out of its source network, and builds it."""
+"""Cuts the crop of a pool row out of its source network."""
 
 from __future__ import annotations
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.cut import assemble
 from tsbench.dataset.maps.families.registry import REGISTRY
 from tsbench.dataset.maps.families.roundabout import roundabout_chains
@@ -11,8 +10,6 @@ from tsbench.dataset.maps.merge import merge_chains, part_carriageways
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.scenarios.map_pool import PoolRow
-
-__all__ = ["build_net", "plain_crop"]
 
 
 def plain_crop(row: PoolRow, source: SourceNetwork) -> PlainNet:

@@ -22,7 +22,6 @@ class Extract:
 
 @cache
 def known_extracts() -> dict[str, Extract]:
-    """The extracts that the repository knows, by name."""
     path = data_file("sumo_nets/harvest.yaml")
     content = read_yaml(path, "list of extracts")
     if not isinstance(content, dict) or content.get("schema") != 1:

@@ -12,24 +12,13 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.dataset.maps.osm import sha256_of
+from tsbench.core.files import sha256_of, write_atomic, write_json
 
 Box = tuple[float, float, float, float]  # west, south, east, north, degrees
 WAY_TAGS = (
-    *("highway", "oneway", "lanes", "lanes:forward", "lanes:backward", "maxspeed", "maxspeed:forward"),
-    *(
-        "maxspeed:backward",
-        "turn:lanes",
-        "junction",
-        "name",
-        "access",
-        "service",
-        "width",
-        "bridge",
-        "tunnel",
-        "layer",
-    ),
-)
+    "highway", "oneway", "lanes", "lanes:forward", "lanes:backward", "maxspeed", "maxspeed:forward",
+    "maxspeed:backward", "turn:lanes", "junction", "name", "access", "service", "width", "bridge", "tunnel", "layer",
+)  # fmt: skip
 MAX_DEGREES = 1.5
 
 
@@ -71,13 +60,10 @@ def fetch_extract(out_dir: Path, *, name: str | None, place: str | None, box: Bo
         if known.get("query") == query and known.get("sha256") == sha256_of(path):
             return Fetched(path, known["sha256"], True)
     data = _download(place, box)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    half = path.with_name(path.name + ".part")
-    half.write_bytes(gzip.compress(data, mtime=0))
-    half.replace(path)
+    write_atomic(path, gzip.compress(data, mtime=0))
     digest = sha256_of(path)
     facts = {"query": query, "sha256": digest, "licence": "ODbL 1.0, © OpenStreetMap contributors"}
-    note.write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(note, facts, indent=1)
     return Fetched(path, digest, False)
 
 

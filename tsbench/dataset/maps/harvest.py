@@ -2,31 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-import multiprocessing
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from tsbench.core.errors import InputError, TsbenchError
+from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of, write_json
+from tsbench.core.parallel import Kept, worker_processes
+from tsbench.core.paths import data_file
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.extracts import by_preference
 from tsbench.dataset.maps.families.expectations import expectations
 from tsbench.dataset.maps.families.registry import REGISTRY
-from tsbench.dataset.maps.harvest_store import batch_name, harvest_dir, harvest_key, read_json, write_json
 from tsbench.dataset.maps.lint import lint_crops
-from tsbench.dataset.maps.osm import extract_name, sha256_of
+from tsbench.dataset.maps.osm import extract_name
 from tsbench.dataset.maps.overlap import Coverage
-from tsbench.dataset.maps.source import SourceNetwork, list_extracts, load_source
+from tsbench.dataset.maps.paths import build_dir, netconvert_file
+from tsbench.dataset.maps.source import kept_source, list_extracts, load_source
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 
 BATCH = 250
 SAME_RING_M = 80.0
 Progress = Callable[[str, int, int], None]  # what is done, steps done, steps in all
+Keep = Callable[..., Kept] | None
 
 
 @dataclass(frozen=True)
@@ -59,67 +61,66 @@ class _Batch:
     rows: tuple[PoolRow, ...]
 
     @property
-    def file(self) -> Path:
-        return self.folder / batch_name(self.source, self.family, self.rows)
+    def kept(self) -> Kept:
+        """Where its faults stay, by what is linted."""
+        text = "\n".join(row.map_id + row.detail for row in self.rows)
+        stamp = hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+        return Kept(self.folder / f"lint-{self.source}-{self.family}-{stamp}.json", stamp)
 
 
 def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Progress) -> HarvestResult:
     """Harvest all extracts of a folder into the pool index `out`, and the counts into `report` (JSON)."""
     extracts = {extract_name(path): path for path in list_extracts(osm_dir)}
     names = by_preference(sorted(extracts))
-    folder = harvest_dir(harvest_key([extracts[name] for name in names]))
-    folder.mkdir(parents=True, exist_ok=True)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    folder = build_dir() / "harvest" / _key([extracts[name] for name in names])
+    with worker_processes(workers, "harvesting") as pool:
+
+        def each(
+            what: str, work: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], keep: Keep
+        ) -> list[Any]:
+            results = []
+            progress(what, 0, len(jobs))
+            for result in pool.ordered(work, jobs, keep):
+                results.append(result)
+                progress(what, len(results), len(jobs))
+            return results
+
         # the biggest extract is the last in the order of preference: begin with it
-        convert = [pool.submit(_convert, name, osm_dir) for name in reversed(names)]
-        _wait(convert, "converting", progress)
-        find = [pool.submit(_find, folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)]
-        _wait(find[::-1], "finding maps", progress)
-        batches = [batch for name in names for batch in _batches(folder, name, osm_dir)]
-        _wait(
-            [pool.submit(_lint, batch) for batch in batches if not batch.file.is_file()], "linting", progress
+        ranked = [(folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)][::-1]
+        each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
+        counts = each(
+            "finding maps", _find, ranked, lambda _, name, *__: Kept(folder / f"found-{name}.json", "")
         )
-    result = _collect(folder, names, batches)
+        batches = [batch for name in names for batch in _batches(folder, name, osm_dir)]
+        faults = each("linting", _lint, [(batch,) for batch in batches], lambda batch: batch.kept)
+    rejected = {name: Counter(found) for (_, name, _, _), found in zip(ranked, counts, strict=True)}
+    result = _collect({name: rejected[name] for name in names}, batches, faults)
     if not result.rows:
         raise InputError(f"{osm_dir}: no map found in {len(names)} extracts; see the reasons in {report}")
     write_pool(result.rows, out)
-    write_json(report, _summary(result, extracts))
+    write_json(report, _summary(result, extracts), indent=1, sort_keys=True)
     return result
 
 
-def _wait(jobs: Sequence[Future[None]], what: str, progress: Progress) -> None:
-    """Wait for all; the first error ends the harvest (what is finished stays on disk)."""
-    progress(what, 0, len(jobs))
-    try:
-        for done, job in enumerate(as_completed(jobs), start=1):
-            job.result()
-            progress(what, done, len(jobs))
-    except BrokenProcessPool as died:
-        raise TsbenchError(f"a worker died while {what}; run the harvest again, it goes on there") from died
-    except BaseException:
-        for job in jobs:
-            job.cancel()
-        raise
-
-
-@lru_cache(maxsize=8)
-def _source(name: str, osm_dir: Path) -> SourceNetwork:
-    """Networks stay in the worker from batch to batch."""
-    return load_source(name, osm_dir)
+def _key(extracts: Sequence[Path]) -> str:
+    """A digest of extracts, configurations and this package's code: other inputs, another folder."""
+    inputs = [*extracts, data_file("sumo_nets/harvest.yaml")]
+    inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg", "moscow.typ.xml")]
+    inputs += sorted(Path(__file__).parent.rglob("*.py"))
+    digest = hashlib.blake2b(digest_size=8)
+    for path in inputs:
+        digest.update(f"{path.name} {sha256_of(path)}\n".encode())
+    return digest.hexdigest()
 
 
 def _convert(name: str, osm_dir: Path) -> None:
     load_source(name, osm_dir)
 
 
-def _find(folder: Path, name: str, better: list[str], osm_dir: Path) -> None:
-    """Find an extract's maps of all families that no better extract has."""
-    found, counts = folder / f"found-{name}.parquet", folder / f"found-{name}.json"
-    if counts.is_file():
-        return
-    source = _source(name, osm_dir)
-    coverage = Coverage([_source(other, osm_dir) for other in better])
+def _find(folder: Path, name: str, better: list[str], osm_dir: Path) -> dict[str, int]:
+    """Write an extract's maps of all families that no better extract has; what was refused is counted by reason."""
+    source = kept_source(name, osm_dir)
+    coverage = Coverage([kept_source(other, osm_dir) for other in better])
     rejected: Counter[str] = Counter()
     rows = []
     for family, methods in REGISTRY.items():
@@ -129,36 +130,41 @@ def _find(folder: Path, name: str, better: list[str], osm_dir: Path) -> None:
                 rejected[f"{family.replace('_', ' ')}: a better-tagged extract has the place"] += 1
             else:
                 rows.append(row)
-    write_pool(rows, found)
-    write_json(counts, dict(rejected))
+    write_pool(rows, _found(folder, name))
+    return dict(rejected)
+
+
+def _found(folder: Path, name: str) -> Path:
+    return folder / f"found-{name}.parquet"
 
 
 def _batches(folder: Path, name: str, osm_dir: Path) -> Iterator[_Batch]:
-    rows = read_pool(folder / f"found-{name}.parquet")
+    rows = read_pool(_found(folder, name))
     for family in REGISTRY:
         members = [row for row in rows if row.family == family]
         for start in range(0, len(members), BATCH):
             yield _Batch(folder, name, family, osm_dir, tuple(members[start : start + BATCH]))
 
 
-def _lint(batch: _Batch) -> None:
-    source = _source(batch.source, batch.osm_dir)
-    write_json(batch.file, lint_crops([(plain_crop(row, source), expectations(row)) for row in batch.rows]))
+def _lint(batch: _Batch) -> list[str]:
+    source = kept_source(batch.source, batch.osm_dir)
+    return lint_crops([(plain_crop(row, source), expectations(row)) for row in batch.rows])
 
 
-def _collect(folder: Path, names: list[str], batches: Sequence[_Batch]) -> HarvestResult:
-    """The sound rows, one per map id, and all counts."""
-    rejected = {name: Counter(read_json(folder / f"found-{name}.json")) for name in names}
+def _collect(
+    rejected: dict[str, Counter[str]], batches: Sequence[_Batch], found: Sequence[list[str]]
+) -> HarvestResult:
+    """The sound rows, one per map id, and all counts. rejected: by source, the better-tagged first; found: faults."""
     sound: dict[str, PoolRow] = {}
     faults: dict[str, tuple[str, str]] = {}
-    for batch in batches:
-        for row, fault in zip(batch.rows, read_json(batch.file), strict=True):
+    for batch, told in zip(batches, found, strict=True):
+        for row, fault in zip(batch.rows, told, strict=True):
             if fault:
                 faults[row.map_id] = (row.source, f"{row.family.replace('_', ' ')}: {fault}")
             else:
                 # a roundabout comes with its arms cut in several ways, the preferred one first
                 sound.setdefault(row.map_id, row)
-    twice = _rings_seen_before(list(sound.values()), names)
+    twice = _rings_seen_before(list(sound.values()), list(rejected))
     for name, source in twice.items():
         rejected[source]["roundabout: a better-tagged extract has the place"] += 1
         del sound[name]

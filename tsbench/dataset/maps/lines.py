@@ -16,7 +16,6 @@ def stations(line: Floats) -> Floats:
 
 
 def length(line: Floats) -> float:
-    """Arc length."""
     return float(stations(line)[-1])
 
 
@@ -27,7 +26,6 @@ def point_at(line: Floats, at: float) -> Floats:
 
 
 def cut(line: Floats, start: float, end: float) -> Floats:
-    """The part between two arc lengths."""
     along = stations(line)
     inner = line[(along > start + 0.05) & (along < end - 0.05)]
     return np.vstack([point_at(line, start), inner, point_at(line, end)])

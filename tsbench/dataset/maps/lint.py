@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from tsbench.dataset.maps.families.expectations import Expectations
 from tsbench.dataset.maps.netconvert import sumo_binary, sumo_environment
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.geometry.angles import SUMO_TURNS
-from tsbench.roads.netfile import LaneFacts, read_net_facts
+from tsbench.roads.network import Lane, read_network
 
 CELL_M = 4000.0
 CELLS_PER_ROW = 24
@@ -41,26 +40,23 @@ def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
         net = Path(folder) / "batch.net.xml"
         try:
             build_net(_together([plain for plain, _ in crops]), net)
+            network = read_network(net)
             failure = "" if loads_in_sumo(net) else "SUMO does not load it"
         except InputError:
             failure = "netconvert refuses it"
-        if failure:
-            if len(crops) == 1:
-                return [failure]
-            half = len(crops) // 2
-            return lint_crops(crops[:half]) + lint_crops(crops[half:])
-        facts = read_net_facts(net)
-    lanes: dict[int, list[LaneFacts]] = defaultdict(list)
-    turns: dict[int, dict[tuple[str, str], str]] = defaultdict(dict)
-    for lane in facts.lanes:
-        index, name = _split(lane.edge)
-        lanes[index].append(replace(lane, edge=name))
-    for (source, target), letter in facts.turns.items():
-        index, name = _split(source)
-        turns[index][name, _split(target)[1]] = letter
-    overlapping = _overlaps(
-        [lane for index in range(len(crops)) for lane in lanes[index]], facts_owner(lanes, len(crops))
-    )
+    if failure:
+        half = len(crops) // 2
+        return lint_crops(crops[:half]) + lint_crops(crops[half:]) if half else [failure]
+    lanes: list[list[Lane]] = [[] for _ in crops]
+    turns: list[dict[tuple[str, str], str]] = [{} for _ in crops]
+    for lane in network.lanes:
+        if not lane.internal:
+            index, name = _split(lane.edge)
+            lanes[index].append(replace(lane, edge=name))
+    for link in network.connections:
+        index, name = _split(network.lanes[link.from_lane].edge)
+        turns[index][name, _split(network.lanes[link.to_lane].edge)[1]] = link.direction
+    overlapping = _overlaps(lanes)
     return [
         _judge(lanes[index], turns[index], plain, wanted)
         or ("lanes overlap outside junctions" * (index in overlapping))
@@ -70,16 +66,8 @@ def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
 
 def loads_in_sumo(net: Path) -> bool:
     """Whether SUMO loads a network and makes a step; in a child process, which may die of it."""
-    command = [
-        str(sumo_binary("sumo")),
-        "--net-file",
-        str(net),
-        "--end",
-        "1",
-        "--no-step-log",
-        "--xml-validation",
-        "never",
-    ]
+    options = f"--net-file {net} --end 1 --no-step-log --xml-validation never".split()
+    command = [str(sumo_binary("sumo")), *options]
     try:
         done = subprocess.run(
             command, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
@@ -89,13 +77,8 @@ def loads_in_sumo(net: Path) -> bool:
     return done.returncode == 0
 
 
-def facts_owner(lanes: dict[int, list[LaneFacts]], count: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """The crop of each lane, in the order of the crops, (lanes,)."""
-    return np.repeat(np.arange(count), [len(lanes[index]) for index in range(count)])
-
-
 def _judge(
-    lanes: list[LaneFacts], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations
+    lanes: list[Lane], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations
 ) -> str:
     built = {lane.edge for lane in lanes}
     if any(edge.id not in built for edge in plain.edges):
@@ -117,11 +100,13 @@ def _judge(
     return ""
 
 
-def _overlaps(lanes: list[LaneFacts], owner: np.ndarray[tuple[int], np.dtype[np.int64]]) -> set[int]:
-    """Crops in which lanes of different edges lie over each other."""
+def _overlaps(lanes_of: list[list[Lane]]) -> set[int]:
+    """Crops in which lanes of different edges lie over each other, by number."""
+    lanes = [lane for crop in lanes_of for lane in crop]
+    owner = np.repeat(np.arange(len(lanes_of)), [len(crop) for crop in lanes_of])
+    points = [lane.line.points for lane in lanes]
     lines = shapely.linestrings(
-        np.concatenate([lane.line for lane in lanes]),
-        indices=np.repeat(np.arange(len(lanes)), [len(lane.line) for lane in lanes]),
+        np.concatenate(points), indices=np.repeat(np.arange(len(lanes)), [len(line) for line in points])
     )
     half = np.array([lane.width / 2 - SHRINK_M for lane in lanes])
     bands = shapely.buffer(lines, half, cap_style="flat", join_style="mitre")

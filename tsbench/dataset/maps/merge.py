@@ -101,7 +101,6 @@ def _rounded(line: Floats) -> tuple[tuple[float, float], ...]:
 
 
 def _half(edge: PlainEdge) -> float:
-    """Half the width of a carriageway."""
     return edge.num_lanes * (edge.width or 0.0) / 2
 
 

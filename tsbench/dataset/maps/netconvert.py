@@ -1,13 +1,18 @@
-"""Runs SUMO's netconvert from the wheel; the user needs no SUMO_HOME."""
+"""Runs SUMO's netconvert from the wheel, on extracts above all; the user needs no SUMO_HOME."""
 
 from __future__ import annotations
 
 import os
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.dataset.maps.osm import ExtractFacts, read_extract
+from tsbench.dataset.maps.paths import netconvert_file
+
+EXTRACT_TIMEOUT_S = 900.0
 
 
 def sumo_home() -> Path:
@@ -18,7 +23,6 @@ def sumo_home() -> Path:
 
 
 def sumo_binary(name: str) -> Path:
-    """The path of one of SUMO's programs in the installed wheel."""
     return sumo_home() / "bin" / name
 
 
@@ -49,6 +53,32 @@ def run_netconvert(arguments: Sequence[str], *, what: str, timeout_s: float) -> 
     if done.returncode != 0:
         raise InputError(f"{what}: netconvert failed ({done.returncode}): {_last_error(done.stderr)}")
     return done.stderr
+
+
+def convert_extract(extract: Path, out: Path) -> ExtractFacts:
+    """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`), as `sumo_nets/netconvert/` says."""
+    if not out.name.endswith((".net.xml", ".net.xml.gz")):
+        raise InputError(f"{out}: the network's name must end in .net.xml or .net.xml.gz")
+    return _convert(extract, "--output-file", out)
+
+
+def convert_to_plain(extract: Path, prefix: Path) -> ExtractFacts:
+    """Convert an extract to plain XML files `prefix.nod.xml`, `prefix.edg.xml` (and others)."""
+    return _convert(extract, "--plain-output-prefix", prefix)
+
+
+def _convert(extract: Path, option: str, out: Path) -> ExtractFacts:
+    with tempfile.TemporaryDirectory(prefix="tsbench-osm-") as folder:
+        plain = Path(folder) / "extract.osm"
+        facts = read_extract(extract, plain)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        arguments = [
+            *("--configuration-file", str(netconvert_file("extract.netccfg"))),
+            *("--type-files", str(netconvert_file("moscow.typ.xml"))),
+            *("--osm-files", str(plain), option, str(out)),
+        ]
+        run_netconvert(arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
+    return facts
 
 
 def _last_error(stderr: str) -> str:

@@ -5,7 +5,6 @@ pyosmium does the reading (XML, .gz, .bz2 and .pbf); what it objects to becomes 
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,12 +35,6 @@ class ExtractFacts:
 def extract_name(path: Path) -> str:
     """`nw-moscow` for `.../nw-moscow.osm.gz`."""
     return path.name.split(".", 1)[0]
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:

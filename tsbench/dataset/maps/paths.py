@@ -23,5 +23,4 @@ def build_dir() -> Path:
 
 
 def netconvert_file(name: str) -> Path:
-    """A netconvert configuration or type map, e.g. `extract.netccfg`."""
     return data_file(f"sumo_nets/netconvert/{name}")

@@ -1,7 +1,6 @@
 """A small road network as SUMO's *plain* elements: what a crop is cut into and what a scene edits.
 
-Source: SUMO documentation, "Networks / PlainXML"; shared between `maps.crop` (cuts), the scenario recipes
-(priorities, crossings, split edges) and `maps.netconvert` (builds the `.net.xml.gz`).
+Source: SUMO documentation, "Networks / PlainXML".
 """
 
 from __future__ import annotations

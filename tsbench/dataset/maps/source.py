@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.convert import convert_to_plain
-from tsbench.dataset.maps.osm import SUFFIXES, extract_name, sha256_of
+from tsbench.core.files import replacing, sha256_of
+from tsbench.dataset.maps.netconvert import convert_to_plain
+from tsbench.dataset.maps.osm import SUFFIXES, extract_name
 from tsbench.dataset.maps.paths import build_dir, netconvert_file
 from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_roundabouts
 from tsbench.dataset.maps.utm import Floats
@@ -55,22 +55,18 @@ class SourceNetwork:
 
     @cached_property
     def node_row(self) -> dict[str, int]:
-        """Row of each node id."""
         return {name: row for row, name in enumerate(self.node_ids)}
 
     @cached_property
     def edge_row(self) -> dict[str, int]:
-        """Row of each edge id."""
         return {name: row for row, name in enumerate(self.edge_ids)}
 
     @cached_property
     def out_edges(self) -> list[list[int]]:
-        """Rows of the edges that leave each node."""
         return _group(self.tail, len(self.node_ids))
 
     @cached_property
     def in_edges(self) -> list[list[int]]:
-        """Rows of the edges that enter each node."""
         return _group(self.head, len(self.node_ids))
 
     @cached_property
@@ -124,7 +120,6 @@ def find_extract(name: str, osm_dir: Path) -> Path:
 
 
 def list_extracts(osm_dir: Path) -> list[Path]:
-    """All extracts of a folder, sorted by name."""
     if not osm_dir.is_dir():
         raise InputError(
             f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
@@ -133,6 +128,12 @@ def list_extracts(osm_dir: Path) -> list[Path]:
     if not found:
         raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
     return found
+
+
+@lru_cache(maxsize=8)
+def kept_source(name: str, osm_dir: Path) -> SourceNetwork:
+    """The network of an extract, kept in this process from task to task."""
+    return load_source(name, osm_dir)
 
 
 def load_source(name: str, osm_dir: Path) -> SourceNetwork:
@@ -144,7 +145,6 @@ def load_source(name: str, osm_dir: Path) -> SourceNetwork:
     )
     cache = build_dir() / "sources" / f"{name}-{SCHEMA}-{key}.parquet"
     if not cache.is_file():
-        cache.parent.mkdir(parents=True, exist_ok=True)
         _write(_convert(extract), cache)
     return _read(cache)
 
@@ -160,30 +160,26 @@ def _convert(extract: Path) -> SourceNetwork:
     if not edges:
         raise InputError(f"{extract}: netconvert found no road for cars in it")
     row = {name: index for index, name in enumerate(nodes)}
-    counts = [len(edge.line) for edge in edges]
+    columns: dict[str, Any] = {name: [getattr(edge, name) for edge in edges] for name in _TEXT_COLUMNS}
+    columns |= {name: np.array([row[getattr(edge, name)] for edge in edges]) for name in _END_COLUMNS}
+    columns |= {name: np.array([getattr(edge, name) for edge in edges]) for name in _NUMBER_COLUMNS}
     return SourceNetwork(
         name=extract_name(extract),
         node_ids=list(nodes),
         node_xy=np.array(list(nodes.values()), float),
         edge_ids=[edge.id for edge in edges],
-        tail=np.array([row[edge.tail] for edge in edges]),
-        head=np.array([row[edge.head] for edge in edges]),
-        lanes=np.array([edge.lanes for edge in edges]),
-        priority=np.array([edge.priority for edge in edges]),
-        speed=np.array([edge.speed for edge in edges]),
-        width=np.array([edge.width for edge in edges]),
-        road_class=[edge.road_class for edge in edges],
-        street=[edge.street for edge in edges],
-        centred=np.array([edge.centred for edge in edges]),
         osm_ids=[edge.osm_ids for edge in edges],
-        first=np.concatenate([[0], np.cumsum(counts)]),
+        first=np.concatenate([[0], np.cumsum([len(edge.line) for edge in edges])]),
         points=np.concatenate([np.array(edge.line) for edge in edges]),
         rings=rings,
         signals=facts.signals,
+        **columns,
     )
 
 
-_EDGE_COLUMNS = ("tail", "head", "lanes", "priority", "speed", "width", "centred")
+_END_COLUMNS = ("tail", "head")
+_NUMBER_COLUMNS = ("lanes", "priority", "speed", "width", "centred")
+_EDGE_COLUMNS = (*_END_COLUMNS, *_NUMBER_COLUMNS)
 _TEXT_COLUMNS = ("road_class", "street")
 
 
@@ -203,9 +199,8 @@ def _write(source: SourceNetwork, path: Path) -> None:
         "signals": source.signals.tolist(),
     }
     table = pa.table(columns).replace_schema_metadata({"tsbench": json.dumps(extra)})
-    half = path.with_name(f"{path.name}.{os.getpid()}.part")
-    pq.write_table(table, half, compression="zstd")
-    half.replace(path)
+    with replacing(path) as part:
+        pq.write_table(table, part, compression="zstd")
 
 
 def _read(path: Path) -> SourceNetwork:

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.dataset.maps.extracts import by_preference, extract_info
 from tsbench.scenarios.map_pool import FAMILIES, SLOTS, PoolRow
 
@@ -28,7 +29,6 @@ class CountTable:
 
 
 def count_tables(pool: Sequence[PoolRow]) -> list[CountTable]:
-    """All tables that `tsbench maps stats` prints."""
     sources = [extract_info(name).code for name in by_preference(sorted({row.source for row in pool}))]
     corridors = [row for row in pool if row.family == "corridor"]
     dual = [row for row in pool if row.family == "dual_path"]
@@ -120,5 +120,5 @@ def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
     axis.set_title(f"{len(pool):,} maps")
     axis.legend(markerscale=3, loc="upper right")
     axis.text(0.99, 0.01, ATTRIBUTION, transform=axis.transAxes, ha="right", fontsize=8)
-    png.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(png, dpi=110, metadata={"Software": None})
+    with io_errors_as_input_errors(png), replacing(png) as part:
+        figure.savefig(part, format="png", dpi=110, metadata={"Software": None})

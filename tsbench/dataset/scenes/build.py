@@ -9,19 +9,22 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import inspect
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from functools import lru_cache
-from multiprocessing import get_context
+from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
+from tsbench.core.benchmark import TEST_PER_TRAIN
+from tsbench.core.files import write_json
+from tsbench.core.parallel import Kept, Workers, worker_processes
+from tsbench.core.provenance import closure, digest, versions
 from tsbench.core.seeds import seed_of
-from tsbench.dataset.maps.source import SourceNetwork, load_source
+from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.registry import placement_of
-from tsbench.dataset.scenes.fingerprint import maker_fingerprint
 from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.dataset.scenes.split import split_pool
@@ -39,7 +42,6 @@ from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
-TEST_PER_TRAIN = 4
 APART_M = 60.0
 AHEAD = 12
 
@@ -50,15 +52,15 @@ Progress = Callable[[str, int, int], None]
 class BuildRequest:
     """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill.
 
-    prover: "module:Class" of what drives rows to prove them (certify.prover), "" = nobody; by name, because it stands
-    above this layer and is made in each worker process. splits: which tables.
+    certifier: "module:Class" of what drives rows to prove them, "" = nobody; by name, as it stands above this layer and
+    is made in each worker process. splits: which tables.
     """
 
     types: tuple[str, ...]
     osm: Path
     root: Path
     workers: int
-    prover: str
+    certifier: str
     splits: tuple[str, ...] = SPLITS
 
     @property
@@ -91,55 +93,48 @@ def stratum_of(row: PoolRow) -> str:
     return row.shape
 
 
-@lru_cache(maxsize=8)
-def _source(name: str, osm: Path) -> SourceNetwork:
-    return load_source(name, osm)
-
-
 @lru_cache(maxsize=1)
-def _tools(root: Path, prover: str) -> tuple[Simulation, Certifier | None]:
+def _tools(root: Path, certifier: str) -> tuple[Simulation, Certifier | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
-    module, _, name = prover.partition(":")
+    module, _, name = certifier.partition(":")
     loader = SceneLoader(SceneFolder(root))
-    return sim, getattr(importlib.import_module(module), name)(sim, loader) if prover else None
+    return sim, getattr(importlib.import_module(module), name)(sim, loader) if certifier else None
 
 
-def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, object]:
-    """In a worker process: one site, as plain data."""
-    sim, prover = _tools(request.workplace, request.prover)
-    source = _source(row.source, request.osm)
-    site = SiteBuilder(recipe, request.workplace, sim, prover).build(row, source, split)
-    return {
-        "map_id": site.map_id,
-        "rows": [asdict(r) for r in site.rows],
-        "certificates": [asdict(c) for c in site.certificates],
-        "reason": site.reason,
-    }
+def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, Any]:
+    """In a worker process: the scenarios of one map, as plain data."""
+    sim, certifier = _tools(request.workplace, request.certifier)
+    source = kept_source(row.source, request.osm)
+    return asdict(SiteBuilder(recipe, request.workplace, sim, certifier).build(row, source, split))
 
 
-def _site(data: dict[str, object]) -> MapScenarios:
-    rows, certificates = data["rows"], data["certificates"]
-    assert isinstance(rows, list)
-    assert isinstance(certificates, list)
+def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
+    rows = tuple(ScenarioSpec(**row) for row in data["rows"])
     return MapScenarios(
-        str(data["map_id"]),
-        tuple(ScenarioSpec(**r) for r in rows),
-        tuple(Certificate(**c) for c in certificates),
-        str(data["reason"]),
+        data["map_id"], rows, tuple(Certificate(**c) for c in data["certificates"]), data["reason"]
     )
+
+
+# What makes scenes; it imports every placement, of which a type uses one.
+_MAKER, _LEFT_OUT = "tsbench.dataset.scenes.map_scenarios", ("tsbench/dataset/placements/registry.py",)
+
+
+@cache
+def _maker_fingerprint(placement: Path) -> str:
+    """SHA-256 over all that decides what a placement's scenes look like: the code of other placements does not."""
+    return digest({"code": closure([_MAKER, placement], _LEFT_OUT), "versions": versions()})
 
 
 class TypeBuilder:
     """Fills one type's quotas in one split after the other."""
 
     def __init__(
-        self, request: BuildRequest, recipe: Recipe, pool: Executor, split_of: dict[str, str]
+        self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]
     ) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
-        self.cache = request.workplace / recipe.type.id
-        self.cache.mkdir(parents=True, exist_ok=True)
-        self.key = f"{maker_fingerprint(placement_of(recipe))}|{recipe}"
+        placement = Path(inspect.getfile(type(placement_of(recipe))))
+        self.key = f"{_maker_fingerprint(placement)}|{recipe}"
 
     def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
         """Maps of the split that the recipe's family takes, in the order in which they are tried."""
@@ -165,7 +160,7 @@ class TypeBuilder:
         for strict in (True, False):
             pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in quota]
             accept = quota if strict else {}
-            for row, site in self._sites(pick, split, counts, accept, wanted, taken, places):
+            for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
                 tried.add(row.map_id)
                 if site.reason:
                     reasons[_reason_class(site.reason)] += 1
@@ -182,14 +177,14 @@ class TypeBuilder:
             dict(reasons.most_common()),
         )  # fmt: skip
 
-    def _sites(
+    def _built(
         self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
         taken: list[MapScenarios], places: list[tuple[float, float]],
     ) -> Iterator[tuple[PoolRow, MapScenarios]]:  # fmt: skip
         """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
         apart = self.recipe.numbers.get("apart_m", APART_M)
         waiting = list(pick)
-        running: list[tuple[PoolRow, Callable[[], dict[str, object]]]] = []
+        running: list[tuple[PoolRow, Callable[[], dict[str, Any]]]] = []
 
         def needed(row: PoolRow, others: Sequence[PoolRow]) -> bool:
             """Would the row still be taken if `others` were?"""
@@ -214,25 +209,16 @@ class TypeBuilder:
             row, get = running.pop(0)
             data = get()
             if needed(row, ()):
-                yield row, _site(data)
+                yield row, _scenarios_of(data)
 
-    def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, object]]:
-        path = self.cache / f"{row.map_id}.json"
+    def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, Any]]:
         stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
-        if path.is_file():
-            kept: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
-            if kept.get("stamp") == stamp and _files_there(_site(kept), self.request.workplace):
-                return lambda: kept
-        future = self.pool.submit(_build_one, self.recipe, row, split, self.request)
-
-        def get() -> dict[str, object]:
-            data = future.result() | {"stamp": stamp}
-            part = path.with_suffix(".part")
-            part.write_text(json.dumps(data), encoding="utf-8")
-            part.replace(path)
-            return data
-
-        return get
+        workplace = self.request.workplace
+        return self.pool.start(
+            _build_one, self.recipe, row, split, self.request,
+            kept=Kept(workplace / self.recipe.type.id / f"{row.map_id}.json", stamp),
+            sound=lambda kept: _files_there(_scenarios_of(kept), workplace),
+        )  # fmt: skip
 
 
 def _files_there(site: MapScenarios, root: Path) -> bool:
@@ -256,7 +242,7 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     split_of = split_pool(rows)
     recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
     reports: list[TypeReport] = []
-    with ProcessPoolExecutor(request.workers, mp_context=get_context("spawn")) as pool:
+    with worker_processes(request.workers, "building scenes") as pool:
         # Test first: with it alone planners can be compared already.
         for split in [s for s in reversed(SPLITS) if s in request.splits]:
             for recipe in recipes:
@@ -272,7 +258,7 @@ def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenar
     root, built = request.root, SceneFolder(request.workplace)
     write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))
     path = table_path(split, root)
-    others = [s for s in read_table(path) if s.scenario_type != type_id] if path.is_file() else []
+    others = [s for s in read_table(path) if s.pair_type != type_id] if path.is_file() else []
     write_table([*others, *(r for s in sites for r in s.rows)], path)
     kept = certificates_path(root)
     old = read_certificates(kept) if kept.is_file() else []
@@ -281,7 +267,7 @@ def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenar
 
 
 def _contents(built: SceneFolder, site: MapScenarios) -> dict[str, bytes]:
-    """The files that the rows of a site name."""
+    """The files that the rows of a map name."""
     named = {name: row for row in site.rows for name in (row.net, row.additional)}
     return {name: built.read(row, name).content for name, row in named.items()}
 
@@ -291,4 +277,4 @@ def _write_report(root: Path, report: TypeReport) -> None:
     kept = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
     fresh = [e for e in kept if (e["type_id"], e["split"]) != (report.type_id, report.split)]
     entries = sorted([*fresh, asdict(report)], key=lambda e: (e["type_id"], e["split"]))
-    path.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    write_json(path, entries, indent=1, sort_keys=True)

@@ -29,7 +29,7 @@ EVERY_TICKS = 4
 OWN_PREFIX = "bg_"
 
 
-class Inflow:
+class DemandCalibration:
     """Lets cars into a running simulation; `cars` is what was let in, in order."""
 
     def __init__(

@@ -60,5 +60,4 @@ def draw_driver(rng: np.random.Generator) -> Driver:
 
 
 def draw_drivers(rng: np.random.Generator) -> tuple[Driver, ...]:
-    """The drivers that a scenario's traffic is made of."""
     return tuple(draw_driver(rng) for _ in range(DRIVERS_PER_DRAW))

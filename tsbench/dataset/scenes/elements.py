@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lxml import etree
 
+from tsbench.core.files import write_atomic
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.network import Lane, RoadNetwork
@@ -33,6 +34,18 @@ def _vtype(
     return etree.Element("vType", values)
 
 
+def _vehicle(
+    name: str, vtype: str, lane_order: int, place: float, speed: float, edges: Sequence[str]
+) -> etree._Element:
+    """A vehicle that is there at time 0, its front at `place` (m along its lane), whatever SUMO thinks of it."""
+    vehicle = etree.Element(
+        "vehicle", id=name, type=vtype, depart="0", departLane=str(lane_order), departPos=_num(place),
+        departSpeed=_num(speed), insertionChecks="none",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    return vehicle
+
+
 def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> list[etree._Element]:
     """One vehicle type per background driver: `bg0`, `bg1`, ..."""
     return [
@@ -45,15 +58,11 @@ def background(cars: Sequence[Car]) -> list[etree._Element]:
     """Background cars with their routes, each as fast at first as is safe."""
     elements = []
     for car in cars:
+        place = "base" if car.position is None else _num(car.position)
         element = etree.Element(
-            "vehicle",
-            id=car.id,
-            type=f"bg{car.driver}",
-            depart=_num(car.depart),
-            departLane=str(car.lane),
-            departPos="base" if car.position is None else _num(car.position),
-            departSpeed="max",
-        )
+            "vehicle", id=car.id, type=f"bg{car.driver}", depart=_num(car.depart), departLane=str(car.lane),
+            departPos=place, departSpeed="max",
+        )  # fmt: skip
         etree.SubElement(element, "route", edges=" ".join(car.edges))
         elements.append(element)
     return elements
@@ -67,12 +76,7 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
         accel=_num(MAX_ACCEL_MPS2), decel=_num(MAX_DECEL_MPS2), maxSpeed=_num(MAX_SPEED_MPS), speedDev="0", color="red",
     )  # fmt: skip
     front = (start.s + EGO_LENGTH_M / 2) * lane.length / lane.line.length
-    vehicle = etree.Element(
-        "vehicle", id=EGO_ID, type="ego", depart="0", departLane=str(lane.order), departPos=_num(front),
-        departSpeed=_num(start.speed), insertionChecks="none",
-    )  # fmt: skip
-    etree.SubElement(vehicle, "route", edges=" ".join(route))
-    return [vtype, vehicle]
+    return [vtype, _vehicle(EGO_ID, "ego", lane.order, front, start.speed, route)]
 
 
 def convoy_elements(
@@ -82,12 +86,7 @@ def convoy_elements(
     elements: list[etree._Element] = []
     for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
         elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow", vclass))
-        vehicle = etree.Element(
-            "vehicle", id=f"convoy_{k}", type=f"convoy{k}", depart="0", departLane=str(lane_order),
-            departPos=_num(place), departSpeed="0", insertionChecks="none",
-        )  # fmt: skip
-        etree.SubElement(vehicle, "route", edges=" ".join(edges))
-        elements.append(vehicle)
+        elements.append(_vehicle(f"convoy_{k}", f"convoy{k}", lane_order, place, 0.0, edges))
     return elements
 
 
@@ -95,22 +94,13 @@ def moving_car(
     name: str, driver: Driver, lane_order: int, place: float, edges: Sequence[str]
 ) -> tuple[etree._Element, etree._Element]:
     """A car of the scene's own and its type: at time 0 its front is at `place` and it drives at its cruise speed."""
-    vehicle = etree.Element(
-        "vehicle", id=name, type=f"{name}_type", depart="0", departLane=str(lane_order), departPos=_num(place),
-        departSpeed=_num(driver.speed), insertionChecks="none",
-    )  # fmt: skip
-    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    vehicle = _vehicle(name, f"{name}_type", lane_order, place, driver.speed, edges)
     return _vtype(f"{name}_type", driver, 1.0, "yellow"), vehicle
 
 
 def walker_elements(
-    name: str,
-    size: tuple[float, float],
-    speed: float,
-    way: tuple[str, str],
-    place: tuple[float, float],
-    wait: float,
-) -> tuple[etree._Element, etree._Element]:
+    name: str, size: tuple[float, float], speed: float, way: tuple[str, str], place: tuple[float, float], wait: float
+) -> tuple[etree._Element, etree._Element]:  # fmt: skip
     """A pedestrian and its type, size length and width: stands at `place` (m along, m left) of the first edge of `way`.
 
     After `wait` seconds it walks to the end of the other; in an episode when its plan says.
@@ -132,19 +122,9 @@ def waiting_elements(
 ) -> list[etree._Element]:
     """A car that stands a metre before the end of a lane for a while, and then drives on when it may."""
     place = lane.length - 1.0
-    vehicle = etree.Element(
-        "vehicle", id="waiting_0", type="waiting0", depart="0", departLane=str(lane.order), departPos=_num(place),
-        departSpeed="0", insertionChecks="none",
-    )  # fmt: skip
-    etree.SubElement(vehicle, "route", edges=" ".join(edges))
-    etree.SubElement(
-        vehicle,
-        "stop",
-        lane=lane.id,
-        startPos=_num(place - driver.length),
-        endPos=_num(place),
-        duration=_num(seconds),
-    )
+    vehicle = _vehicle("waiting_0", "waiting0", lane.order, place, 0.0, edges)
+    stretch = {"startPos": _num(place - driver.length), "endPos": _num(place)}
+    etree.SubElement(vehicle, "stop", {"lane": lane.id, **stretch, "duration": _num(seconds)})
     return [_vtype("waiting0", driver, 1.0, "magenta"), vehicle]
 
 
@@ -154,28 +134,16 @@ def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> li
     for o in obstacles:
         lane = network.lane(o.lane)
         front = (lane.line.project(o.x, o.y)[0] + o.length / 2) * lane.length / lane.line.length
-        elements.append(
-            etree.Element(
-                "vType",
-                id=f"{o.id}_type",
-                vClass="passenger",
-                length=_num(o.length),
-                width=_num(o.width),
-                maxSpeed="0.1",
-                minGap="0.5",
-                color="orange",
-            )
-        )
-        vehicle = etree.Element(
-            "vehicle", id=o.id, type=f"{o.id}_type", depart="0", departLane=str(lane.order),
-            departPos=_num(front), departSpeed="0", insertionChecks="none",
+        vtype = etree.Element(
+            "vType", id=f"{o.id}_type", vClass="passenger", length=_num(o.length), width=_num(o.width),
+            maxSpeed="0.1", minGap="0.5", color="orange",
         )  # fmt: skip
-        etree.SubElement(vehicle, "route", edges=lane.edge)
+        vehicle = _vehicle(o.id, f"{o.id}_type", lane.order, front, 0.0, (lane.edge,))
         rear = max(front - o.length, 0.0)
         etree.SubElement(
             vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400"
         )  # fmt: skip
-        elements.append(vehicle)
+        elements += [vtype, vehicle]
     return elements
 
 
@@ -194,6 +162,5 @@ def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:
     root.extend(elements)
     etree.indent(root, " ")
     content: bytes = etree.tostring(root, encoding="utf-8", xml_declaration=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(gzip.compress(content, 9, mtime=0) if path.suffix == ".gz" else content)
+    write_atomic(path, gzip.compress(content, 9, mtime=0) if path.suffix == ".gz" else content)
     return content

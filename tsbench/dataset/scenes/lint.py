@@ -10,6 +10,7 @@ import numpy as np
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import read_additional
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -98,9 +99,8 @@ def _lint_obstacles(scene: Scene) -> Iterator[str]:
 
 def _lint_bodies(scene: Scene) -> Iterator[str]:
     """Nothing starts inside anything: ego, convoy, obstacles and cars that stand there at time 0."""
-    lane = scene.network.lane(scene.start.lane)
-    x, y = lane.line.point_at(scene.start.s)
-    bodies = [("ego", x, y, lane.line.heading_at(scene.start.s), EGO_LENGTH_M, EGO_WIDTH_M)]
+    ego = start_motion(scene)
+    bodies = [("ego", ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M)]
     root = read_additional(scene.additional.path, scene.additional.content)
     sizes = {
         t.attrib["id"]: (float(t.attrib["length"]), float(t.attrib["width"])) for t in root.iterfind("vType")

@@ -11,11 +11,12 @@ from lxml import etree
 from tsbench.core.errors import SimulationError
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.dataset.maps.crop import build_net, plain_crop
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.placements.base import Arrangement, ConvoySetup, SceneTask, UnfitMapError
 from tsbench.dataset.placements.registry import placement_of
-from tsbench.dataset.scenes.demand_calibration import Inflow
+from tsbench.dataset.scenes.demand_calibration import DemandCalibration
 from tsbench.dataset.scenes.drivers import Driver, draw_drivers
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.elements import (
@@ -37,9 +38,9 @@ from tsbench.scenarios.certificates import DENSITY_TOLERANCE, Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.ego import Motion
-from tsbench.sim.scene import ConvoyPlan, SceneFile
-from tsbench.sim.scene_file import SceneLayout, layout_elements, read_layout, scene_from_layout
+from tsbench.sim.ego import start_motion
+from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
+from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
@@ -99,7 +100,6 @@ class SiteBuilder:
         folder = self.root / "scenes" / self.recipe.type.id / row.map_id
         try:
             plain = self.placement.prepare(row, plain_crop(row, source), self.recipe)
-            folder.mkdir(parents=True, exist_ok=True)
             net = folder / NET_NAME
             build_net(plain, net)
             file = SceneFile(net, read_plain(net, "network"))
@@ -253,7 +253,7 @@ class _SceneFiles:
             self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
         )
         ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
-        return ConvoyPlan(ids, c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps)
+        return ConvoyPlan(c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids)
 
     def _traffic(self, fixed: list[etree._Element], duration_s: float) -> tuple[list[Car], float]:
         asked = self.variant.cars_per_lane_km
@@ -279,7 +279,7 @@ class _SceneFiles:
             if not rehearsal:
                 write_additional([*fixed, *self._types(), *background(standing)], self.trial)
             self.sim.load(self.roads.file.path, self.trial, network, self.seed)
-            inflow = Inflow(self.sim, network, graph, ask, standing, target, rng)
+            inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
             if best is None or abs(mean - goal) < abs(best[0] - goal):
                 best = (mean, inflow.cars)
@@ -297,15 +297,13 @@ class _SceneFiles:
         """Read the scene back and load it as an episode does: it is sound, the ego is put in, the convoy is there."""
         a, network = self.a, self.roads.network
         lane = network.lane(a.start.lane)
-        x, y = lane.line.point_at(a.start.s)
-        motion = Motion(x, y, lane.line.heading_at(a.start.s), a.start.speed)
         additional = SceneFile(self.path, read_plain(self.path, "scene file"))
         layout = read_layout(self.path, additional.content)
         scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
         for problem in lint_scene(scene, self.roads.graph):
             raise UnfitMapError(problem)
         self.sim.load_scene(scene)
-        self.sim.start_ego(motion, lane.edge, lane.order)
+        self.sim.start_ego(start_motion(scene), lane.edge, lane.order)
         present = {name for name, *_ in self.sim.fleet()}
         wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
         missing = sorted((wanted | {o.id for o in a.obstacles}) - present)

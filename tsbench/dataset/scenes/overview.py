@@ -19,6 +19,7 @@ from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.spec import ScenarioSpec
 
 PLACE_M = 300.0
+_SHARES = ("solvable", "tempting", "engaged", "sane")
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
     known = {c.scenario_id: c for c in read_certificates(certificates_path())}
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
     for spec in specs:
-        groups[(spec.scenario_type, spec.split)].append(spec)
+        groups[(spec.pair_type, spec.split)].append(spec)
     result = []
     for (type_id, split), rows in sorted(groups.items()):
         maps = [pool[m] for m in sorted({r.map_id for r in rows})]
@@ -87,10 +88,7 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
                 places=places([(m.east, m.north) for m in maps]),
                 strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
                 tagged_share=sum(m.well_tagged for m in maps) / len(maps),
-                solvable=sum(c.solvable for c in proofs) / n,
-                tempting=sum(c.tempting for c in proofs) / n,
-                engaged=sum(c.engaged for c in proofs) / n,
-                sane=sum(c.sane for c in proofs) / n,
+                **{name: sum(getattr(c, name) for c in proofs) / n for name in _SHARES},
                 reproduced=sum(c.reproduced is True for c in proofs) / n,
                 gap_s=median(gaps) if gaps else math.nan,
             )

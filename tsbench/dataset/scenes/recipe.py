@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.textfile import read_yaml
@@ -86,9 +87,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
             f"{path}: schema {data['schema']!r} or type {data['type']!r} is not what was asked for"
         )
     for key, value in data["maps"].items():
-        if not isinstance(value, int) or value < 4 or value % 4:
+        if not isinstance(value, int) or value < TEST_PER_TRAIN or value % TEST_PER_TRAIN:
             raise InputError(
-                f"{path}: maps: {key}: {value!r:.80} is no multiple of 4 (test has a quarter of train's maps)"
+                f"{path}: maps: {key}: {value!r:.80} is no multiple of {TEST_PER_TRAIN} (test has one map for so many)"
             )
     _check(path, "horizon", data["horizon"], _TICKS)
     for key, value in data["numbers"].items():

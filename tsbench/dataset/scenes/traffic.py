@@ -1,7 +1,7 @@
 """Background traffic of a scene: who drives where and when, as SUMO vehicles.
 
-Cars stand on every lane at the asked spacing when the episode begins; who enters later is found by a rehearsal in SUMO
-(scenarios.inflow). Units: m, s, m/s.
+Cars stand on every lane at the asked spacing when the episode begins; who enters later is found by a dry run in SUMO
+(demand_calibration). Units: m, s, m/s.
 """
 
 from __future__ import annotations

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 
+from tsbench.core.benchmark import VARIANTS
 from tsbench.core.seeds import rng_of, seed_of
 
 ROUTE_LENGTHS_M = (90.0, 120.0)
@@ -12,7 +13,6 @@ DENSITIES = (2.3333, 4.0, 5.5)
 INITIAL_SPEEDS_MPS = (3.61, 7.75, 11.05)
 DRIVER_DRAWS = (0, 1, 2)
 LAYOUTS = (0, 1, 2, 3, 4, 5)
-VARIANTS = 10
 NOMINAL_SPEED_MPS = 7.75
 LANE_KM_WITHIN_REACH = 0.3
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.learn.finetune.handover import Handover
-from tsbench.learn.finetune.targets import LessonSampling, SignTargets
+from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
 from tsbench.learn.imitation.frames import frames_of
 from tsbench.learn.oracle.trajectories import Recorded, Replayer
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
+from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
@@ -36,20 +37,13 @@ SIGN_FRAME = np.dtype(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LessonSource:
+@dataclass(frozen=True)
+class FinetuneSource:
     """Frames of drives that reached the destination and kept to the sign; the others teach nothing."""
 
-    sampling: LessonSampling
-
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Tokens with signs, targets, and what a frame counts as."""
-        return SIGN_FRAME
-
-    def facts(self) -> dict[str, Any]:
-        """The sampling."""
-        return {"sampling": asdict(self.sampling)}
+    dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
+    sampling: FinetuneSampling
+    vocabulary: Vocabulary
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
@@ -60,7 +54,7 @@ class LessonSource:
         kind = next(k for k, known in enumerate(catalog.types) if sign.code in known.codes)
         teacher = SignTargets(driven, sign.rule, kind, self.sampling)
         ways = RouteAlternatives(driven.roads.graph, driven.facts.scene.destination)
-        encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways)
+        encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
         return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
 
 
@@ -78,7 +72,6 @@ class RecordedDrive:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Scenario, driver, attempt."""
         return self.spec.scenario_id, self.recorded.planner, str(self.recorded.attempt)
 
     def facts(self) -> dict[str, Any]:
@@ -110,7 +103,6 @@ class TakeoverDrive:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Scenario, expert, tick, student."""
         return self.spec.scenario_id, self.expert, str(self.tick), self.sha256
 
     def facts(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.plant2.planner_ft import Plant2Ft
-from tsbench.planners.registry import resolve
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
@@ -31,25 +31,24 @@ class Takeover:
         self._student.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control | Trajectory:
-        """One command for the next 0.1 s."""
         # Asked all along: what an expert remembers of its way hangs on what it has seen.
         expert = self._expert.act(observation)
         return expert if observation.step >= self.tick else self._student.act(observation)
 
 
-class Handover(EpisodeRunner):
+class Handover:
     """Runs such drives in the process's one simulation. student: folder of `plant2-ft`'s weights."""
 
     def __init__(self, expert: str, student: Path, simulation: Simulation, loader: SceneLoader) -> None:
         import torch
 
-        super().__init__(expert, "takeover", simulation=simulation, loader=loader)
         torch.set_num_threads(1)
         self._takeover = Takeover(Plant2Ft(folder=student), resolve(expert).factory())
-        self._planner = self._takeover
+        planner = LoadedPlanner("takeover", lambda: self._takeover, privileged=True)
+        self._runner = EpisodeRunner(planner, simulation=simulation, loader=loader)
 
     def drive(self, spec: ScenarioSpec, tick: int) -> EpisodeFacts | None:
         """The episode; None where it ended in an error, or before the takeover."""
         self._takeover.tick = tick
-        facts = self.run(spec).facts
+        facts = self._runner.run(spec).facts
         return facts if facts is not None and len(facts.snapshots) > tick else None

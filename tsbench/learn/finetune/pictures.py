@@ -11,12 +11,11 @@ import shapely
 
 from tsbench.geometry.polyline import Array
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.signs import CLASSES, VOCABULARY
+from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.report.drawing.camera import Camera, Image
-from tsbench.report.drawing.initial_state import ego_body
-from tsbench.report.drawing.paint import paint
-from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Shape, dashes
-from tsbench.report.drawing.sheet import sheet
+from tsbench.report.drawing.paint import paint, sheet
+from tsbench.report.drawing.scene import ego_body
+from tsbench.report.drawing.shapes import Area, Body, Line, Shape, dashes
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.drawing.text import text_width, write
 from tsbench.signs.model import ScenarioType
@@ -33,28 +32,30 @@ _CAMERA = Camera(
 _LINE_M, _DOT_M, _LETTER_PX = 0.2, 0.35, 11
 
 
-def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType]) -> Image:
+def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType], vocabulary: Vocabulary) -> Image:
     """One panel a frame: patch, objects, plates, route (green), ways on (violet, dashed), and what is to be answered:
     path (orange) and waypoints (blue).
     """
-    return sheet([(_title(frame, types), _panel(frame)) for frame in frames], _COLUMNS)
+    return sheet(
+        [(_title(frame, types, vocabulary), _panel(frame, vocabulary)) for frame in frames], _COLUMNS
+    )
 
 
-def _title(frame: at.Record, types: Sequence[ScenarioType]) -> str:
+def _title(frame: at.Record, types: Sequence[ScenarioType], vocabulary: Vocabulary) -> str:
     state = frame["sign_state"].item()
     return (
         f"{types[frame['type'].item()].id}{' *' if frame['decides'] else ''}\n"
-        f"holds {VOCABULARY[state - 1] if state else '–'}, wish {3.6 * frame['speed'].item():.0f} km/h, limit "
+        f"holds {vocabulary.words[state - 1] if state else '–'}, target {3.6 * frame['speed'].item():.0f} km/h, limit "
         f"{3.6 * at.SPEED_SCALE_MPS * frame['limits'][0].item():.0f}"
     )
 
 
-def _panel(frame: at.Record) -> Image:
+def _panel(frame: at.Record, vocabulary: Vocabulary) -> Image:
     image = _ground(frame["patch"])
     paint(image, _CAMERA, (*_bodies(frame), *_answers(frame)))
     for code, features in zip(frame["sign_classes"].tolist(), frame["signs"].tolist(), strict=True):
         if code:
-            _plate(image, features, "/".join(CLASSES[code - 1]))
+            _plate(image, features, "/".join(vocabulary.classes[code - 1]))
     return image
 
 
@@ -81,7 +82,7 @@ def _bodies(frame: at.Record) -> Iterator[Shape]:
             ends = _up(np.array([place, place + 1.0 * speed * at.SPEED_SCALE_MPS * np.array([c, s])]))
             heading, (x, y) = math.atan2(s, c) + math.pi / 2, ends[0].tolist()
             yield Body(_KINDS[kind], "", x, y, heading, length * at.LENGTH_SCALE_M, width * at.WIDTH_SCALE_M)
-            yield InferenceClient("outline", ends, _LINE_M)
+            yield Line("outline", ends, _LINE_M)
     yield ego_body(0.0, 0.0, math.pi / 2)
 
 
@@ -89,8 +90,8 @@ def _answers(frame: at.Record) -> Iterator[Shape]:
     for way in frame["ways"][frame["way_known"].astype(bool)]:
         points = _up(way[: -at.WAY_FACTS].reshape(-1, 2) * at.POSITION_SCALE_M)
         for dash in dashes(points, 1.0, 0.7):
-            yield InferenceClient("convoy", dash, _LINE_M)
-    yield InferenceClient("compliant", _up(frame["route"] * at.POSITION_SCALE_M), _LINE_M)
+            yield Line("convoy", dash, _LINE_M)
+    yield Line("compliant", _up(frame["route"] * at.POSITION_SCALE_M), _LINE_M)
     for name, colour in (("path", "cone"), ("waypoints", "route")):
         known = _up(frame[name][frame[f"{name}_known"].astype(bool)])
         yield Area(colour, shapely.MultiPoint(known).buffer(_DOT_M))
@@ -104,7 +105,7 @@ def _plate(image: Image, features: Sequence[float], code: str) -> None:
     away = "" if abs(y - place[1]) < 0.1 else f" {place[1]:.0f} m"
     stroke = np.array([(x, y), (x - 2.5 * features[3], y + 2.5 * features[2])])
     post = shapely.Point(x, y).buffer(0.5, cap_style="square")
-    paint(image, _CAMERA, (InferenceClient("violation", stroke, 0.3), Area("violation", post)))
+    paint(image, _CAMERA, (Line("violation", stroke, 0.3), Area("violation", post)))
     left, top = np.rint(_CAMERA.px([(x, y)])[0]).astype(int).tolist()
     text = f"{code}{away}"
     left += 8 if x < 0.0 else -8 - text_width(text, _LETTER_PX)

@@ -4,39 +4,41 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
 from tsbench.learn.finetune.frames import RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.targets import LessonSampling
+from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import Drive, PlannerDrive
-from tsbench.learn.imitation.recipe import in_turn, kept_for_validation
+from tsbench.learn.imitation.recipe import TrainingRecipe, in_turn, kept_for_validation
 from tsbench.learn.oracle.trajectories import read_trajectories
-from tsbench.planners.weights import network
+from tsbench.planners.plant2.sizes import size_of
+from tsbench.planners.plant2.vocabulary import READER, Vocabulary, vocabulary_of
+from tsbench.planners.weights import Network, network
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import load_catalog
 
 # Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
 _TAKEOVER_TICKS = (5, 120)
 _PART = "train"
 
 
-@dataclass(frozen=True, slots=True)
-class FineTuning:
+@dataclass(frozen=True, kw_only=True)
+class FineTuning(TrainingRecipe):
     """Figures of a fine-tuning; the defaults are docs/spec/planners.md's.
 
     base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
-    drivers: planners that are driven for frames; none = the oracle's drives in `trajectories`. drives: how many, types
-    in turn, three a turn of those in `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover`
-    (0 to 1) of the drives, which `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of
-    the rate, for new parameters. cap: greatest share of a family in a batch. Others as in `imitation_recipe.Recipe`.
+    drivers: none = the oracle's drives in `trajectories`. drives: how many, types in turn, three a turn of those in
+    `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover` (0 to 1) of the drives, which
+    `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of the rate, for new parameters.
+    cap: greatest share of a family in a batch.
     """
 
     base: Path | None = None
     trajectories: Path | None = None
-    drivers: tuple[str, ...] = ()
     drives: int = 0
     more: tuple[str, ...] = ()
     student: Path | None = None
@@ -47,40 +49,37 @@ class FineTuning:
     rate: float = 1e-4
     layer_decay: float = 0.8
     new_factor: float = 5.0
-    decay: float = 0.05
-    clip: float = 1.0
-    warm_up: float = 0.02
     cap: float = 0.25
     validation: int = 58
-    types: tuple[str, ...] = ()
-    seed: int = 0
-    sampling: LessonSampling = field(default_factory=LessonSampling)
+    sampling: FinetuneSampling = field(default_factory=FinetuneSampling)
+
+    @property
+    def starts_tuned(self) -> bool:
+        """Is it `plant2-ft` that is trained on, with the words that it has?"""
+        return self.base is not None and (self.base / f"{READER}.json").is_file()
+
+    def begins_with(self) -> Network:
+        """The weights that the training begins with. Raises InputError where there are none."""
+        return network(READER if self.starts_tuned else "plant2", self.base)
+
+    def vocabulary(self) -> Vocabulary:
+        """The base's words, where it has some; else tsbench's own and all other signs of the catalogue."""
+        return (
+            vocabulary_of(self.base) if self.starts_tuned else vocabulary_of().with_signs_of(load_catalog())
+        )
 
     def facts(self) -> dict[str, Any]:
         """What a training that is continued must have in common with the one before: files by their hashes."""
-        found = asdict(self)
-        for name in ("drivers", "types", "more"):
-            found[name] = list(found[name])
-        size, found["base"] = begins_with(self.base)
-        found["student"] = None if self.student is None else network("plant2-ft", self.student).weights.sha256
-        found["trajectories"] = None
+        base, found = self.begins_with(), super().facts()
+        found |= {"base": base.weights.sha256, "student": None, "trajectories": None}
+        if self.student is not None:
+            found["student"] = network(READER, self.student).weights.sha256
         if self.trajectories is not None and not self.drivers:
             found["trajectories"] = hashlib.sha256(self.trajectories.read_bytes()).hexdigest()
-        return {"size": size, **found, "split": "train"}
+        return {"size": size_of(base), **found}
 
 
-def begins_with(base: Path | None) -> tuple[str, str]:
-    """Size and SHA-256 of the weights that a training begins with. Raises InputError where there are none."""
-    facts = network(name_of(base), base)
-    return str(facts.training.get("size", "")), facts.weights.sha256
-
-
-def name_of(base: Path | None) -> str:
-    """Which network lies in a folder: `plant2-ft`, if it does, else `plant2`."""
-    return "plant2-ft" if base is not None and (base / "plant2-ft.json").is_file() else "plant2"
-
-
-def lessons_of(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     """The drives to learn from, types in turn; of no map that checkpoints are chosen on.
 
     Raises InputError for recorded drives of scenarios that the train split has not.
@@ -88,7 +87,7 @@ def lessons_of(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     drives = _driven(rows, recipe) if recipe.drivers else _recorded(rows, recipe)
     if recipe.student is None:
         return drives
-    student, sha256 = recipe.student, network("plant2-ft", recipe.student).weights.sha256
+    student, sha256 = recipe.student, network(READER, recipe.student).weights.sha256
     made: list[Drive] = []
     for drive in drives:
         # By what the drive is, not by its place in a list in which types come in turn.

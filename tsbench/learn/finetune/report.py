@@ -9,15 +9,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic
 from tsbench.core.seeds import rng_of
-from tsbench.learn.finetune.frames import LessonSource
+from tsbench.learn.finetune.frames import FinetuneSource
 from tsbench.learn.finetune.pictures import draw_frames
 from tsbench.learn.finetune.recipe import FineTuning
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.drives import Drive
-from tsbench.learn.imitation.frames_store import FrameStore
+from tsbench.learn.imitation.frames_store import FrameStore, Place
 from tsbench.planners.plant2 import layout as at
-from tsbench.report.drawing.sheet import save_png
+from tsbench.report.drawing.paint import save_png
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import GROUPS
@@ -38,20 +39,15 @@ _FIGURES = np.dtype(
 )
 
 _HISTOGRAMS = (
-    ("speed", "wished speed, m/s", (0.0, 20.0)),
+    ("speed", "target speed, m/s", (0.0, 20.0)),
     ("beside", "path at 10 m, m to the left (log)", (-8.0, 8.0)),
 )
 
 
 def report(
-    drives: Sequence[Drive],
-    recipe: FineTuning,
-    out: Path,
-    workers: int,
-    cache_bytes: int,
-    tell: Callable[[str], None],
+    drives: Sequence[Drive], recipe: FineTuning, place: Place, tell: Callable[[str], None]
 ) -> list[Path]:
-    """Make the frames of all drives and write table, figure and pictures below `out`; returns their paths."""
+    """Make the frames of all drives and write table, figure and pictures below `place.out`; returns their paths."""
     made = 0
 
     def driven(count: int) -> None:
@@ -59,10 +55,8 @@ def report(
         made += count
         tell(f"{made} of {len(drives)} drives")
 
-    store = FrameStore(
-        out / "frames", drives, LessonSource(recipe.sampling), seed=recipe.seed, bound_bytes=cache_bytes,
-        workers=workers, progress=driven,
-    )  # fmt: skip
+    words = recipe.vocabulary()
+    store = FrameStore(place, drives, FinetuneSource(recipe.sampling, words), recipe.seed, driven)
     figures, candidates = [], []
     for chunk in range(len(store)):
         frames = store.load([chunk])
@@ -71,14 +65,15 @@ def report(
     found = np.concatenate(figures) if figures else np.zeros(0, dtype=_FIGURES)
     if not len(found):
         raise InputError("none of the drives obeyed and arrived: there are no frames to look at")
+    out = place.out
     paths = [out / "frames.md", out / "frames.png"]
-    paths[0].write_text(_table(found, drives), encoding="utf-8")
+    write_atomic(paths[0], _table(found, drives).encode())
     save_chart(lambda: _chart(found), paths[1])
     for group in GROUPS:
         chosen = _of_group(np.concatenate(candidates), group)
         if len(chosen):
             paths.append(out / f"frames-{group}.png")
-            save_png(paths[-1], draw_frames(chosen, load_catalog().types))
+            save_png(paths[-1], draw_frames(chosen, load_catalog().types, words))
     return paths
 
 
@@ -100,16 +95,15 @@ def _drawn(frames: at.Records, rng: np.random.Generator) -> at.Records:
 
 
 def _of_group(frames: at.Records, group: str) -> list[at.Record]:
-    """Ten frames, the group's types in turn."""
     kinds = [k for k, kind in enumerate(load_catalog().types) if kind.group == group]
-    decks = [frames[frames["type"] == k] for k in kinds]
-    longest = max(map(len, decks))
-    return [deck[k] for k in range(longest) for deck in decks if k < len(deck)][:_PICTURES]
+    by_type = [frames[frames["type"] == k] for k in kinds]
+    longest = max(map(len, by_type))
+    return [rows[k] for k in range(longest) for rows in by_type if k < len(rows)][:_PICTURES]
 
 
 def _table(found: at.Records, drives: Sequence[Drive]) -> str:
     lines = [
-        "| type | group | family | drives | frames | in decision windows | wish 0 to 0.5 m/s | mean wish, m/s |",
+        "| type | group | family | drives | frames | in decision windows | target 0 to 0.5 m/s | mean target, m/s |",
         "|---|---|---|---|---|---|---|---|",
     ]
     types = [drive.spec.scenario_type for drive in drives]

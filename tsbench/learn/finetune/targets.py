@@ -24,6 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.learn.imitation.frames import Sampling, Track
@@ -35,7 +36,6 @@ from tsbench.planners.plant2.signs import STOPPED_MPS
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.signs.model import RuleSpec
 from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams
-from tsbench.signs.rule_kinds import for_every_kind
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
@@ -62,27 +62,25 @@ class TargetSpec:
     least: bool = False
 
 
-LESSONS: Mapping[str, TargetSpec] = for_every_kind(
-    "lesson",
-    {
-        "give_way": TargetSpec("right of way", 35.0, 12.0),
-        "stop": TargetSpec("right of way", 35.0, 12.0),
-        "roundabout": TargetSpec("right of way", 35.0, 25.0),
-        "crosswalk": TargetSpec("right of way", 35.0, 8.0),
-        "speed": TargetSpec("speed", 60.0, 15.0, least=True),
-        "min_speed": TargetSpec("speed", 30.0, 80.0),
-        "detour": TargetSpec("obstacle", 55.0, 6.0),
-        "closed_road": TargetSpec("obstacle", 45.0, 5.0),
-        "reserved_lane": TargetSpec("lane", 70.0, 5.0),
-        "manoeuvre": TargetSpec("manoeuvre", 30.0, 20.0, least=True),
-        "one_way_exit": TargetSpec("travel direction", 30.0, 20.0, least=True),
-        "no_entry": TargetSpec("travel direction", 30.0, 20.0, least=True),
-    },
-)
+# A rule that is not here cannot be taught.
+TARGET_SPECS: Mapping[str, TargetSpec] = {
+    "give_way": TargetSpec("right of way", 35.0, 12.0),
+    "stop": TargetSpec("right of way", 35.0, 12.0),
+    "roundabout": TargetSpec("right of way", 35.0, 25.0),
+    "crosswalk": TargetSpec("right of way", 35.0, 8.0),
+    "speed": TargetSpec("speed", 60.0, 15.0, least=True),
+    "min_speed": TargetSpec("speed", 30.0, 80.0),
+    "detour": TargetSpec("obstacle", 55.0, 6.0),
+    "closed_road": TargetSpec("obstacle", 45.0, 5.0),
+    "reserved_lane": TargetSpec("lane", 70.0, 5.0),
+    "manoeuvre": TargetSpec("manoeuvre", 30.0, 20.0, least=True),
+    "one_way_exit": TargetSpec("travel direction", 30.0, 20.0, least=True),
+    "no_entry": TargetSpec("travel direction", 30.0, 20.0, least=True),
+}
 
 
 @dataclass(frozen=True, slots=True)
-class LessonSampling(Sampling):
+class FinetuneSampling(Sampling):
     """As `Sampling`. apart: outside of decision windows, only one in so many. margin_kmh: below an upper limit."""
 
     standing: int = 3
@@ -93,15 +91,19 @@ class LessonSampling(Sampling):
 class SignTargets:
     """The teacher of one drive that obeyed and arrived. rule: of its target sign; kind: number of its scenario type."""
 
-    def __init__(self, driven: DriveResult, rule: RuleSpec, kind: int, sampling: LessonSampling) -> None:
+    def __init__(self, driven: DriveResult, rule: RuleSpec, kind: int, sampling: FinetuneSampling) -> None:
+        if rule.name not in TARGET_SPECS:
+            raise InputError(
+                f"rule {rule.name!r} cannot be taught: learn/finetune/targets.py has no target spec for it"
+            )
         scene, self._sampling, self._kind = driven.facts.scene, sampling, kind
-        self._since, self._rule, self._lesson = driven.since, rule, LESSONS[rule.name]
+        self._since, self._rule, self._spec = driven.since, rule, TARGET_SPECS[rule.name]
         self._track = track = Track(driven.facts.snapshots)
         self._value = scene.target_sign.value
         away = np.hypot(*(track.xy - np.array(decision_place(scene))).T)
         self._line_s = float(track.s[int(np.argmin(away))])
         self._lead = round(sampling.speed_s / DT_S)
-        self._speeds = self._wishes(track)
+        self._speeds = self._target_speeds(track)
         self._samples: PathSamples | None = None
         self._path: object = None
 
@@ -117,29 +119,28 @@ class SignTargets:
         ]
 
     def decides(self, k: int) -> bool:
-        """Is the tick in the decision window?"""
-        return -self._lesson.before <= float(self._track.s[k]) - self._line_s <= self._lesson.after
+        return -self._spec.before <= float(self._track.s[k]) - self._line_s <= self._spec.after
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
-        """Path, waypoints and wished speed, and what the frame is counted as."""
+        """Path, waypoints and target speed, and what the frame is counted as."""
         del origins
         self._track.targets(frame, k, pose, self._sampling.speed_s)
         if self._rule.name == "min_speed":
             frame["speed"] = self._minimum(float(frame["speed"]), o)
         else:
             frame["speed"] = self._speeds[k]
-        frame["family"] = FAMILIES.index(self._lesson.family)
+        frame["family"] = FAMILIES.index(self._spec.family)
         frame["type"], frame["decides"] = self._kind, self.decides(k)
 
-    def _wishes(self, track: Track) -> Array:
-        """(n,) wished speed of each tick, as far as it hangs on the drive alone."""
+    def _target_speeds(self, track: Track) -> Array:
+        """(n,) target speed of each tick, as far as it hangs on the drive alone."""
         lead, last = self._lead, len(track.speed) - 1
         late = np.minimum(np.arange(last + 1) + lead, last)
-        if not self._lesson.least:
+        if not self._spec.least:
             soon = _least(track.speed, lead)
             starts = np.diff(track.speed, append=track.speed[-1]) > _SPEEDS_UP_MPS2 * DT_S
-            wishes: Array = np.where(starts, track.speed[late], soon)
-            return self._until_stop(track, wishes, soon) if self._rule.name == "stop" else wishes
+            speeds: Array = np.where(starts, track.speed[late], soon)
+            return self._until_stop(track, speeds, soon) if self._rule.name == "stop" else speeds
         span = round(_LEAST_OVER_S / DT_S)
         least = _least(track.speed, span - lead)[late]
         if self._rule.name != "speed":
@@ -151,20 +152,20 @@ class SignTargets:
         capped = np.minimum(least, (self._value - self._sampling.margin_kmh) * _KMH)
         return np.where(ahead >= self._line_s - HALF_LENGTH_M, capped, least)
 
-    def _until_stop(self, track: Track, wishes: Array, soon: Array) -> Array:
+    def _until_stop(self, track: Track, speeds: Array, soon: Array) -> Array:
         """A stop of an instant is no place that a speed of 0.7 s later shows: until it, the least of that time."""
         near = np.abs(track.s - self._line_s) <= _STOP_WITHIN_M
         stood = np.flatnonzero(near & (track.speed <= STOPPED_MPS))
         if not len(stood):
-            return wishes
+            return speeds
         first = int(stood[0])
-        return np.concatenate((soon[:first], wishes[first:]))
+        return np.concatenate((soon[:first], speeds[first:]))
 
     def _minimum(self, driven: float, o: Observation) -> float:
         """4.6: a little above the posted speed, or the driver's own behind somebody."""
         if self._value is None:
             return driven
-        wish = (self._value + _ABOVE_MINIMUM_KMH) * _KMH
+        target = (self._value + _ABOVE_MINIMUM_KMH) * _KMH
         path, s, v = o.route.path, o.route.s, o.ego.speed
         if self._samples is None or path is not self._path:
             self._path, self._samples = path, PathSamples(path)
@@ -173,8 +174,8 @@ class SignTargets:
         ahead = moving_ahead(self._samples, s, reach, o.actors)
         ahead += [(obstacle_ahead(self._samples, s, b), 0.0) for b in o.obstacles]
         front = s + HALF_LENGTH_M
-        held = any(end - front <= (reach if u < wish else _CLOSE_S * v) for end, u in ahead)
-        return min(driven, wish) if held else wish
+        held = any(end - front <= (reach if u < target else _CLOSE_S * v) for end, u in ahead)
+        return min(driven, target) if held else target
 
 
 def _least(speed: Array, ticks: int) -> Array:

@@ -9,11 +9,12 @@ from typing import Any, Protocol, TypeVar, cast
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
 
-R = TypeVar("R", bound=EpisodeRunner)
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +30,7 @@ class Drive(Protocol):
     """One episode, and who drives it; sent to the process that drives."""
 
     @property
-    def spec(self) -> ScenarioSpec:
-        """The scenario."""
+    def spec(self) -> ScenarioSpec: ...
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -48,14 +48,14 @@ class Drivers:
 
     def __init__(self) -> None:
         self._loader, self._simulation = SceneLoader(), Simulation()
-        self._runners: dict[Hashable, EpisodeRunner] = {}
+        self._runners: dict[Hashable, object] = {}
         self._tokeniser: Tokeniser | None = None
 
     def drive(self, spec: ScenarioSpec, planner: str) -> DriveResult | None:
         """An episode by a planner that is named as for `tsbench run`; None where it ended in an error at once."""
         runner = self.kept(
             planner,
-            lambda simulation, loader: EpisodeRunner(planner, planner, simulation=simulation, loader=loader),
+            lambda simulation, loader: EpisodeRunner(resolve(planner), simulation=simulation, loader=loader),
         )
         facts = runner.run(spec).facts
         return None if facts is None else DriveResult(facts, self.roads(spec))
@@ -67,7 +67,6 @@ class Drivers:
         return cast(R, self._runners[key])
 
     def roads(self, spec: ScenarioSpec) -> Roads:
-        """Of a scenario."""
         return self._loader.load(spec)[1]
 
     def tokeniser(self, roads: Roads, side_m: float) -> Tokeniser:
@@ -78,7 +77,6 @@ class Drivers:
         return kept
 
     def close(self) -> None:
-        """End SUMO."""
         self._simulation.close()
 
 
@@ -91,11 +89,9 @@ class PlannerDrive:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Scenario and driver."""
         return self.spec.scenario_id, self.driver
 
     def facts(self) -> dict[str, Any]:
-        """The row and the driver."""
         return asdict(self)
 
     def run(self, drivers: Drivers) -> DriveResult | None:

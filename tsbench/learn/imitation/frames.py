@@ -42,7 +42,7 @@ class Sampling:
 
     every: ticks between frames. standing: of frames in which the ego stands and stays, one in so many.
     shift_m, turn_rad: of the second copy of each frame, drawn up to these to either side (the same targets).
-    speed_s: the wished speed is the driver's this much later, which is what makes a proportional controller keep up.
+    speed_s: the target speed is the driver's this much later, which is what makes a proportional controller keep up.
     """
 
     every: int = 5
@@ -65,8 +65,7 @@ class Encoder(Protocol):
 class Demonstrator(Protocol):
     """Says which ticks of a drive become frames, and what each should be answered with."""
 
-    def ticks(self) -> list[int]:
-        """The ticks, in order."""
+    def ticks(self) -> list[int]: ...
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
         """Write the targets of tick k as seen from a pose; origins: as `Encoder.fill` gave them."""
@@ -80,12 +79,10 @@ class Imitated:
         self._track = Track(facts.snapshots)
 
     def ticks(self) -> list[int]:
-        """Standing is thinned out."""
         every = range(0, len(self._snapshots) - 1, self._sampling.every)
         return [k for k in every if self._track.kept(k, self._sampling)]
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
-        """Path, waypoints, wished speed and forecasts."""
         del o
         self._track.targets(frame, k, pose, self._sampling.speed_s)
         _forecast(frame, self._snapshots, k, origins)
@@ -139,7 +136,7 @@ class Track:
         return np.column_stack([np.interp(where, axis, self.xy[:, i]) for i in (0, 1)])
 
     def targets(self, frame: at.Record, k: int, pose: Pose, speed_s: float) -> None:
-        """Path, waypoints and wished speed after tick k, as seen from a pose."""
+        """Path, waypoints and target speed after tick k, as seen from a pose."""
         metres: Array = self.s[k] + at.PATH_STEP_M * np.arange(1.0, at.PATH_POINTS + 1)
         frame["path"] = to_frame(self.place_at(self.s, metres), pose)
         frame["path_known"] = metres <= self.s[-1]

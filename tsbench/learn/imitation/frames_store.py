@@ -12,14 +12,15 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import Field, asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from tsbench.core.errors import InputError, SimulationError
+from tsbench.core.files import replacing
 from tsbench.core.seeds import rng_of
 from tsbench.learn.imitation.drives import Drive, DriveResult, Drivers
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, frames_of
@@ -31,36 +32,26 @@ _ATTEMPTS = 3
 
 
 class Source(Protocol):
-    """How frames are made of a drive; sent to the processes that drive. dtype: what a frame holds."""
+    """How frames are made of a drive: a dataclass of all that decides it, sent to the processes that drive.
 
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """What a frame holds."""
+    dtype: what a frame holds.
+    """
 
-    def facts(self) -> dict[str, Any]:
-        """All that decides the frames of a drive, for JSON."""
+    dtype: ClassVar[np.dtype[np.void]]
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> Records:
         """The frames of a drive; none where it teaches nothing."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ImitationSource:
-    """Frames of `plant2`, which sees no signs."""
+    """Frames of `plant2`, which sees no signs: every kept tick, whatever became of the drive."""
 
+    dtype: ClassVar[np.dtype[np.void]] = FRAME
     sampling: Sampling
 
-    @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Tokens and targets."""
-        return FRAME
-
-    def facts(self) -> dict[str, Any]:
-        """The sampling."""
-        return {"sampling": asdict(self.sampling)}
-
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> Records:
-        """Every kept tick, whatever became of the drive."""
         teacher = Imitated(driven.facts, self.sampling)
         encoder = drivers.tokeniser(driven.roads, Plant2.side_m)
         return frames_of(driven, encoder, teacher, self.sampling, rng, FRAME)
@@ -68,31 +59,41 @@ class ImitationSource:
 
 def plan_hash(drives: Sequence[Drive], source: Source, seed: int) -> str:
     """12 hex digits over all that decides the content of the chunks."""
-    plan = {"drives": [drive.facts() for drive in drives], "source": source.facts(), "seed": seed}
+    plan = {"drives": [drive.facts() for drive in drives], "source": asdict(source), "seed": seed}
     return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()[:12]
 
 
-class FrameStore:
-    """The chunks of a list of drives, in a folder of their own below `root`; at most `bound_bytes` of them at a time.
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where and with what a training runs.
 
-    workers: processes that drive. progress: called with the number of drives after each chunk that was made.
+    workers: processes that drive, threads that learn. cache_bytes: bound of the frames on disk.
+    """
+
+    out: Path
+    device: str
+    workers: int
+    cache_bytes: int
+
+
+class FrameStore:
+    """The chunks of a list of drives, in a folder of their own; at most `cache_bytes` of them at a time.
+
+    progress: called with the number of drives after each chunk that was made.
     """
 
     def __init__(
         self,
-        root: Path,
+        place: Place,
         drives: Sequence[Drive],
         source: Source,
-        *,
         seed: int,
-        bound_bytes: int,
-        workers: int,
         progress: Callable[[int], None],
     ) -> None:
         self.plan = plan_hash(drives, source, seed)
-        self._folder, self._source, self._seed = root / self.plan, source, seed
+        self._place, self._source, self._seed, self._progress = place, source, seed, progress
+        self._folder = place.out / "frames" / self.plan
         self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
-        self._bound, self._workers, self._progress = bound_bytes, workers, progress
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def __len__(self) -> int:
@@ -125,7 +126,7 @@ class FrameStore:
             # libsumo has one simulation per process, and a process that dies takes its pool along, not the training.
             with (
                 suppress(BrokenProcessPool),
-                ProcessPoolExecutor(self._workers, mp_context=get_context("spawn")) as pool,
+                ProcessPoolExecutor(self._place.workers, mp_context=get_context("spawn")) as pool,
             ):
                 jobs = {pool.submit(make_chunk, *self._job(n)): n for n in missing}
                 for job in as_completed(jobs):
@@ -146,7 +147,7 @@ class FrameStore:
         paths = {n: self._path(n) for n in range(len(self)) if self._path(n).is_file()}
         total = sum(path.stat().st_size for path in paths.values())
         for number in sorted(paths, key=lambda n: (n in keep, n)):
-            if total <= self._bound or number in keep:
+            if total <= self._place.cache_bytes or number in keep:
                 return
             total -= paths[number].stat().st_size
             paths[number].unlink()
@@ -161,7 +162,5 @@ def make_chunk(path: Path, drives: Sequence[Drive], source: Source, seed: tuple[
         if driven is not None:
             found.append(source.frames(driven, drivers, rng_of("frames", *seed, *drive.names)))
     drivers.close()
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
+    with replacing(path) as part, part.open("wb") as file:
         np.save(file, np.concatenate(found), allow_pickle=False)
-    part.replace(path)

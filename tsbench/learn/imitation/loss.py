@@ -41,7 +41,6 @@ def losses(plan: Plan, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 
 def total(terms: Mapping[str, Tensor]) -> Tensor:
-    """The weighted sum."""
     return torch.stack([WEIGHTS[name] * value for name, value in terms.items()]).sum()
 
 

@@ -1,4 +1,4 @@
-"""What a training of `plant2` is asked to be."""
+"""What a training by imitation is asked to be, and the rows that it learns from and is chosen by."""
 
 from __future__ import annotations
 
@@ -17,33 +17,44 @@ _VALIDATION_SHARE = 12
 _MORE = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Recipe:
-    """Figures of a training. episodes: drives to learn from, in turn over types and drivers; epochs: passes over them.
+@dataclass(frozen=True, kw_only=True)
+class TrainingRecipe:
+    """Figures of every training by imitation.
 
-    batch, rate, decay, clip, warm_up: AdamW's batch size, top learning rate (falls by a cosine), weight decay, greatest
-    norm of a gradient, share of the training in which the rate rises. validation: episodes driven after each epoch.
+    epochs: passes over the frames. batch, rate, decay, clip, warm_up: AdamW's batch size, top learning rate (falls by a
+    cosine), weight decay, greatest norm of a gradient, share of the training in which the rate rises. validation:
+    episodes driven after each epoch. drivers: planners that are driven for frames, in turn. types: () = all.
     """
+
+    epochs: int
+    batch: int
+    rate: float
+    validation: int
+    drivers: tuple[str, ...] = ()
+    decay: float = 0.05
+    clip: float = 1.0
+    warm_up: float = 0.02
+    types: tuple[str, ...] = ()
+    seed: int = 0
+    sampling: Sampling = field(default_factory=Sampling)
+
+    def facts(self) -> dict[str, Any]:
+        """What a training that is continued must have in common with the one before, for JSON."""
+        found = {key: list(v) if isinstance(v, tuple) else v for key, v in asdict(self).items()}
+        return {**found, "split": "train"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe(TrainingRecipe):
+    """`plant2`'s. size: a name of `sizes.SIZES`; episodes: drives to learn from, in turn over types and drivers."""
 
     size: str = "mini"
     episodes: int = 4000
     epochs: int = 12
     drivers: tuple[str, ...] = ("idm",)
-    types: tuple[str, ...] = ()
     batch: int = 256
     rate: float = 6e-4
-    decay: float = 0.05
-    clip: float = 1.0
-    warm_up: float = 0.02
     validation: int = 160
-    seed: int = 0
-    sampling: Sampling = field(default_factory=Sampling)
-
-    def facts(self) -> dict[str, Any]:
-        """What a training that is continued must have in common with the one before."""
-        found = asdict(self)
-        found["drivers"], found["types"] = list(self.drivers), list(self.types)
-        return {**found, "split": "train"}
 
 
 def kept_for_validation(spec: ScenarioSpec) -> bool:
@@ -58,7 +69,6 @@ def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[PlannerDrive
 
 
 def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list[ScenarioSpec]:
-    """The episodes that checkpoints are chosen on."""
     return in_turn([r for r in rows if kept_for_validation(r)], count, seed, "validation")
 
 
@@ -69,10 +79,15 @@ def in_turn(
     by_type: dict[str, list[ScenarioSpec]] = {}
     for row in sorted(rows, key=lambda r: r.scenario_id):
         by_type.setdefault(row.scenario_type, []).append(row)
-    decks = []
-    for name, deck in sorted(by_type.items()):
-        order = rng_of("imitation", what, seed, name).permutation(len(deck))
-        decks.append(([deck[i] for i in order], _MORE if name in more else 1))
-    longest = max((len(deck) for deck, _ in decks), default=0)
-    turns = [row for k in range(longest) for deck, each in decks for row in deck[k * each : (k + 1) * each]]
+    shuffled: list[tuple[list[ScenarioSpec], int]] = []
+    for name, of_type in sorted(by_type.items()):
+        order = rng_of("imitation", what, seed, name).permutation(len(of_type))
+        shuffled.append(([of_type[i] for i in order], _MORE if name in more else 1))
+    longest = max((len(of_type) for of_type, _ in shuffled), default=0)
+    turns = [
+        row
+        for k in range(longest)
+        for of_type, each in shuffled
+        for row in of_type[k * each : (k + 1) * each]
+    ]
     return turns[:count]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from tsbench.core.errors import SimulationError
+from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 
 
@@ -38,31 +39,8 @@ class Skill:
     compliant: float
 
 
-class Student(Plant2):
-    """The planner with weights from a folder, which hangs on the class: episode runners make planners by name."""
-
-    folder: ClassVar[Path | None]
-
-    def __init__(self) -> None:
-        super().__init__(folder=self.folder)
-
-
-class StudentFt(Plant2Ft):
-    """The same for the one that reads signs. patience: None = the planner's own."""
-
-    folder: ClassVar[Path | None]
-    stop_policy: ClassVar[StopPolicy | None] = None
-
-    def __init__(self) -> None:
-        super().__init__(folder=self.folder)
-        self._stop_policy = self.stop_policy or self._stop_policy
-
-
-STUDENTS: Mapping[str, type[Student | StudentFt]] = {"plant2": Student, "plant2-ft": StudentFt}
-
-
 def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
-    """Drive the weights of a planner (of STUDENTS) below `folder` through `rows`; raises as `drive` and `skill_of`."""
+    """Drive the weights of `plant2` or `plant2-ft` below `folder` through `rows`; raises as `drive` and `skill_of`."""
     return skill_of(drive(planner, folder, rows, workers))
 
 
@@ -77,9 +55,8 @@ def drive(
     None = its own.
     """
     shares = [list(rows[k::workers]) for k in range(workers)]
-    same = [[thing] * workers for thing in (planner, folder, stop_policy)]
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        parts = list(pool.map(_drive, *same, shares))
+    with worker_processes(workers, "measuring a planner") as pool:
+        parts = list(pool.ordered(_drive, [(planner, folder, stop_policy, share) for share in shares]))
     return [parts[k % workers][k // workers] for k in range(len(rows))]
 
 
@@ -104,13 +81,11 @@ def skill_of(ends: Sequence[End]) -> Skill:
 def _drive(
     planner: str, folder: Path | None, stop_policy: StopPolicy | None, rows: list[ScenarioSpec]
 ) -> list[End]:
-    """In a process of its own."""
     import torch
 
     torch.set_num_threads(1)
-    student = STUDENTS[planner]
-    student.folder, StudentFt.stop_policy = folder, stop_policy
-    runner = EpisodeRunner(f"{__name__}:{student.__name__}", planner)
+    make = partial(Plant2Ft, stop_policy=stop_policy) if planner == "plant2-ft" else Plant2
+    runner = EpisodeRunner(LoadedPlanner(planner, partial(make, folder=folder)))
     ends = []
     for row in rows:
         result = runner.run(row)

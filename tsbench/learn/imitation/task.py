@@ -1,86 +1,71 @@
-"""`tsbench train plant2`: imitation of sign-blind driving on the train split."""
+"""A training by imitation: which network learns what from which drives, and how it is judged."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from torch import Tensor
+import numpy.typing as npt
 
 from tsbench.core.errors import InputError
-from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource
-from tsbench.learn.imitation.loss import losses
-from tsbench.learn.imitation.recipe import Recipe, drives_of, validation_rows
-from tsbench.learn.imitation.skill import Skill, measure
-from tsbench.learn.imitation.trainer import Integers, Place
+from tsbench.learn.imitation.drives import Drive
+from tsbench.learn.imitation.frames_store import ImitationSource, Source
+from tsbench.learn.imitation.recipe import Recipe, TrainingRecipe, drives_of, validation_rows
+from tsbench.learn.imitation.skill import Skill
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.scenarios.spec import ScenarioSpec
 
+Integers = npt.NDArray[np.intp]
+
 _SORTED_BATCHES = 16
 
 
-class Imitation:
-    """The task. rows: of the train split."""
+@dataclass(frozen=True)
+class Task:
+    """What is learned. Raises InputError where there is nothing to learn from or to choose by.
 
-    name = "plant2"
+    Attributes
+    ----------
+        name: of the network, as it is exported.
+        source: makes frames of `drives`.
+        validation: rows that checkpoints are chosen by.
+        network: makes the network to begin with.
+        batches: rows of frames, which are given with all of them in a drawn order, in batches.
+        score: what the best checkpoint has most of; not below -1.
+        share: of the learning rate, by a parameter's name.
+        metadata: of the exported file's head.
+    """
 
-    def __init__(self, recipe: Recipe, rows: Sequence[ScenarioSpec]) -> None:
-        self._recipe = recipe
-        self.epochs, self.seed, self.clip = recipe.epochs, recipe.seed, recipe.clip
-        self._drives = drives_of(rows, recipe)
-        self._validation = validation_rows(rows, recipe.validation, recipe.seed)
-        if not self._drives or not self._validation:
+    name: str
+    recipe: TrainingRecipe
+    drives: Sequence[Drive]
+    source: Source
+    validation: Sequence[ScenarioSpec]
+    network: Callable[[], Plant2Network]
+    batches: Callable[[Records, Integers], list[Integers]]
+    score: Callable[[Skill], float]
+    share: Callable[[str], float] = lambda _: 1.0
+    metadata: Mapping[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.drives or not self.validation:
             raise InputError("the train split has no scenarios of these types to learn from and to choose by")
 
-    def facts(self) -> dict[str, Any]:
-        """The recipe."""
-        return self._recipe.facts()
 
-    def network(self) -> Plant2Network:
-        """Nothing learned yet."""
-        return Plant2Network(self._recipe.size)
-
-    def groups(self, net: Plant2Network) -> list[dict[str, Any]]:
-        """Weight decay for matrices, none for biases, norms and queries."""
-        named = list(net.named_parameters())
-        free = [p for name, p in named if p.ndim < 2 or name == "queries"]
-        bound = [p for name, p in named if not (p.ndim < 2 or name == "queries")]
-        return [
-            {"params": bound, "weight_decay": self._recipe.decay},
-            {"params": free, "weight_decay": 0.0},
-        ]
-
-    def store(self, place: Place, progress: Callable[[int], None]) -> FrameStore:
-        """Of the drives of the recipe's drivers."""
-        recipe = self._recipe
-        return FrameStore(
-            place.out / "frames", self._drives, ImitationSource(recipe.sampling), seed=recipe.seed,
-            bound_bytes=place.cache_bytes, workers=place.workers, progress=progress,
-        )  # fmt: skip
-
-    def batches(self, frames: Records, order: Integers) -> list[Integers]:
-        """Every frame once."""
-        return batches_of(frames, order, self._recipe.batch)
-
-    def losses(self, net: Plant2Network, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """All terms."""
-        return losses(net(batch), batch)
-
-    def rate_at(self, share: float) -> float:
-        """Up in a line, down by a cosine."""
-        return rate_at(share, self._recipe.rate, self._recipe.warm_up)
-
-    def measure(self, folder: Path, workers: int) -> Skill:
-        """On the maps that are kept for it."""
-        return measure("plant2", folder, self._validation, workers)
-
-    def score(self, skill: Skill) -> float:
-        """Arrivals without contacts."""
-        return skill.arrived - skill.collision
+def imitation(recipe: Recipe, rows: Sequence[ScenarioSpec]) -> Task:
+    """`plant2`: sign-blind driving, from nothing. rows: of the train split."""
+    return Task(
+        "plant2",
+        recipe,
+        drives_of(rows, recipe),
+        ImitationSource(recipe.sampling),
+        validation_rows(rows, recipe.validation, recipe.seed),
+        network=lambda: Plant2Network(recipe.size),
+        batches=lambda frames, order: batches_of(frames, order, recipe.batch),
+        score=lambda skill: skill.arrived - skill.collision,
+    )
 
 
 def batches_of(frames: Records, order: Integers, size: int) -> list[Integers]:
@@ -94,10 +79,3 @@ def batches_of(frames: Records, order: Integers, size: int) -> list[Integers]:
         starts = np.argsort(group[: len(group) // size * size : size])
         batches += [ranked[k * size : (k + 1) * size] for k in starts]
     return batches
-
-
-def rate_at(share: float, top: float, warm_up: float) -> float:
-    """The learning rate when `share` of the training is done: up in a line, down by a cosine."""
-    if share < warm_up:
-        return top * (0.01 + 0.99 * share / warm_up)
-    return 0.5 * top * (1.0 + math.cos(math.pi * (share - warm_up) / (1.0 - warm_up)))

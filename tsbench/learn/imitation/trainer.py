@@ -10,22 +10,23 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
 from tsbench.core.seeds import rng_of, seed_of
-from tsbench.learn.imitation.checkpoint import Progress, load_checkpoint, save_checkpoint
-from tsbench.learn.imitation.frames_store import FrameStore
-from tsbench.learn.imitation.loss import total
-from tsbench.learn.imitation.skill import Skill
+from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
+from tsbench.learn.imitation.frames_store import FrameStore, Place
+from tsbench.learn.imitation.loss import losses, total
+from tsbench.learn.imitation.recipe import TrainingRecipe
+from tsbench.learn.imitation.skill import Skill, measure
+from tsbench.learn.imitation.task import Task
 from tsbench.learn.start import command_line, prepare
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
@@ -36,67 +37,22 @@ CURVE = "curve.jsonl"
 _WINDOW_CHUNKS = 24
 _LOG_EVERY = 20
 
-Integers = npt.NDArray[np.intp]
-
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where and with what a training runs.
+class Progress:
+    """Where a training is: epoch and window come next. best: greatest score so far, `best_epoch` after that many.
 
-    workers: processes that drive, threads that learn. cache_bytes: bound of the frames on disk.
+    seconds, frames: trained so far, all sessions together.
     """
 
-    out: Path
-    device: str
-    workers: int
-    cache_bytes: int
-
-
-class Task(Protocol):
-    """What is learned: which network, from which frames, and how it is judged."""
-
-    @property
-    def name(self) -> str:
-        """Of the network, as it is exported."""
-
-    @property
-    def epochs(self) -> int:
-        """Passes over the frames."""
-
-    @property
-    def seed(self) -> int:
-        """Of order and dropout."""
-
-    @property
-    def clip(self) -> float:
-        """Greatest norm of a gradient."""
-
-    def facts(self) -> dict[str, Any]:
-        """What a training that is continued must have in common with the one before, for JSON."""
-
-    def network(self) -> Plant2Network:
-        """The network to begin with."""
-
-    def groups(self, net: Plant2Network) -> list[dict[str, Any]]:
-        """AdamW's groups of parameters; `share`: of the learning rate, 1 where there is none."""
-
-    def store(self, place: Place, progress: Callable[[int], None]) -> FrameStore:
-        """The frames."""
-
-    def batches(self, frames: Records, order: Integers) -> list[Integers]:
-        """Rows of frames in batches; order: of all rows, drawn."""
-
-    def losses(self, net: Plant2Network, batch: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """The terms of a batch's loss, by names of `imitation_loss.WEIGHTS`."""
-
-    def rate_at(self, share: float) -> float:
-        """The learning rate when `share` of the training is done."""
-
-    def measure(self, folder: Path, workers: int) -> Skill:
-        """Closed-loop skill of the network that was exported to a folder."""
-
-    def score(self, skill: Skill) -> float:
-        """What the best checkpoint has most of; not below -1."""
+    epoch: int = 0
+    window: int = 0
+    steps: int = 0
+    frames: int = 0
+    seconds: float = 0.0
+    best: float = -2.0
+    best_epoch: int = 0
+    sessions: int = 0
 
 
 def train(task: Task, place: Place, tell: Callable[[str], None]) -> Network:
@@ -112,25 +68,23 @@ def train(task: Task, place: Place, tell: Callable[[str], None]) -> Network:
 
 
 class Trainer:
-    """One sitting of a training."""
-
     def __init__(self, task: Task, place: Place, tell: Callable[[str], None]) -> None:
         self._task, self._place, self._tell = task, place, tell
-        torch.manual_seed(seed_of("imitation", "network", task.seed))
+        torch.manual_seed(seed_of("imitation", "network", task.recipe.seed))
         self._net = task.network().to(place.device)
-        self._optimiser = torch.optim.AdamW(task.groups(self._net))
+        self._optimiser = torch.optim.AdamW(parameter_groups(self._net, task))
         self._made = 0
-        self._store = task.store(place, self._driven)
-        self._facts = {**task.facts(), "plan": self._store.plan}
-        self._progress = load_checkpoint(place.out, self._net, self._optimiser, self._facts)
+        self._store = FrameStore(place, task.drives, task.source, task.recipe.seed, self._driven)
+        self._facts = {**task.recipe.facts(), "plan": self._store.plan}
+        known = load_checkpoint(place.out, self._net, self._optimiser, self._facts)
+        self._progress = Progress(**(known or {}))
         self._began, self._before = time.monotonic(), self._progress
 
     def run(self) -> Network:
-        """All epochs that are left; returns the facts of the best network of all."""
-        epochs, out = self._task.epochs, self._place.out
+        epochs, out = self._task.recipe.epochs, self._place.out
         if self._progress.steps:
             self._tell(f"continues in epoch {self._progress.epoch + 1} of {epochs}")
-        self._progress = replace(self._progress, sittings=self._progress.sittings + 1)
+        self._progress = replace(self._progress, sessions=self._progress.sessions + 1)
         with SummaryWriter(str(out / "tensorboard")) as log:
             for epoch in range(self._progress.epoch, epochs):
                 self._epoch(epoch, log)
@@ -138,7 +92,11 @@ class Trainer:
         return network(self._task.name, out)
 
     def _epoch(self, epoch: int, log: SummaryWriter) -> None:
-        order = rng_of("imitation", "chunks", self._task.seed, epoch).permutation(len(self._store)).tolist()
+        order = (
+            rng_of("imitation", "chunks", self._task.recipe.seed, epoch)
+            .permutation(len(self._store))
+            .tolist()
+        )
         windows = [order[k : k + _WINDOW_CHUNKS] for k in range(0, len(order), _WINDOW_CHUNKS)]
         for number in range(self._progress.window, len(windows)):
             frames = self._store.load(windows[number])
@@ -149,23 +107,23 @@ class Trainer:
     def _window(self, epoch: int, number: int, count: int, frames: Records, log: SummaryWriter) -> None:
         """Every frame once, in a drawn order."""
         task, net = self._task, self._net
-        order = rng_of("imitation", "frames", task.seed, epoch, number).permutation(len(frames))
-        torch.manual_seed(seed_of("imitation", "dropout", task.seed, epoch, number))
+        order = rng_of("imitation", "frames", task.recipe.seed, epoch, number).permutation(len(frames))
+        torch.manual_seed(seed_of("imitation", "dropout", task.recipe.seed, epoch, number))
         net.train()
         batches = task.batches(frames, order)
         steps, done, began = len(batches), self._progress.steps, time.monotonic()
         seen = sum(len(rows) for rows in batches)
         sums: dict[str, float] = {}
         for step, rows in enumerate(batches):
-            rate = task.rate_at((epoch + (number + step / steps) / count) / task.epochs)
+            rate = rate_at((epoch + (number + step / steps) / count) / task.recipe.epochs, task.recipe)
             for group in self._optimiser.param_groups:
-                group["lr"] = rate * group.get("share", 1.0)
+                group["lr"] = rate * group["share"]
             batch = {k: v.to(self._place.device) for k, v in trimmed(frames[rows]).items()}
-            terms = task.losses(net, batch)
+            terms = losses(net(batch, forecast="forecast" in batch), batch)
             loss = total(terms)
             self._optimiser.zero_grad(set_to_none=True)
             loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(net.parameters(), task.clip)
+            torch.nn.utils.clip_grad_norm_(net.parameters(), task.recipe.clip)
             self._optimiser.step()
             if step % _LOG_EVERY == 0:
                 for name, value in terms.items():
@@ -177,18 +135,20 @@ class Trainer:
         text = "  ".join(f"{name} {value / logged:.3f}" for name, value in sums.items())
         pace = seen / max(time.monotonic() - began, 1e-9)
         self._tell(
-            f"epoch {epoch + 1}/{task.epochs} window {number + 1}/{count}  {text}  {pace:.0f} frames/s"
+            f"epoch {epoch + 1}/{task.recipe.epochs} window {number + 1}/{count}  {text}  {pace:.0f} frames/s"
         )
 
     def _keep(self, progress: Progress) -> None:
         seconds = self._before.seconds + time.monotonic() - self._began
         self._progress = replace(progress, seconds=seconds)
-        save_checkpoint(self._place.out, self._net, self._optimiser, self._progress, self._facts)
+        save_checkpoint(self._place.out, self._net, self._optimiser, self._facts, asdict(self._progress))
 
     def _validate(self, epoch: int, log: SummaryWriter) -> None:
         """Drive the network of now; it is exported if none before was better."""
         latest = self._export(self._place.out / "latest", None)
-        skill = self._task.measure(self._place.out / "latest", self._place.workers)
+        skill = measure(
+            self._task.name, self._place.out / "latest", self._task.validation, self._place.workers
+        )
         score = self._task.score(skill)
         for name, value in asdict(skill).items():
             log.add_scalar(f"skill/{name}", value, self._progress.steps)
@@ -217,17 +177,33 @@ class Trainer:
             "epoch": self._progress.epoch,
             "frames": self._progress.frames,
             "minutes": round(self._progress.seconds / 60.0, 1),
-            "sittings": self._progress.sittings,
+            "sessions": self._progress.sessions,
             "device": self._place.device,
             "torch": torch.__version__,
             "validation_skill": None if skill is None else asdict(skill),
         }
-        return save_weights(self._task.name, folder, arrays, training)
+        return save_weights(self._task.name, folder, arrays, training, self._task.metadata)
 
     def _driven(self, drives: int) -> None:
         self._made += drives
         seconds = time.monotonic() - self._began
         self._tell(f"{self._made} episodes driven for frames ({seconds:.0f} s since the start)")
+
+
+def parameter_groups(net: Plant2Network, task: Task) -> list[dict[str, Any]]:
+    """AdamW's groups: `share` of the rate by parameter, weight decay for matrices alone."""
+    found: dict[tuple[float, float], list[Any]] = {}
+    for name, parameter in net.named_parameters():
+        decay = 0.0 if parameter.ndim < 2 or name == "queries" else task.recipe.decay
+        found.setdefault((task.share(name), decay), []).append(parameter)
+    return [{"params": p, "share": share, "weight_decay": decay} for (share, decay), p in found.items()]
+
+
+def rate_at(share: float, recipe: TrainingRecipe) -> float:
+    """The learning rate when `share` of the training is done: up in a line, down by a cosine."""
+    if share < recipe.warm_up:
+        return recipe.rate * (0.01 + 0.99 * share / recipe.warm_up)
+    return 0.5 * recipe.rate * (1.0 + math.cos(math.pi * (share - recipe.warm_up) / (1.0 - recipe.warm_up)))
 
 
 def trimmed(batch: Records) -> dict[str, Tensor]:

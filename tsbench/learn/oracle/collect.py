@@ -8,25 +8,24 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tsbench.core.benchmark import VARIANTS
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import seed_of
-from tsbench.learn.oracle.store import KIND, LEARNED, Collection, basis, check_folder, kind_of
+from tsbench.learn.oracle.store import KIND, Collection, basis, check_folder
 from tsbench.planners.registry import entry, names
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import make_executor
-from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.execution.worker_process import Setup
+from tsbench.run.execution.messages import Setup
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record
 from tsbench.run.plan import Plan, Request, make_plan
-from tsbench.run.session import ProgressListener, check_names, stop_on_signals
+from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
 TRIES = 4
-VARIANTS = 10
 LEAST_LEARNED_VARIANTS = 4
-_RUNNER, _RECORDER = "tsbench.learn.oracle.runner:OracleRunner", "tsbench.learn.oracle.runner:record_of"
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,6 @@ class Counts:
     longest: int = 0
 
     def take(self, row: Mapping[str, Any]) -> None:
-        """One scenario more."""
         tries = len(row["tries"])
         self.finished += 1
         self.drives += tries
@@ -83,12 +81,10 @@ class Collected:
 
     @property
     def complete(self) -> bool:
-        """Is everything there that was asked for?"""
-        return all(tally.finished == tally.asked for tally in self.experts.values())
+        return all(counts.finished == counts.asked for counts in self.experts.values())
 
 
 def experts() -> tuple[str, ...]:
-    """All registered experts."""
     return tuple(name for name in names() if entry(name).kind == "expert")
 
 
@@ -106,11 +102,10 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
     check_folder(options.out, {"contract": contract, "effective": effective})
     most = len(plan.scenarios) * len(options.request.planners)
     with make_executor("local", options.workers, most, options.limits) as pool:
-        planners = pool.probe(options.request.planners)
-        check_names(planners)
+        planners = probe(pool, options.request)
         for planner in planners:
-            if not planner["privileged"]:
-                raise InputError(f"--planners {planner['spec']}: is no expert: it is not told the rule")
+            if not planner.privileged:
+                raise InputError(f"--planner {planner.spec}: is no expert: it is not told the rule")
         manifest = new_manifest(contract, _asked(options), effective, planners)
         with closing(Collection(options.out, manifest, plan.table, planners, options.redrive)) as collection:
             for line in collection.notices:
@@ -119,55 +114,40 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
 
 
 def _collect(
-    options: CollectOptions, plan: Plan, pool: Executor, planners: Sequence[Mapping[str, Any]],
+    options: CollectOptions, plan: Plan, pool: Executor, planners: tuple[PlannerInfo, ...],
     collection: Collection, watcher: ProgressListener,
 ) -> Collected:  # fmt: skip
     wanted = {
-        str(p["name"]): chosen(plan.scenarios, options.learned_variants, first_lot(str(p["name"])))
-        if kind_of(p) == LEARNED
-        else list(plan.scenarios)
+        p.name: plan.scenarios
+        if p.weights_sha256 is None
+        else chosen(plan.scenarios, options.learned_variants, first_variant(p.name))
         for p in planners
     }
     journal = collection.journal
-    keys = [(name, spec.scenario_id) for name, specs in wanted.items() for spec in specs]
-    todo = [
-        (number, spec)
-        for number, (name, specs) in enumerate(wanted.items())
-        for spec in specs
-        if (name, spec.scenario_id) not in journal.done
-    ]
     setup = Setup(
-        _RUNNER, tuple(planners), mask_signs=False, device="cpu", trace="none",
-        out=str(collection.path.resolve()), split=plan.request.split, contract=collection.manifest["contract"],
-        recorder=_RECORDER, options={"most": options.tries, "probe": asdict(plan.table[0])},
+        planners, mask_signs=False, device="cpu", trace="none", out=str(collection.path.resolve()),
+        split=plan.request.split, contract=collection.manifest["contract"],
+        runner="tsbench.learn.oracle.runner:OracleRunner", recorder="tsbench.learn.oracle.runner:record_of",
+        options={"most": options.tries, "probe": asdict(plan.table[0])},
     )  # fmt: skip
 
     def keep(record: Record) -> None:
         watcher.episode(collection.keep(record))
 
-    watcher.begin(
-        {name: len(specs) for name, specs in wanted.items()},
-        (journal.read(key)["row"] for key in keys if key in journal.done),
-    )
     with stop_on_signals() as stopped:
-        try:
-            if todo:
-                pool.run(
-                    setup, TaskQueue(Task(n, *pair) for n, pair in enumerate(todo, start=1)), keep, stopped
-                )
-        finally:
-            watcher.end()
+        drive(pool, setup, wanted, journal, keep, stopped, watcher)
         found = {name: Counts(len(specs)) for name, specs in wanted.items()}
-        for key in keys:
-            if key in journal.done:
-                found[key[0]].take(journal.read(key)["row"])
+        for name, specs in wanted.items():
+            for spec in specs:
+                if (name, spec.scenario_id) in journal.done:
+                    found[name].take(journal.read((name, spec.scenario_id))["row"])
         collected = Collected(collection.path, found)
         collection.end(collected.complete)
     return collected
 
 
-def first_lot(expert: str) -> int:
-    """Where in the lots of a map's variants an expert with a network begins: registered ones share the ten evenly.
+def first_variant(expert: str) -> int:
+    """Where among a map's shuffled variants an expert with a network begins: registered ones share the ten evenly.
 
     So a few of them with few variants each still drive every variant once. One that is not registered begins first.
     """
@@ -176,14 +156,14 @@ def first_lot(expert: str) -> int:
 
 
 def chosen(rows: Sequence[ScenarioSpec], variants: int, first: int = 0) -> list[ScenarioSpec]:
-    """Of each type and map, the `variants` rows from lot `first` on, order kept; fewer are a part of more."""
+    """Of each type and map, `variants` rows from the `first` of the shuffled ones on; fewer are a part of more."""
     by_map: dict[tuple[str, str], list[ScenarioSpec]] = {}
     for row in rows:
         by_map.setdefault((row.scenario_type, row.map_id), []).append(row)
     kept: set[str] = set()
     for group in by_map.values():
-        lots = sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))
-        kept.update(r.scenario_id for r in (lots[first:] + lots[:first])[:variants])
+        shuffled = sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))
+        kept.update(r.scenario_id for r in (shuffled[first:] + shuffled[:first])[:variants])
     return [row for row in rows if row.scenario_id in kept]
 
 

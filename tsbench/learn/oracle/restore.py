@@ -46,7 +46,6 @@ def restore(table: Path, folder: Path) -> int:
 
 
 def _lines(tries: list[Row], drives: list[Recorded], table: Path) -> Iterator[Row]:
-    """A journal's row for each expert and scenario."""
     chosen = {(drive.planner, drive.scenario_id): drive for drive in drives}
     for key, group in groupby(tries, lambda one: (one["planner"], one["scenario_id"])):
         many = list(group)

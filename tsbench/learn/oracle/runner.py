@@ -8,18 +8,20 @@ from __future__ import annotations
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import Commands, Intents, QuantisedPlanner, fingerprints, steps_of
 from tsbench.metrics.comfort import comfort
 from tsbench.metrics.tracks import tracks_of
-from tsbench.run.execution.inference_client import WorkerRunner
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -35,46 +37,47 @@ class Attempt(EpisodeResult):
     intents: Intents
 
 
-class OracleRunner(WorkerRunner):
+class OracleRunner:
     """Drives a scenario again, each time with another driver, until it succeeds.
 
     most: tries at most. probe: a scenario (as a mapping) on which it is found out whether the expert draws its driver
-    from the seed: one that does not would only repeat its drive.
+    from the seed: one that does not would only repeat its drive. options: as `EpisodeRunner`'s.
     """
 
     def __init__(
-        self, planner_spec: str, planner_name: str, *, most: int, probe: Mapping[str, Any], **options: Any
+        self, planner: LoadedPlanner, *, most: int, probe: Mapping[str, Any], **options: Any
     ) -> None:
-        super().__init__(planner_spec, planner_name, **options)
-        self._rounded = QuantisedPlanner(self._loaded.factory)
-        self._planner = self._rounded
-        self._most, self._probe = most, ScenarioSpec(**probe)
+        self._quantised = QuantisedPlanner(planner.factory)
+        self._runner = EpisodeRunner(replace(planner, factory=lambda: self._quantised), **options)
+        self._most, self._probe = most, from_plain(ScenarioSpec, probe)
         self._draws: bool | None = None
 
     def run(self, spec: ScenarioSpec) -> Attempt:
-        """The episode, as often as it takes. Raises nothing for what a scene or planner does, as its parent."""
+        """The episode, as often as it takes. Raises nothing for what a scene or planner does."""
         tries: list[Row] = []
         while True:
             result = self._drive(spec, len(tries))
             tries.append(try_of(result, len(tries)))
             if tries[-1]["scd"] or len(tries) == self._most or not self._draws_driver():
-                return Attempt(**vars(result), tries=tuple(tries), intents=tuple(self._rounded.intents))
+                return Attempt(**vars(result), tries=tuple(tries), intents=tuple(self._quantised.intents))
 
     def _drive(self, spec: ScenarioSpec, attempt: int) -> EpisodeResult:
-        self._rounded.attempt = attempt
-        return super().run(spec)
+        self._quantised.attempt = attempt
+        return self._runner.run(spec)
 
     def _draws_driver(self) -> bool:
         if self._draws is None:
-            kept = self._rounded.intents
+            kept = self._quantised.intents
             first, second = (self._drive(self._probe, attempt).commands for attempt in (0, 1))
             self._draws = not np.array_equal(first, second)
-            self._rounded.intents = kept
+            self._quantised.intents = kept
         return self._draws
+
+    def close(self) -> None:
+        self._runner.close()
 
 
 def try_of(result: EpisodeResult, attempt: int) -> Row:
-    """A drive in a line."""
     facts = None if result.outcome.is_error else result.facts
     row = {"attempt": attempt, "outcome": result.outcome.value, "error": one_line(result.error) or None}
     return {**row, "scd": False, **dict.fromkeys(FIGURES)} if facts is None else {**row, **_figures(facts)}

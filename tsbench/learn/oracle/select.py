@@ -141,7 +141,6 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
 
 
 def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
-    """The rows of the collection's split, by id."""
     manifest = read_collection(folder, "tsbench oracle collect makes one")
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")

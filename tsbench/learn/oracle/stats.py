@@ -34,20 +34,20 @@ def stats(path: Path, split: str) -> Analysis:
 
 
 def verify(path: Path, split: str, limit: int | None) -> int:
-    """Replay drives of a table, `limit` of them by lot; returns how many.
+    """Replay drives of a table, `limit` of them in shuffled order; returns how many.
 
     Raises SimulationError, which says which and how, for one that comes out otherwise than it was recorded.
     """
     rows, drives = _read(path, split)
-    lots = sorted(drives, key=lambda d: seed_of(KIND, "verify", d.scenario_id, d.planner))[:limit]
+    chosen = sorted(drives, key=lambda d: seed_of(KIND, "verify", d.scenario_id, d.planner))[:limit]
     simulation = Simulation()
     replayer = Replayer(simulation, SceneLoader())
     try:
-        for drive in sorted(lots, key=lambda d: rows[d.scenario_id].net):
+        for drive in sorted(chosen, key=lambda d: rows[d.scenario_id].net):
             replayer.replay(drive, rows[drive.scenario_id])
     finally:
         simulation.close()
-    return len(lots)
+    return len(chosen)
 
 
 def _read(path: Path, split: str) -> tuple[dict[str, ScenarioSpec], list[Recorded]]:

@@ -20,15 +20,24 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic, write_json
-from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.parquet import VERSION_KEY, columns, open_table, save_table
 from tsbench.core.provenance import digest, versions
 from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
 from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
-from tsbench.run.log.folder import error_path
+from tsbench.run.log.folder import write_error
 from tsbench.run.log.journal import Content, Journal, Key, decode
-from tsbench.run.log.manifest import NAME, Manifest, difference, read_manifest, timestamp
+from tsbench.run.log.manifest import (
+    NAME,
+    Manifest,
+    difference,
+    plain_planners,
+    planners_of,
+    read_manifest,
+    timestamp,
+)
 from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record, Row
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
@@ -43,22 +52,18 @@ _ROW = {
 _OUTDATED = "of a scenario or an expert that has changed"
 
 
-def _columns(kind: pa.DataType, *names: str, null: bool = False) -> list[Any]:
-    return [pa.field(name, kind, nullable=null) for name in names]
-
-
 SCHEMA = pa.schema(
     [
-        *_columns(pa.string(), "planner", "kind", "scenario_id", "scenario_type", "group", "map_id"),
-        *_columns(pa.int16(), "attempt"),
-        *_columns(pa.string(), "outcome"),
-        *_columns(pa.string(), "error", null=True),
-        *_columns(pa.bool_(), "scd"),
-        *_columns(pa.bool_(), "compliant", "engaged", null=True),
-        *_columns(pa.int32(), "steps", null=True),
-        *_columns(pa.float64(), "duration_s", "comfort", "mean_speed", null=True),
-        *_columns(pa.string(), "ego", "others", null=True),
-        *_columns(pa.string(), "scenario", "code"),
+        *columns(pa.string(), "planner", "kind", "scenario_id", "scenario_type", "group", "map_id"),
+        *columns(pa.int16(), "attempt"),
+        *columns(pa.string(), "outcome"),
+        *columns(pa.string(), "error", nullable=True),
+        *columns(pa.bool_(), "scd"),
+        *columns(pa.bool_(), "compliant", "engaged", nullable=True),
+        *columns(pa.int32(), "steps", nullable=True),
+        *columns(pa.float64(), "duration_s", "comfort", "mean_speed", nullable=True),
+        *columns(pa.string(), "ego", "others", nullable=True),
+        *columns(pa.string(), "scenario", "code"),
     ]
 ).with_metadata({VERSION_KEY: "1"})
 
@@ -78,9 +83,9 @@ def basis() -> str:
     return digest({"signs": catalog.judged(catalog.signs), "versions": versions(["libsumo"])})
 
 
-def kind_of(planner: Mapping[str, Any]) -> str:
-    """RULES or LEARNED, by what `contestant.describe` says of a planner."""
-    return RULES if planner["weights_sha256"] is None else LEARNED
+def kind_of(planner: PlannerInfo) -> str:
+    """RULES or LEARNED."""
+    return RULES if planner.weights_sha256 is None else LEARNED
 
 
 class Collection:
@@ -94,7 +99,7 @@ class Collection:
         path: Path,
         manifest: Manifest,
         table: Sequence[ScenarioSpec],
-        planners: Sequence[Mapping[str, Any]],
+        planners: Sequence[PlannerInfo],
         redrive: bool = False,
     ) -> None:
         """Open or continue `path`. table: all rows of the split. planners: those that are asked for now.
@@ -105,20 +110,20 @@ class Collection:
         """
         self.path = path
         self._rows = {spec.scenario_id: spec for spec in table}
-        self._codes = {str(p["name"]): _code(p) for p in planners}
+        self._codes = {p.name: _code(p) for p in planners}
         self._redrive = redrive
         self._by_other_code: Counter[str] = Counter()
         aside = Quarantine(path)
         with io_errors_as_input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
             old = check_folder(path, manifest)
-            known = {} if old is None else {p["name"]: p for p in old["planners"]}
+            known = {} if old is None else {p.name: p for p in planners_of(old)}
             self._retrained = {
-                name
-                for name, p in ((str(p["name"]), p) for p in planners)
-                if name in known and known[name]["weights_sha256"] != p["weights_sha256"]
+                p.name
+                for p in planners
+                if p.name in known and known[p.name].weights_sha256 != p.weights_sha256
             }
-            self._planners = known | {p["name"]: dict(p) for p in planners}
+            self._planners = known | {p.name: p for p in planners}
             self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
             self._save("running", finished=None)
         keys = [(name, scenario) for name in self._planners for scenario in self._rows]
@@ -134,7 +139,6 @@ class Collection:
         ]
 
     def keep(self, record: Record) -> Row:
-        """Write down what an expert did on a scenario; returns the row."""
         row = record.row
         if "tries" not in row:
             row = {name: row[name] for name in ("planner", "scenario_id", "outcome", "error", "scd")}
@@ -145,26 +149,22 @@ class Collection:
             "code": self._codes[row["planner"]],
         }
         if record.detail:
-            path = error_path(self.path, row["planner"], row["scenario_id"])
-            with io_errors_as_input_errors(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomic(path, f"{record.detail.rstrip()}\n".encode(errors="replace"))
+            write_error(self.path, record)
         self.journal.append(Record(row, [], {}, ""))
         return row
 
     def end(self, complete: bool) -> None:
         """Write the table of tries, and how it ended."""
-        columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+        table: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
         for key in sorted(self.journal.done):
             for line in self._lines(key):
-                for name, column in columns.items():
+                for name, column in table.items():
                     column.append(line[name])
         with io_errors_as_input_errors(self.path):
-            save_table(pa.table(columns, schema=SCHEMA), self.path / _TRIES)
+            save_table(pa.table(table, schema=SCHEMA), self.path / _TRIES)
             self._save("complete" if complete else "interrupted", finished=timestamp())
 
     def close(self) -> None:
-        """Let go of the folder."""
         self.journal.close()
 
     def _lines(self, key: Key) -> Iterator[Row]:
@@ -177,7 +177,7 @@ class Collection:
             yield {**head, **one, "duration_s": seconds, "scenario": row["scenario"], "code": row["code"]}
 
     def _save(self, status: str, finished: str | None) -> None:
-        planners = [self._planners[name] for name in sorted(self._planners)]
+        planners = plain_planners([self._planners[name] for name in sorted(self._planners)])
         self.manifest = {**self.manifest, "planners": planners, "status": status, "finished": finished}
         write_json(self.path / NAME, self.manifest)
 
@@ -255,13 +255,12 @@ def read_drives(folder: Path, wanted: set[Key]) -> Iterator[tuple[Key, Commands,
             yield (row["planner"], row["scenario_id"]), unpack(row["commands"]), intents
 
 
-def _code(planner: Mapping[str, Any]) -> str:
-    both = f"{planner['code_sha256']} {planner['weights_sha256']}"
+def _code(planner: PlannerInfo) -> str:
+    both = f"{planner.code_sha256} {planner.weights_sha256}"
     return hashlib.sha256(both.encode()).hexdigest()[:12]
 
 
 def _whole(content: Any) -> bool:
-    """Is this a line with all that it must have?"""
     if not isinstance(content, dict) or set(content) != _PARTS or not isinstance(content["row"], dict):
         return False
     row = content["row"]

@@ -21,12 +21,13 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import PlannerOutputError, SimulationError
 from tsbench.core.files import io_errors_as_input_errors
-from tsbench.core.parquet import VERSION_KEY, open_table, save_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, save_table
 from tsbench.core.paths import data_file, fetch_hint
 from tsbench.episode.command import to_command
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion
@@ -52,22 +53,16 @@ _SERIES = pa.list_(pa.field("element", pa.int16(), nullable=False))
 _EDGES = pa.list_(pa.field("element", pa.string(), nullable=False))
 _INTENTS = pa.list_(pa.struct([pa.field("tick", pa.int32()), pa.field("edges", _EDGES)]))
 _COLUMNS: list[Any] = [
-    pa.field("scenario_id", pa.string(), nullable=False),
-    pa.field("planner", pa.string(), nullable=False),
-    pa.field("attempt", pa.int16(), nullable=False),
-    pa.field("part", pa.string(), nullable=False),
-    pa.field("rank", pa.int16(), nullable=False),
-    pa.field("quality", pa.float64()),
-    pa.field("comfort", pa.float64()),
-    pa.field("ego", pa.binary(_DIGEST_BYTES), nullable=False),
-    pa.field("others", pa.binary(_DIGEST_BYTES), nullable=False),
-    pa.field("acceleration", _SERIES, nullable=False),
-    pa.field("steering", _SERIES, nullable=False),
-    pa.field("intents", _INTENTS, nullable=False),
+    *columns(pa.string(), "scenario_id", "planner"),
+    *columns(pa.int16(), "attempt"),
+    *columns(pa.string(), "part"),
+    *columns(pa.int16(), "rank"),
+    *columns(pa.float64(), "quality", "comfort", nullable=True),
+    *columns(pa.binary(_DIGEST_BYTES), "ego", "others"),
+    *columns(_SERIES, "acceleration", "steering"),
+    *columns(_INTENTS, "intents"),
 ]
-SCHEMA = pa.schema(_COLUMNS).with_metadata(
-    {VERSION_KEY: "1", "licence": "ODbL 1.0, © OpenStreetMap contributors"}
-)
+SCHEMA = pa.schema(_COLUMNS).with_metadata({VERSION_KEY: "1", **OSM_LICENCE})
 # High and low bytes apart: 360 bytes a drive in all, where dictionaries take 620.
 _ENCODINGS = {f"{name}.list.element": "BYTE_STREAM_SPLIT" for name in ("acceleration", "steering")}
 
@@ -108,7 +103,6 @@ class QuantisedPlanner:
         self.intents: list[tuple[int, tuple[str, ...]]] = []
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._network = context.network
         self.intents = []
         if self._inner is None:
@@ -133,14 +127,10 @@ class QuantisedPlanner:
 class Replay:
     """A planner that gives the commands of a drive again. `recorded` may be exchanged between episodes."""
 
-    privileged = False
-    sign_access = False
-
     def __init__(self, recorded: Recorded | None = None) -> None:
         self.recorded = recorded
 
     def reset(self, context: PlannerContext) -> None:  # noqa: ARG002
-        """Start an episode."""
         assert self.recorded is not None
         self._commands: list[tuple[int, int]] = [(a, s) for a, s in self.recorded.commands.tolist()]
         self._intents = dict(self.recorded.intents)
@@ -156,18 +146,18 @@ class Replay:
         return control_of(acceleration, steering, self._intent)
 
 
-class Replayer(EpisodeRunner):
+class Replayer:
     """Replays drives in the process's one simulation, and vouches that each is the one that was recorded."""
 
     def __init__(self, simulation: Simulation | None = None, loader: SceneLoader | None = None) -> None:
-        super().__init__(f"{__name__}:Replay", "replay", simulation=simulation, loader=loader)
         self._replay = Replay()
-        self._planner = self._replay
+        replay = LoadedPlanner("replay", lambda: self._replay)
+        self._runner = EpisodeRunner(replay, simulation=simulation, loader=loader)
 
     def replay(self, recorded: Recorded, spec: ScenarioSpec) -> EpisodeFacts:
         """The drive, tick by tick. Raises SimulationError: it came out otherwise (names scenario, planner and what)."""
         self._replay.recorded = recorded
-        result = self.run(spec)
+        result = self._runner.run(spec)
         differs = _difference(recorded, spec, result.facts, result.error)
         if differs or result.facts is None:
             raise SimulationError(
@@ -178,7 +168,6 @@ class Replayer(EpisodeRunner):
 
 
 def trajectories_path() -> Path:
-    """Where the oracle's drives stand."""
     return data_file("scenarios/oracle.parquet")
 
 
@@ -189,13 +178,12 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
     flat |= {name: [bytes.fromhex(getattr(row, name)) for row in rows] for name in ("ego", "others")}
     commands = np.concatenate([np.zeros((0, 2), dtype=np.int16), *(row.commands for row in rows)])
     offsets = np.cumsum([0, *(len(row.commands) for row in rows)], dtype=np.int32)
-    columns = [pa.array(flat[f.name], type=f.type) for f in SCHEMA if f.name in flat]
+    arrays = [pa.array(flat[f.name], type=f.type) for f in SCHEMA if f.name in flat]
     lists: Any = pa.ListArray
-    columns += [lists.from_arrays(pa.array(offsets), pa.array(c), type=_SERIES) for c in commands.T.copy()]
-    columns += [pa.array([[{"tick": k, "edges": e} for k, e in row.intents] for row in rows], type=_INTENTS)]
+    arrays += [lists.from_arrays(pa.array(offsets), pa.array(c), type=_SERIES) for c in commands.T.copy()]
+    arrays += [pa.array([[{"tick": k, "edges": e} for k, e in row.intents] for row in rows], type=_INTENTS)]
     with io_errors_as_input_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save_table(pa.Table.from_arrays(columns, schema=SCHEMA), path, _ENCODINGS)
+        save_table(pa.Table.from_arrays(arrays, schema=SCHEMA), path, _ENCODINGS)
 
 
 def read_trajectories(path: Path) -> list[Recorded]:

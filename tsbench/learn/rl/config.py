@@ -16,7 +16,7 @@ class Hyper:
     """Of PPO (Schulman et al., arXiv 1707.06347), in Stable-Baselines3's terms; a step is one decision.
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
-    torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, lessons:
+    torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, updates:
     rollouts of `rl_warm` before all that, if not asked for otherwise, and updates after each. gamma: so near to 1 that
     what standing still costs at the end of an episode counts.
     """
@@ -28,7 +28,7 @@ class Hyper:
     rate: float
     threads: int
     imitation: int
-    lessons: int
+    updates: int
     gamma: float = 0.999
     trace: float = 0.95
     clip: float = 0.2
@@ -40,10 +40,10 @@ class Hyper:
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
         "ppo": Hyper(
-            "vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40, lessons=400
+            "vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40, updates=400
         ),
         "carl": Hyper(
-            "bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=40, lessons=60
+            "bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=40, updates=60
         ),
     }
 )
@@ -54,7 +54,7 @@ class Job:
     """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`.
 
     imitation: rollouts of `rl_warm` in all, None = the planner's; asked for later, they go before further steps.
-    rate: of Adam at the start of this sitting, None = the planner's. more: types and groups drawn three times as often.
+    rate: of Adam at the start of this session, None = the planner's. more: types and groups drawn three times as often.
     """
 
     planner: str

@@ -25,15 +25,12 @@ _AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
 
 
 class Demonstrator:
-    """One episode after the other."""
-
     def __init__(self) -> None:
         self._idm = Idm()
         self._context: PlannerContext
         self._detour: DetourConstraint | None = None
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._context, self._detour = context, None
         self._idm.reset(context)
 
@@ -60,7 +57,7 @@ def _rule(code: str) -> RuleSpec:
 
 
 def _one_side(o: Observation, network: RoadNetwork) -> Privilege:
-    """What the guard needs to know: which obstacle, here the nearest; and which side will do."""
+    """What the constraint needs to know: which obstacle, here the nearest; and which side will do."""
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
     right = network.lane(nearest.lane).right
     code = _RIGHT if right >= 0 and network.lanes[right].permits("passenger") else _LEFT

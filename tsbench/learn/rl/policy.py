@@ -31,11 +31,9 @@ class BetaActions(Distribution):
         self._beta: torch.distributions.Beta
 
     def proba_distribution_net(self, latent_dim: int) -> nn.Module:
-        """From latent to both parameters of each action."""
         return nn.Linear(latent_dim, 2 * self._size)
 
     def proba_distribution(self, raw: torch.Tensor) -> BetaActions:
-        """Set the parameters."""
         a, b = (_LEAST + softplus(raw)).chunk(2, dim=-1)
         self._beta = torch.distributions.Beta(a, b)
         return self
@@ -47,27 +45,22 @@ class BetaActions(Distribution):
         return logs.sum(dim=-1) - self._size * float(np.log(2.0))
 
     def entropy(self) -> torch.Tensor:
-        """Of all actions together."""
         entropy: torch.Tensor = self._beta.entropy()  # type: ignore[no-untyped-call]
         return entropy.sum(dim=-1) + self._size * float(np.log(2.0))
 
     def sample(self) -> torch.Tensor:
-        """A draw."""
         drawn: torch.Tensor = self._beta.rsample()
         return 2.0 * drawn - 1.0
 
     def mode(self) -> torch.Tensor:
-        """The likeliest action."""
         a, b = self._beta.concentration1, self._beta.concentration0
         mode: torch.Tensor = 2.0 * (a - 1.0) / (a + b - 2.0).clamp(min=1e-6) - 1.0
         return mode
 
     def actions_from_params(self, raw: torch.Tensor, deterministic: bool = False) -> torch.Tensor:
-        """Actions straight from the network's output."""
         return self.proba_distribution(raw).get_actions(deterministic=deterministic)
 
     def log_prob_from_params(self, raw: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Actions and their log densities straight from the network's output."""
         actions = self.actions_from_params(raw)
         return actions, self.log_prob(actions)
 
@@ -80,7 +73,6 @@ class CarlFeatures(BaseFeaturesExtractor):
         self.trunk = CarlTrunk()
 
     def forward(self, observations: dict[str, torch.Tensor]) -> torch.Tensor:
-        """(n, LATENT)."""
         latent: torch.Tensor = self.trunk(observations["bev"], observations["measurements"])
         return latent
 
@@ -120,7 +112,6 @@ class BetaPolicy(ActorCriticPolicy):
 
 
 def policy_of(planner: str) -> tuple[type[ActorCriticPolicy], dict[str, Any]]:
-    """Class and arguments of a planner's policy."""
     if planner == "ppo":
         return ActorCriticPolicy, {
             "net_arch": {"pi": [256, 256], "vf": [256, 256]},

@@ -6,24 +6,58 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from tsbench.learn.rl.checkpoint import Progress, save_checkpoint
+from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
 
 CURVE = "curve.jsonl"
 _WINDOW = 200
 _ENDS = ("arrived", "collision", "off_road", "timeout")
 
 
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """steps: decisions taken since imitation. seconds: of training so far, all sessions together. sessions: how many
+    there were. imitated: rollouts of imitation. updates: as Stable-Baselines3 counts them.
+    """
+
+    steps: int = 0
+    seconds: float = 0.0
+    sessions: int = 0
+    imitated: int = 0
+    updates: int = 0
+
+
+def save_progress(out: Path, model: PPO, progress: Progress, job: dict[str, Any]) -> None:
+    now = asdict(replace(progress, updates=model._n_updates))
+    save_checkpoint(out, model.policy, model.policy.optimizer, job, now)
+
+
+def load_progress(out: Path, model: PPO, job: dict[str, Any]) -> Progress | None:
+    """Put the state below `out` back into a fresh model; None where there is none. Errors as of `load_checkpoint`."""
+    known = load_checkpoint(out, model.policy, model.policy.optimizer, job)
+    if known is None:
+        return None
+    found = Progress(**known)
+    model._n_updates, model.num_timesteps = found.updates, found.steps
+    return found
+
+
+def session_seed(seed: int, session: int, deaths: int = 0) -> int:
+    """What a session draws its scenarios from: never those of another again, nor of one whose process died."""
+    return int(np.random.SeedSequence((seed, session, deaths)).generate_state(1)[0] % 2**31)
+
+
 class ProgressCallback(BaseCallback):
     """At the end of each rollout: one line, one row of the curve, a checkpoint each `every` seconds.
 
-    before: what earlier sittings have done. tell: prints a line.
+    before: what earlier sessions have done. tell: prints a line.
     """
 
     def __init__(
@@ -46,13 +80,10 @@ class ProgressCallback(BaseCallback):
 
     @property
     def progress(self) -> Progress:
-        """What has been done by now, this sitting included."""
+        """What has been done by now, this session included."""
         seconds = self._before.seconds + time.monotonic() - self._began
         return replace(
-            self._before,
-            steps=self.model.num_timesteps,
-            seconds=seconds,
-            sittings=self._before.sittings + 1,
+            self._before, steps=self.model.num_timesteps, seconds=seconds, sessions=self._before.sessions + 1
         )
 
     def _on_step(self) -> bool:
@@ -97,6 +128,5 @@ class ProgressCallback(BaseCallback):
             self.keep()
 
     def keep(self) -> None:
-        """A checkpoint now."""
-        save_checkpoint(self._out, self.model, self.progress, self._job)  # type: ignore[arg-type]
+        save_progress(self._out, self.model, self.progress, self._job)  # type: ignore[arg-type]
         self._saved = time.monotonic()

@@ -16,17 +16,10 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
 from tsbench.core.errors import SimulationError
-from tsbench.learn.rl.checkpoint import (
-    Progress,
-    has_checkpoint,
-    load_checkpoint,
-    save_checkpoint,
-    sitting_seed,
-)
 from tsbench.learn.rl.config import HYPER, Hyper, Job
 from tsbench.learn.rl.curve import draw_curve
 from tsbench.learn.rl.policy import actor_tensors, policy_of
-from tsbench.learn.rl.progress import ProgressCallback
+from tsbench.learn.rl.progress import Progress, ProgressCallback, load_progress, save_progress, session_seed
 from tsbench.learn.rl.warm import DaggerWrapper, warm_up
 from tsbench.learn.start import command_line, keep_freed_memory, prepare
 from tsbench.planners.rl.actions import HOLD_TICKS
@@ -57,23 +50,21 @@ def train(job: Job, tell: Callable[[str], None]) -> Network:
     keep_freed_memory()
     for deaths in range(_DEATHS):
         try:
-            return _sitting(job, hyper, deaths, tell)
+            return _session(job, hyper, deaths, tell)
         except (EOFError, ConnectionError):
             tell("a driving process died: goes on from the last checkpoint")
     raise SimulationError(f"driving processes died {_DEATHS} times: {job.out} has the last checkpoint")
 
 
-def _sitting(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -> Network:
-    """From the last checkpoint to the end."""
+def _session(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -> Network:
     processes = _processes(job, hyper)
     try:
         environments = VecMonitor(processes)
         model = _model(job, hyper, environments)
-        before = Progress(0, 0.0, 0, 0)
-        if has_checkpoint(job.out):
-            before = load_checkpoint(job.out, model, job.facts())
+        before = load_progress(job.out, model, job.facts()) or Progress()
+        if before.sessions:
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
-        processes.seed(sitting_seed(job.seed, before.sittings, deaths))
+        processes.seed(session_seed(job.seed, before.sessions, deaths))
         if before.imitated < hyper.imitation:
             before = _imitate(job, hyper, model, environments, before, tell)
         watch = ProgressCallback(job.out, job.facts(), before, job.steps, tell, _CHECKPOINT_S)
@@ -105,11 +96,11 @@ def _imitate(
         done = replace(before, seconds=before.seconds + now - began, imitated=imitated)
         if now - saved > _CHECKPOINT_S or imitated == hyper.imitation:
             saved = now
-            # What is loaded is another sitting; what is returned goes on in this one.
-            save_checkpoint(job.out, model, replace(done, sittings=before.sittings + 1), job.facts())
+            # What is loaded is another session; what is returned goes on in this one.
+            save_progress(job.out, model, replace(done, sessions=before.sessions + 1), job.facts())
 
     rollouts = range(before.imitated, hyper.imitation)
-    warm_up(model, environments, rollouts, hyper.lessons, job.seed, tell, keep)
+    warm_up(model, environments, rollouts, hyper.updates, job.seed, tell, keep)
     return done
 
 
@@ -167,7 +158,7 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
         **job.facts(),
         "steps": progress.steps,
         "minutes": round(progress.seconds / 60.0, 1),
-        "sittings": progress.sittings,
+        "sessions": progress.sessions,
         "types": list(job.types),
         "more": list(job.more),
         "workers": job.workers,

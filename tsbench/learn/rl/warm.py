@@ -42,7 +42,6 @@ class DaggerWrapper(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDA
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """As the environment's."""
         found = self.env.reset(seed=seed, options=options)
         self._teacher.reset(self._drive.turn.context)
         return found
@@ -56,7 +55,7 @@ class DaggerWrapper(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDA
         return cast("DriveEnv", self.env.unwrapped)
 
 
-class Lessons:
+class ReplayMemory:
     """What was seen, advised and earned: all of `decisions`, or the last so many bytes of it."""
 
     def __init__(self, example: RolloutBuffer, decisions: int) -> None:
@@ -77,7 +76,6 @@ class Lessons:
         self._filled += count
 
     def draw(self, count: int, rng: np.random.Generator) -> dict[str, torch.Tensor]:
-        """So many of them, with repetition."""
         at = rng.integers(0, min(self._filled, self._size), count)
         return {name: torch.from_numpy(kept[at]) for name, kept in self._kept.items()}
 
@@ -107,17 +105,17 @@ def warm_up(
     rng = np.random.default_rng(np.random.SeedSequence((seed, 1, rollouts.start)))
     optimiser = torch.optim.Adam(model.policy.parameters(), lr=_RATE)
     seen, starts = environments.reset(), np.ones(environments.num_envs, dtype=bool)
-    lessons: Lessons | None = None
+    memory: ReplayMemory | None = None
     for rollout in rollouts:
         through = rollout / max(rollouts.stop - 1, 1)
         optimiser.param_groups[0]["lr"] = _RATE * (_LAST_RATE / _RATE) ** through
         # The first few environments are the policy's: all of them in the second half.
         own = np.arange(environments.num_envs) < 2.0 * through * environments.num_envs
         seen, starts = _drive(model, environments, seen, starts, own, rng)
-        if lessons is None:
-            lessons = Lessons(model.rollout_buffer, len(rollouts) * model.n_steps * environments.num_envs)
-        lessons.add(model.rollout_buffer)
-        wrong, missed = _learn(model, optimiser, lessons, updates, rng)
+        if memory is None:
+            memory = ReplayMemory(model.rollout_buffer, len(rollouts) * model.n_steps * environments.num_envs)
+        memory.add(model.rollout_buffer)
+        wrong, missed = _learn(model, optimiser, memory, updates, rng)
         tell(
             f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)"
         )
@@ -155,14 +153,14 @@ def _worth(model: PPO, seen: Any) -> torch.Tensor:
 
 
 def _learn(
-    model: PPO, optimiser: torch.optim.Optimizer, lessons: Lessons, updates: int, rng: np.random.Generator
+    model: PPO, optimiser: torch.optim.Optimizer, memory: ReplayMemory, updates: int, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Mean squares over all updates: of the actions, and of the returns."""
     policy = model.policy
     policy.set_training_mode(True)
     sums = np.zeros(2)
     for _ in range(updates):
-        part = {name: value.to(model.device) for name, value in lessons.draw(model.batch_size, rng).items()}
+        part = {name: value.to(model.device) for name, value in memory.draw(model.batch_size, rng).items()}
         shown = {
             name.removeprefix("seen."): value for name, value in part.items() if name.startswith("seen.")
         }

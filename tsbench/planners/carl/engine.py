@@ -47,7 +47,6 @@ class Engine:
             raise ValueError(f"{self._measured.weight.shape[1]} measurements")
 
     def __call__(self, records: Records) -> Array:
-        """Each answer is as if its record were alone."""
         x: Any = records["bev"].transpose(0, 2, 3, 1)
         for convolution in self._convolutions:
             x = rectified(convolution(x))

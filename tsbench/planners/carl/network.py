@@ -32,7 +32,6 @@ class CarlTrunk(nn.Module):
         self.joint = nn.Sequential(nn.Linear(_WIDE + _MEASURED, LATENT), nn.ReLU())
 
     def forward(self, raster: torch.Tensor, measurements: torch.Tensor) -> torch.Tensor:
-        """The latent that actor and critic share."""
         shades = raster.to(torch.float32, memory_format=torch.channels_last) / 255.0
         seen = self.wide(self.image(shades))
         latent: torch.Tensor = self.joint(torch.cat((seen, self.measured(measurements)), dim=1))

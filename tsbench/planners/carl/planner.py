@@ -8,70 +8,58 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.carl.engine import Engine
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.common.batching import Infer, Records
 from tsbench.planners.common.quantiles import beta_quantile
-from tsbench.planners.experts.expert import Expert
-from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
-from tsbench.planners.weights import Tensors, load_weights
+from tsbench.planners.weights import Tensors, fitted
 
 WEIGHTS = "carl"
 RECORD = np.dtype(
     [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW]
 )
-# On a CPU a row of a batch costs nearly as much as alone: only a GPU is worth a process of its own.
-_SERVED_ON = ("cuda",)
 
 
 class Carl(LearnedPlanner):
-    """The planner. infer: who answers its records; folder: of the weights of its own network (None: tsbench's)."""
+    """The planner."""
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
-    served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
+    # On a CPU a row of a batch costs nearly as much as alone: only a GPU is worth a process of its own.
+    served_on: ClassVar[tuple[str, ...]] = ("cuda",)
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
-        super().__init__(load("cpu", folder) if infer is None else infer)
+        super().__init__(infer, folder)
         self._encoder = RasterEncoder()
 
     @staticmethod
-    def network(device: str) -> Infer:
-        """tsbench's own network on a device."""
-        return load(device)
+    def network(device: str, folder: Path | None = None) -> Infer:
+        """The CNN: by the engine on a CPU, by torch on a GPU."""
+        densities = fitted(
+            WEIGHTS,
+            folder,
+            lambda weights: Engine(weights) if device == "cpu" else _by_torch(weights, device),
+        )
+
+        def infer(records: Records) -> Records:
+            answers = np.empty(len(records), dtype=ACTIONS)
+            found, draws = densities(records).tolist(), records["draw"].tolist()
+            answers["action"] = [
+                [2.0 * beta_quantile(a, b, p) - 1.0 for a, b, p in zip(*pair, draw, strict=True)]
+                for pair, draw in zip(found, draws, strict=True)
+            ]
+            return answers
+
+        return infer
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         super().reset(context)
         self._encoder.reset(context)
 
     def fill(self, record: Records, observation: Observation) -> None:
-        """Its `bev` (9, 128, 128) uint8 and `measurements` (10,) float32."""
         record["bev"][0], record["measurements"][0] = self._encoder.encode(observation)
-
-
-def load(device: str, folder: Path | None = None) -> Infer:
-    """The CNN with the weights below `folder`, by torch on a GPU; InputError where they are not its own."""
-    weights = load_weights(WEIGHTS, folder)
-    try:
-        densities = Engine(weights) if device == "cpu" else _by_torch(weights, device)
-    except (KeyError, ValueError, RuntimeError) as error:
-        problem = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise InputError(f"weights {WEIGHTS!r}: are not those of carl's network ({problem})") from None
-
-    def infer(records: Records) -> Records:
-        answers = np.empty(len(records), dtype=ACTIONS)
-        found, draws = densities(records).tolist(), records["draw"].tolist()
-        answers["action"] = [
-            [2.0 * beta_quantile(a, b, p) - 1.0 for a, b, p in zip(*pair, draw, strict=True)]
-            for pair, draw in zip(found, draws, strict=True)
-        ]
-        return answers
-
-    return infer
 
 
 def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
@@ -93,19 +81,3 @@ def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
         return np.concatenate(found)
 
     return densities
-
-
-class CarlExpert(Expert):
-    """`carl-e`. Its base's network can be answered for from elsewhere, like `carl`'s."""
-
-    inputs: ClassVar[np.dtype[Any]] = RECORD
-    outputs: ClassVar[np.dtype[Any]] = ACTIONS
-    served_on: ClassVar[tuple[str, ...]] = _SERVED_ON
-
-    def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(ObstacleFilter(Carl(infer)))
-
-    @staticmethod
-    def network(device: str) -> Infer:
-        """tsbench's own network on a device."""
-        return load(device)

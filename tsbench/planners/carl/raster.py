@@ -22,6 +22,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.cutout import Packed, cut, pack, repack
 from tsbench.planners.common.measurements import ahead, motion, on_route, pace
+from tsbench.planners.common.recent import Recent
 from tsbench.planners.common.road_area import road_lanes
 from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.roads.lane_graph import RoutePath
@@ -46,7 +47,6 @@ _MARGIN_M = 4.0
 _SIGHT_M = 62.0
 # cv2 takes coordinates in sixteenths of a pixel.
 _SHIFT, _SUB = 4, 16
-_KEPT = 4
 
 
 class _Ground:
@@ -55,7 +55,6 @@ class _Ground:
     def __init__(self, network: RoadNetwork) -> None:
         lanes = road_lanes(network)
         points = np.vstack([lane.line.points for lane in lanes])
-        self.network = network
         self.low: Array = points.min(axis=0) - _MARGIN_M - 4.0
         wide, high = ((points.max(axis=0) - self.low + _MARGIN_M + 4.0) * PX_PER_M).astype(int) + 1
         self._shape = high, wide
@@ -79,7 +78,6 @@ class _Ground:
         return np.round((xy - self.low) * (PX_PER_M * _SUB)).astype(np.int32)
 
     def with_route(self, path: RoutePath) -> Packed:
-        """The static channels with this route."""
         route = np.zeros(self._shape, dtype=np.uint8)
         thick = round(_ROUTE_M * PX_PER_M)
         cv2.polylines(route, [self._pixels(path.line.points)], False, _FULL, thick, shift=_SHIFT)
@@ -92,21 +90,17 @@ class RasterEncoder:
     """Makes the rasters of one episode after the other; keeps the ground of the last few networks."""
 
     def __init__(self) -> None:
-        self._grounds: list[_Ground] = []
+        self._ground_of: Recent[RoadNetwork, _Ground] = Recent(_Ground)
         self._ground: _Ground
         self._speed: RouteSpeed
-        self._drawn: list[tuple[RoutePath, Packed]] = []
+        self._image: Recent[RoutePath, Packed]
         self._blank = np.zeros((CHANNELS, PIXELS, PIXELS), dtype=np.uint8)
         body = _corners((0.0, 0.0, 0.0, EGO_LENGTH_M, EGO_WIDTH_M), 0.0, 0.0, 1.0, 0.0)
         cv2.fillConvexPoly(self._blank[EGO], body, _FULL, shift=_SHIFT)
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
-        known = [g for g in self._grounds if g.network is context.network]
-        self._ground = known[0] if known else _Ground(context.network)
-        others = [g for g in self._grounds if g is not self._ground]
-        self._grounds = [self._ground, *others[: _KEPT - 1]]
-        self._drawn = []
+        self._ground = self._ground_of(context.network)
+        self._image = Recent(self._ground.with_route)
         self._speed = RouteSpeed()
 
     def encode(self, observation: Observation) -> tuple[Raster, Measured]:
@@ -119,7 +113,6 @@ class RasterEncoder:
         return np.array(numbers, dtype=np.float32)
 
     def raster(self, o: Observation) -> Raster:
-        """(9, 128, 128) uint8."""
         ego = o.ego
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         out = self._blank.copy()
@@ -146,14 +139,6 @@ class RasterEncoder:
             box = (thing.x, thing.y, thing.heading, thing.length, thing.width)
             cv2.fillConvexPoly(out[OTHERS], _corners(box, ego.x, ego.y, c, s), _FIXED, shift=_SHIFT)
         return out
-
-    def _image(self, path: RoutePath) -> Packed:
-        for known, image in self._drawn:
-            if known is path:
-                return image
-        image = self._ground.with_route(path)
-        self._drawn = [(path, image), *self._drawn[: _KEPT - 1]]
-        return image
 
     def _warp(self, image: Packed, x: float, y: float, c: float, s: float) -> Raster:
         px, py = (x - self._ground.low[0]) * PX_PER_M, (y - self._ground.low[1]) * PX_PER_M

@@ -35,7 +35,6 @@ def pack(channels: list[Image]) -> Packed:
 
 
 def repack(packed: Packed, place: int, channel: Image) -> None:
-    """Put another channel at a place."""
     inner = packed[_FRAME:-_FRAME, _FRAME:-_FRAME]
     shift = np.uint64(_LANE_BITS * place)
     inner &= ~(np.uint64(0xFF) << shift)

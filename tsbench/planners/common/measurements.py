@@ -14,7 +14,6 @@ _SOON_M = 2.0
 
 
 def clip(value: float) -> float:
-    """Within -1..1."""
     return min(max(value, -1.0), 1.0)
 
 

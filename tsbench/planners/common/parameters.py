@@ -20,15 +20,12 @@ class Parameters:
         self._left = dict(weights)
 
     def take(self, name: str) -> Tensor:
-        """The array of a name."""
         return self._left.pop(name)
 
     def linear(self, name: str) -> tuple[Tensor, Tensor]:
-        """Weight and bias of a layer."""
         return self.take(f"{name}.weight"), self.take(f"{name}.bias")
 
     def norm(self, name: str) -> LayerNorm:
-        """A normalisation of rows."""
         return LayerNorm(*self.linear(name))
 
     def group_norm(self, name: str, area: int) -> GroupNorm:

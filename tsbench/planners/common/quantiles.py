@@ -72,7 +72,6 @@ def beta_quantile(a: float, b: float, p: float) -> float:
 
 
 def _power(a: float, b: float, x: float) -> float:
-    """x^a (1 - x)^b."""
     return exp_of(a * log_of(x) + b * log_of(1.0 - x))
 
 

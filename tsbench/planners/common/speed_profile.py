@@ -21,10 +21,11 @@ _SLOWEST_MPS = 1.5
 class PathSamples:
     """Points of a path every metre, from its start.
 
-    Attributes:
-        x, y: m; cos, sin: direction of travel (plain lists, for scalar look-ups).
-        curvature: (n,) 1/m, unsigned.
-        last: index of the last sample.
+    Attributes
+    ----------
+    x, y : m; cos, sin : direction of travel (plain lists, for scalar look-ups).
+    curvature : (n,) 1/m, unsigned.
+    last : index of the last sample.
     """
 
     __slots__ = ("cos", "curvature", "last", "sin", "x", "y")

@@ -1,8 +1,8 @@
 """Experts (`-e`): any base planner, constrained near the target sign by what its rule says.
 
 An expert reads the target rule exactly (`PlannerContext.privilege`) and of the rest of the world what every
-planner sees: never the future, never the convoy's release plan. The base planner is given the guard's route
-for its own, and its command is capped by what the guard leaves.
+planner sees: never the future, never the convoy's release plan. The base planner is given the rule
+constraint's route for its own, and its command is capped by what the constraint leaves.
 """
 
 from __future__ import annotations
@@ -13,57 +13,39 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.errors import InputError
+from tsbench.core.modules import import_all
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.common.lane_change import LaneChanges
 from tsbench.planners.common.pure_pursuit import follow
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
-from tsbench.planners.experts.rules.closed_road import ClosedRoadConstraint
+from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
-from tsbench.planners.experts.rules.crosswalk import CrosswalkConstraint
-from tsbench.planners.experts.rules.detour import DetourConstraint
-from tsbench.planners.experts.rules.give_way import GiveWayConstraint
-from tsbench.planners.experts.rules.manoeuvre import ManoeuvreConstraint
-from tsbench.planners.experts.rules.no_entry import NoEntryConstraint
-from tsbench.planners.experts.rules.reserved_lane import ReservedLaneConstraint
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
-from tsbench.planners.experts.rules.roundabout import RoundaboutConstraint
-from tsbench.planners.experts.rules.speed import MinSpeedConstraint, SpeedConstraint
-from tsbench.planners.experts.rules.stop import StopConstraint
-from tsbench.planners.idm import Idm
-from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
-from tsbench.signs.rule_kinds import for_every_kind
+from tsbench.signs.rule_kinds import class_of_every_kind
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
 
-CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = for_every_kind(
-    "expert's constraint",
-    {
-        "give_way": GiveWayConstraint,
-        "stop": StopConstraint,
-        "roundabout": RoundaboutConstraint,
-        "crosswalk": CrosswalkConstraint,
-        "speed": SpeedConstraint,
-        "min_speed": MinSpeedConstraint,
-        "detour": DetourConstraint,
-        "closed_road": ClosedRoadConstraint,
-        "manoeuvre": ManoeuvreConstraint,
-        "one_way_exit": ManoeuvreConstraint,
-        "no_entry": NoEntryConstraint,
-        "reserved_lane": ReservedLaneConstraint,
-    },
+# By kind of rule: the constraint in the file of its name.
+CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = class_of_every_kind(
+    import_all("tsbench.planners.experts.rules"), RuleConstraint
 )
 
 _BRAKE_MPS2 = 2.0
 
 
 class Expert:
-    """One wrapper for every base planner."""
+    """One wrapper for every base planner: `NAME-e` is `Expert(NAME)`.
+
+    A base with `follows_route = True` steers along whatever route it is shown and minds what stands on it. Any other is
+    steered by the expert where that leads, and not shown what stands beside the way.
+    """
 
     privileged = True
     sign_access = True
 
     def __init__(self, base: Planner) -> None:
-        self._base = base
+        self._follows = bool(getattr(base, "follows_route", False))
+        self._base = base if self._follows else ObstacleFilter(base)
         self._constraint: RuleConstraint
         self._lanes: LaneChanges
         self._right_of_way: RightOfWay
@@ -77,14 +59,14 @@ class Expert:
             )
         self._constraint = CONSTRAINTS[privilege.rule.name](context, privilege)
         self._lanes = LaneChanges(context)
-        # A guard that looks after a junction itself says from which approach, and where right of way is not enough.
+        # A constraint that minds a junction itself says from which approach, and where right of way is not enough.
         self._right_of_way = RightOfWay(
             context, but=self._constraint.approach, alert_edges=self._constraint.alert_edges
         )
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
-        """The base planner's command on the guard's route, within what the guard leaves."""
+        """The base planner's command on the constraint's route, within what the constraint leaves."""
         o, constraint = observation, self._constraint
         route = constraint.route(o)
         led = route is not o.route
@@ -94,8 +76,8 @@ class Expert:
         acceleration, steering = _control(self._base.act(seen), o.ego)
         least, most = constraint.acceleration_bounds(o, route)
         most = min(most, self._right_of_way.acceleration_bounds(o, route)[1])
-        if led and not getattr(self._base, "follows_route", False):
-            # A base that has learned its own way would leave the guard's: here the way is the rule.
+        if led and not self._follows:
+            # A base that has learned its own way would leave the constraint's: here the way is the rule.
             way, stop = self._lanes.route(o, route)
             steering = follow(way, o.ego)
             most = min(most, slow_to(o.ego.speed, 0.0, stop - way.s - HALF_LENGTH_M, _BRAKE_MPS2))
@@ -110,38 +92,3 @@ def _control(command: Control | Trajectory, ego: EgoState) -> tuple[float, float
     return track(
         motion, np.asarray(command.times, dtype=np.float64), np.asarray(command.poses, dtype=np.float64)
     )
-
-
-class IdmExpert(Expert):
-    """`idm-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(Idm())
-
-
-class IdmS1Expert(Expert):
-    """`idm-s1-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(IdmS1())
-
-
-class IdmS2Expert(Expert):
-    """`idm-s2-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(IdmS2())
-
-
-class IdmS3Expert(Expert):
-    """`idm-s3-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(IdmS3())
-
-
-class IdmS4Expert(Expert):
-    """`idm-s4-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(IdmS4())

@@ -24,11 +24,9 @@ class ObstacleFilter:
         self._base = base
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._base.reset(context)
 
     def act(self, observation: Observation) -> Control | Trajectory:
-        """The base's command."""
         o = observation
         if not o.obstacles:
             return self._base.act(o)

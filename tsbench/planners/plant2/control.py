@@ -19,7 +19,7 @@ from tsbench.sim.world import EgoState
 class Gains:
     """speed_p (1/s), speed_d (-): on speed and acceleration; yaw_d (s): on the yaw rate that the path does not ask for.
 
-    ahead_s, ahead_m: where on the path is steered for. most, least: m/s2. halt: slower wishes (m/s) are a halt.
+    ahead_s, ahead_m: where on the path is steered for. most, least: m/s2. halt: a slower target (m/s) is a halt.
     """
 
     speed_p: float = 1.5
@@ -33,7 +33,7 @@ class Gains:
 
 
 def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: float = 0.0) -> Control:
-    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a wished speed (m/s).
+    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a target speed (m/s).
 
     driven: metres since the place that the path begins at.
     """

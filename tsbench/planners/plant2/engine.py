@@ -13,31 +13,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.geometry.elementary import exp
 from tsbench.geometry.polyline import Array
-from tsbench.planners.common.fixed_point import (
-    BITS,
-    SUM_BITS,
-    Curve,
-    Linear,
-    gelu,
-    snap,
-    softmax,
-    tree_sum,
-)
+from tsbench.planners.common.fixed_point import BITS, SUM_BITS, Curve, Linear, gelu, snap, softmax, tree_sum
 from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
-from tsbench.planners.plant2.plan import plans
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT
 
 # Inputs beyond are cut, and embedded tokens that are longer are shortened, which bounds all that follows.
 _MOST, _LONGEST = 32.0, 64.0
 _SHARE_BITS = 24
+_SPEEDS = np.array(at.SPEEDS)
 
 
 class Head:
-    """Two linear layers."""
-
     def __init__(self, of: Parameters, name: str, norm: float) -> None:
         self._first = Linear(*of.linear(f"{name}.first"), bound=norm, norm=norm, snapped=None)
         self._bend = gelu(math.ceil(self._first.bound))
@@ -141,11 +131,9 @@ class Engine:
 
     @property
     def inputs(self) -> np.dtype[Any]:
-        """Of the records that it answers."""
         return at.SIGN_TOKENS if self._reads_signs else at.TOKENS
 
     def __call__(self, records: at.Records) -> at.Records:
-        """Each answer is as if its record were alone."""
         x, ends = self._embed(records)
         first = np.array([0, *ends[:-1]])
         asked = QUERIES + self._reads_signs
@@ -154,8 +142,8 @@ class Engine:
         for layer in self._layers[:-1]:
             x = layer(x, ends)
         x = self._layers[-1](x, ends, kept)
-        wished = self._ego_speed(x[QUERIES::asked]) if self._reads_signs else self._speed(x[SPEED::asked])
-        return plans(self._path(x[PATH::asked]), self._waypoints(x[WAYPOINT::asked]), wished)
+        target = self._ego_speed(x[QUERIES::asked]) if self._reads_signs else self._speed(x[SPEED::asked])
+        return plans(self._path(x[PATH::asked]), self._waypoints(x[WAYPOINT::asked]), target)
 
     @staticmethod
     def _entry(weight: Array, bias: Array) -> Linear:
@@ -190,6 +178,22 @@ class Engine:
         x = np.concatenate([part for row in zip(*seen, strict=True) for part in row])
         x *= _LONGEST / np.maximum(np.sqrt(tree_sum(x * x)), _LONGEST)
         return snap(x), np.cumsum([sum(map(len, row)) for row in zip(*seen, strict=True)]).tolist()
+
+
+def plans(steps: Array, waypoint_steps: Array, logits: Array) -> at.Records:
+    """(b,) of PLAN from steps along path and waypoints, (b, 2 k) m, and the logits of the speed classes."""
+    answers: at.Records = np.empty(len(logits), dtype=at.PLAN)
+    answers["path"] = steps.reshape(-1, at.PATH_POINTS, 2).cumsum(axis=1)
+    answers["waypoints"] = waypoint_steps.reshape(-1, at.WAYPOINTS, 2).cumsum(axis=1)
+    answers["speed"], answers["standing"] = target_speed_of(logits)
+    return answers
+
+
+def target_speed_of(logits: Array) -> tuple[Array, Array]:
+    """The mean of the speed classes, m/s, and the share of standing: of (..., 8) logits."""
+    weight = exp(logits - logits.max(axis=-1, keepdims=True))
+    total = tree_sum(weight)[..., 0]
+    return tree_sum(weight * _SPEEDS)[..., 0] / total, weight[..., 0] / total
 
 
 def _cut(features: npt.NDArray[np.floating]) -> Array:

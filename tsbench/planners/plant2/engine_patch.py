@@ -28,7 +28,6 @@ class TiledPatch:
         self._out = Linear(*of.linear("patch.out"), bound=self._each.bound, snapped=None)
 
     def __call__(self, patch: npt.NDArray[np.uint8]) -> Array:
-        """(b, 3, rows, columns) to (b, width)."""
         b, down, across = len(patch), at.PATCH_ROWS // TILE, at.PATCH_COLUMNS // TILE
         tiles = patch.reshape(b, at.PATCH_CHANNELS, down, TILE, across, TILE).transpose(0, 2, 4, 1, 3, 5)
         rows = np.ascontiguousarray(tiles, dtype=np.float64).reshape(b * down * across, -1)
@@ -70,7 +69,6 @@ class ResidualPatch:
         self._out = Linear(*of.linear("patch.out"), bound=LARGEST, snapped=None)
 
     def __call__(self, patch: npt.NDArray[np.uint8]) -> Array:
-        """(b, 3, rows, columns) to (b, width)."""
         x = rectified(self._norm(self._first(patch.transpose(0, 2, 3, 1).astype(np.float64))))
         for block in self._blocks:
             x = block(x)

@@ -67,7 +67,7 @@ TOKENS = np.dtype(
         ("route", np.float32, (ROUTE_POINTS, 2)),
         ("limits", np.float32, (len(LIMIT_AHEAD_M),)),
         ("patch", np.uint8, (PATCH_CHANNELS, PATCH_ROWS, PATCH_COLUMNS)),
-    ],
+    ]
 )
 SIGN_TOKENS = np.dtype(
     [
@@ -77,14 +77,14 @@ SIGN_TOKENS = np.dtype(
         ("sign_state", np.uint8),
         ("ways", np.float32, (WAYS, WAY_FEATURES)),
         ("way_known", np.uint8, (WAYS,)),
-    ],
+    ]
 )
-# What the network answers: points in the ego's frame (m), and the wished speed (m/s).
+# What the network answers: points in the ego's frame (m), and the target speed (m/s).
 PLAN = np.dtype(
     [
         ("path", np.float32, (PATH_POINTS, 2)),
         ("waypoints", np.float32, (WAYPOINTS, 2)),
         ("speed", np.float64),
         ("standing", np.float64),
-    ],
+    ]
 )

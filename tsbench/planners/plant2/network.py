@@ -181,7 +181,6 @@ class Plant2Network(nn.Module):
         return replace(plan, forecast=self.forecast(x, tokens["objects"].shape[1])) if forecast else plan
 
     def encode(self, x: Tensor, empty: Tensor) -> Tensor:
-        """The encoder's answer for each token."""
         return cast(Tensor, self.encoder(x, src_key_padding_mask=empty))
 
     def plan(self, x: Tensor) -> Plan:
@@ -194,3 +193,53 @@ class Plant2Network(nn.Module):
     def forecast(self, x: Tensor, objects: int) -> Tensor:
         """Where the objects, which are the last tokens, will be."""
         return cast(Tensor, self.forecast_head(x[:, -objects:])).view(len(x), objects, len(at.FORECAST_S), 2)
+
+
+class Plant2FtNetwork(Plant2Network):
+    """With tokens for signs, their state, ways on and the speed, whose head gives the target speed.
+
+    Ways left out, which are tsbench's own, 147,976 parameters more at `medium`. Inputs: `layout.SIGN_TOKENS`.
+
+    classes, states: how many classes and words its vocabulary of signs has.
+    """
+
+    def __init__(self, size: str, classes: int, states: int) -> None:
+        super().__init__(size)
+        width = SIZES[size].width
+        self.ways = nn.Linear(at.WAY_FEATURES, width)
+        self.signs = ClassProjection(classes + 1, at.SIGN_FEATURES, width)
+        self.sign_state = nn.Embedding(states + 1, width)
+        self.speed_token = nn.Parameter(0.02 * torch.randn(width))
+        self.ego_speed_head = nn.Linear(width, len(at.SPEEDS))
+        nn.init.normal_(self.sign_state.weight, std=0.02)
+
+    def take_over(self, base: Plant2Network) -> None:
+        """Begin with a base network's weights; points of ways are read like the route's, what else is new as drawn."""
+        left_out = self.load_state_dict(base.state_dict(), strict=False)
+        assert not left_out.unexpected_keys
+        with torch.no_grad():
+            self.ways.weight[:, : 2 * at.ROUTE_POINTS] = self.route.weight
+
+    def embed(self, tokens: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """The base's tokens with speed token, sign state, signs and ways before the objects."""
+        x, empty = super().embed(tokens)
+        classes = tokens["sign_classes"].long()
+        b, objects = len(classes), tokens["objects"].shape[1]
+        new = [
+            self.speed_token.expand(b, 1, -1),
+            self.sign_state(tokens["sign_state"].long())[:, None],
+            self.signs(classes, tokens["signs"]),
+            per_sample(self.ways, tokens["ways"]),
+        ]
+        unseen = [empty.new_zeros((b, 2)), classes == at.EMPTY, tokens["way_known"] == 0]
+        split = x.shape[1] - objects
+        return (
+            torch.cat([x[:, :split], *new, x[:, split:]], dim=1),
+            torch.cat([empty[:, :split], *unseen, empty[:, split:]], dim=1),
+        )
+
+    def plan(self, x: Tensor) -> Plan:
+        """The base's plan with the speed of the new head."""
+        base = super().plan(x)
+        token = x[:, self.front : self.front + 1]
+        return Plan(base.path, base.waypoints, per_sample(self.ego_speed_head, token)[:, 0], None)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
+
+from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
+from tsbench.planners.plant2.vocabulary import vocabulary_of
 
 PUBLISHED_MEDIUM = 37_200_000
 PUBLISHED_ADDED = 147_976
@@ -19,26 +23,21 @@ class Part:
 
 def parts(size: str) -> list[Part]:
     """Parts of `plant2` and of what `plant2-ft` adds, each with its sum."""
-    from tsbench.planners.plant2.network import Plant2Network
-    from tsbench.planners.plant2.network_ft import Plant2FtNetwork
-
-    counts = {name: _counts(kind(size)) for name, kind in (("", Plant2Network), ("ft", Plant2FtNetwork))}
-    base, tuned = counts[""], counts["ft"]
+    words = vocabulary_of()
+    base = _counts(Plant2Network(size))
+    tuned = _counts(Plant2FtNetwork(size, len(words.classes), len(words.words)))
     of_medium = size == "medium"
-    rows = [Part(name, count) for name, count in base.items()]
-    rows.append(Part("plant2", sum(base.values()), "37.2 M" if of_medium else ""))
-    rows += [Part(f"+ {name}", count) for name, count in tuned.items() if name not in base]
-    added = sum(tuned.values()) - sum(base.values()) - tuned["ways"]
-    rows.append(Part("added by plant2-ft but ways", added, f"{PUBLISHED_ADDED:,}" if of_medium else ""))
-    return rows
+    added = tuned.total() - base.total() - tuned["ways"]
+    return [
+        *(Part(name, count) for name, count in base.items()),
+        Part("plant2", base.total(), "37.2 M" if of_medium else ""),
+        *(Part(f"+ {name}", count) for name, count in tuned.items() if name not in base),
+        Part("added by plant2-ft but ways", added, f"{PUBLISHED_ADDED:,}" if of_medium else ""),
+    ]
 
 
-def _counts(net: object) -> dict[str, int]:
-    from torch import nn
-
-    assert isinstance(net, nn.Module)
-    found: dict[str, int] = {}
+def _counts(net: Plant2Network) -> Counter[str]:
+    found: Counter[str] = Counter()
     for name, parameter in net.named_parameters():
-        part = name.partition(".")[0]
-        found[part] = found.get(part, 0) + parameter.numel()
+        found[name.partition(".")[0]] += parameter.numel()
     return found

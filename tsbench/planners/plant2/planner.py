@@ -11,12 +11,12 @@ import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.batching import Infer
-from tsbench.planners.experts.expert import Expert
-from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.plant2.control import Gains, control
-from tsbench.planners.plant2.inference import load
+from tsbench.planners.plant2.engine import Engine
 from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
+from tsbench.planners.plant2.sizes import size_of
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
+from tsbench.planners.weights import fitted, network
 from tsbench.sim.world import EgoState
 
 # Ticks that a plan is followed.
@@ -39,16 +39,21 @@ class Plant2:
     served_on: ClassVar[tuple[str, ...]] = ("cuda",)
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
-        self.infer = load(self.weights, "cpu", folder) if infer is None else infer
+        self.infer = self.network("cpu", folder) if infer is None else infer
         self._gains = Gains()
         self._tokeniser: Tokeniser | None = None
         self._plan: Record | None = None
         self._since: EgoState
 
     @classmethod
-    def network(cls, device: str) -> Infer:
-        """tsbench's own network on a device."""
-        return load(cls.weights, device)
+    def network(cls, device: str, folder: Path | None = None) -> Infer:
+        """Its network with the weights below `folder`: by the engine on a CPU, else by torch; errors of `fitted`."""
+        size = size_of(network(cls.weights, folder))
+        if device == "cpu":
+            return fitted(cls.weights, folder, lambda weights: Engine(size, weights))
+        from tsbench.planners.plant2.torch_inference import inference, network_of
+
+        return fitted(cls.weights, folder, lambda weights: inference(network_of(size, weights), device))
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
@@ -57,7 +62,6 @@ class Plant2:
             self._tokeniser = Tokeniser(context.network, self.side_m)
 
     def act(self, observation: Observation) -> Control:
-        """One command for the next 0.1 s."""
         o = observation
         if self._plan is None or o.step % HOLD_TICKS == 0:
             self._plan, self._since = self.infer(self.encode(o))[0], o.ego
@@ -75,29 +79,11 @@ class Plant2:
         return [self._decide(o, plan) for o, plan in zip(observations, plans, strict=True)]
 
     def encode(self, observation: Observation) -> Records:
-        """(1,) record of the network's inputs."""
         assert self._tokeniser is not None, "act before reset"
         return self._tokeniser.tokens(observation)
 
     def target_speed(self, plan: Record) -> float:
-        """The speed of a plan, m/s."""
         return float(plan["speed"])
 
     def _decide(self, observation: Observation, plan: Record) -> Control:
         return control(plan["path"], self.target_speed(plan), observation.ego, self._gains)
-
-
-class Plant2Expert(Expert):
-    """`plant2-e`. Its base's network can be answered for from elsewhere, like `plant2`'s."""
-
-    inputs: ClassVar[np.dtype[Any]] = Plant2.inputs
-    outputs: ClassVar[np.dtype[Any]] = Plant2.outputs
-    served_on: ClassVar[tuple[str, ...]] = Plant2.served_on
-
-    def __init__(self, infer: Infer | None = None) -> None:
-        super().__init__(ObstacleFilter(Plant2(infer)))
-
-    @staticmethod
-    def network(device: str) -> Infer:
-        """The base's network on a device."""
-        return Plant2.network(device)

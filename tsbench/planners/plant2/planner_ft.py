@@ -16,6 +16,7 @@ from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
 from tsbench.planners.plant2.signs import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
+from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of
 from tsbench.sim.world import DT_S, EgoState
 
 # A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
@@ -25,9 +26,9 @@ _GOES_MPS = 1.5
 class SignTokeniser:
     """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
-    def __init__(self, tokeniser: Tokeniser, ways: RouteAlternatives) -> None:
-        self._tokeniser, self.ways = tokeniser, ways
-        self._memory = SignMemory(tokeniser.network)
+    def __init__(self, tokeniser: Tokeniser, ways: RouteAlternatives, vocabulary: Vocabulary) -> None:
+        self._tokeniser, self.ways, self._vocabulary = tokeniser, ways, vocabulary
+        self._memory = SignMemory(tokeniser.network, vocabulary)
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds, follow the ways: at every tick, in order; twice is as good as once."""
@@ -39,7 +40,7 @@ class SignTokeniser:
         origins = self._tokeniser.fill(record, o, pose)
         here = (o.ego.x, o.ego.y, o.ego.heading) if pose is None else pose
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0
-        fill_signs(record, o, here, order)
+        fill_signs(record, o, here, order, self._vocabulary.class_of)
         record["sign_state"] = self._memory.state
         self.ways.fill(record, here)
         return origins
@@ -49,7 +50,7 @@ class SignTokeniser:
 class StopPolicy:
     """When a plan halts: from which share of standing on, and what is added to it each second (1/s) after `waits` s.
 
-    settles: seconds that a halt lasts beyond the last plan that halts. brakes: least deceleration of a halt, m/s2: in
+    hold_s: seconds that a halt lasts beyond the last plan that halts. brakes: least deceleration of a halt, m/s2: in
     proportion to the speed alone the last half metre takes for ever, and leads over the line. Between waiting and going
     the mean speed is to creep, which is neither. The network has no memory: where nothing moves it sees the same for
     ever, so the share rises with the wait; and of many plans one is wrong, so one alone does not set it off. Chosen on
@@ -71,23 +72,27 @@ class Plant2Ft(Plant2):
     """The planner. Of earlier ticks it keeps the sign that holds, the way it means, its wait, the last halt."""
 
     sign_access = True
+    chooses_route = True
     weights: ClassVar[str] = "plant2-ft"
     inputs: ClassVar[np.dtype[Any]] = SIGN_TOKENS
     side_m: ClassVar[float] = SIGN_SIDE_M
 
-    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+    def __init__(
+        self, infer: Infer | None = None, folder: Path | None = None, stop_policy: StopPolicy | None = None
+    ) -> None:
         super().__init__(infer, folder)
+        self._vocabulary = vocabulary_of(folder)
         self._signs: SignTokeniser
-        self._stop_policy = StopPolicy()
+        self._stop_policy = stop_policy or StopPolicy()
         self._stood, self._halted, self._settling = 0, -math.inf, False
         self._intent: tuple[str, ...]
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode: no sign holds."""
         super().reset(context)
         self._stood, self._halted, self._settling = 0, -math.inf, False
         assert self._tokeniser is not None
-        self._signs = SignTokeniser(self._tokeniser, RouteAlternatives(context.graph, context.destination))
+        ways = RouteAlternatives(context.graph, context.destination)
+        self._signs = SignTokeniser(self._tokeniser, ways, self._vocabulary)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""
@@ -101,24 +106,23 @@ class Plant2Ft(Plant2):
             self._halted = observation.step
         # The plan is of this tick.
         if self._since is observation.ego:
-            self._intent = self._meant(self._plan, observation.ego)
+            self._intent = self._way_of(self._plan, observation.ego)
         most = -self._stop_policy.brakes if self._settling or stop_decision else math.inf
         return replace(command, acceleration=min(command.acceleration, most), intent=self._intent)
 
-    def _meant(self, plan: Record, ego: EgoState) -> tuple[str, ...]:
+    def _way_of(self, plan: Record, ego: EgoState) -> tuple[str, ...]:
         """The way that a new plan's path leads to, for the indicators: others give way by it."""
         (x, y), c, s = plan["path"][-1].tolist(), math.cos(ego.heading), math.sin(ego.heading)
         return self._signs.ways.intent(ego.x + c * x - s * y, ego.y + s * x + c * y, math.hypot(x, y))
 
     def target_speed(self, plan: Record) -> float:
-        """The speed of a plan, m/s; 0 where it may have to stand and patience is not at its end."""
+        """The speed of a plan, m/s; 0 where it may have to stand and the stop policy has not run out."""
         return 0.0 if self._settling or self._stop_decision(plan) else super().target_speed(plan)
 
     def _stop_decision(self, plan: Record) -> bool:
         return self._stop_policy.stop_decision(float(plan["standing"]), self._stood * DT_S)
 
     def encode(self, observation: Observation) -> Records:
-        """(1,) of the network's inputs; in order."""
         record: Records = np.zeros(1, dtype=SIGN_TOKENS)
         self._signs.watch(observation)
         self._signs.fill(record[0], observation)

@@ -44,7 +44,7 @@ class RouteAlternatives:
         self._lane = -1
         self._onward: dict[str, tuple[str, ...] | None] = {}
         self.ways: list[Way] = []
-        self._meant: Way | None = None
+        self._intended: Way | None = None
 
     def watch(self, o: Observation) -> None:
         """Follow the ego: at every tick, in order; twice is as good as once."""
@@ -57,7 +57,7 @@ class RouteAlternatives:
         found = list(self._from(ego.lane, ego.s, o.route.path))
         # Shorter ones first: where a junction has more exits than there are slots, the longest ways are left out.
         self.ways = sorted(found, key=lambda way: way.end_s)[: at.WAYS]
-        self._meant = next((way for way in self.ways if way.shown), None)
+        self._intended = next((way for way in self.ways if way.shown), None)
 
     def intent(self, x: float, y: float, ahead: float) -> tuple[str, ...]:
         """Edges of the way that somebody means who plans to be at a point (world, m) `ahead` metres from here.
@@ -65,7 +65,7 @@ class RouteAlternatives:
         () for the navigation's, and where that is none of the ways. Who meant a way goes on with it where ways run
         together.
         """
-        if self._meant is None:
+        if self._intended is None:
             return ()
         # Before the exit ways differ by lane, and a lane is no turn.
         aside = {
@@ -73,10 +73,10 @@ class RouteAlternatives:
             for way in self.ways
             if way.exit_s < way.s + ahead
         }
-        nearest = min(aside, key=aside.__getitem__, default=self._meant)
-        if self._meant in aside and aside[nearest] < aside[self._meant] - _MEANT_M:
-            self._meant = nearest
-        return () if self._meant.shown else self._meant.edges
+        nearest = min(aside, key=aside.__getitem__, default=self._intended)
+        if self._intended in aside and aside[nearest] < aside[self._intended] - _MEANT_M:
+            self._intended = nearest
+        return () if self._intended.shown else self._intended.edges
 
     def fill(self, record: at.Record, pose: Pose) -> None:
         """Write `ways` and `way_known` as seen from a pose; after `watch`."""

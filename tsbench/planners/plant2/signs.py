@@ -1,16 +1,14 @@
-"""What `plant2-ft` reads of signs: a token for each plate in sight, and the sign that holds now, remembered.
-
-Weights hang on the order of both tables: a code that is added goes to the end.
-"""
+"""What `plant2-ft` reads of signs: a token for each plate in sight, and the sign that holds now, remembered."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Mapping
 
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
+from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.world import EGO_LENGTH_M
@@ -22,71 +20,36 @@ _FACING_RAD = math.radians(60.0)
 # which stands a little before it; this slow.
 _LINE_M, _PLATE_M, STOPPED_MPS = 4.5, 6.0, 0.15
 
-# Codes that share a projection stand in one row: a side road from the right or from the left acts alike.
-CLASSES: tuple[tuple[str, ...], ...] = (
-    ("2.1",), ("2.3.1",), ("2.3.2", "2.3.3"), ("2.4",), ("2.5",), ("3.1",), ("3.2",), ("3.18.1",), ("3.18.2",),
-    ("3.24",), ("3.25",), ("4.1.1",), ("4.1.2",), ("4.1.3",), ("4.1.4",), ("4.1.5",), ("4.1.6",), ("4.2.1",),
-    ("4.2.2",), ("4.2.3",), ("4.3",), ("4.6",), ("5.7.1",), ("5.7.2",), ("5.11.1",), ("5.11.2",), ("5.14.1",),
-    ("5.14.2",), ("5.19",), ("5.21",), ("5.22",), ("5.31",), ("5.32",),
-)  # fmt: skip
-VALUES_KMH: dict[str, tuple[int, ...]] = {
-    "3.24": (20, 30, 40, 50), "3.25": (20, 30, 40, 50), "4.6": (40, 50, 60),
-    "5.31": (20, 30, 40, 50), "5.32": (20, 30, 40, 50),
-}  # fmt: skip
-
-
-def _vocabulary() -> Iterator[str]:
-    for code in (code for row in CLASSES for code in row):
-        values = VALUES_KMH.get(code, ())
-        yield from (f"{code}@{value}" for value in values)
-        if not values:
-            yield code
-
-
-# State 0 is "none or unknown".
-VOCABULARY: tuple[str, ...] = tuple(_vocabulary())
-_STATE = {word: k + 1 for k, word in enumerate(VOCABULARY)}
-_STOP, _GIVE_WAY = "2.5", "2.4"
-_SECONDARY = frozenset({"2.3.1", "2.3.2", "2.3.3"})
-# Plates that close a zone.
-_ENDS = frozenset({"3.25", "5.22", "5.32"})
-_CLASS = {code: k + 1 for k, row in enumerate(CLASSES) for code in row}
-
-
-def state_of(sign: SignView) -> int:
-    """The vocabulary's number of a plate; 0 for an anonymous one and for a value that it has not."""
-    word = sign.code
-    if sign.code in VALUES_KMH:
-        word = f"{sign.code}@{0.0 if sign.value is None else sign.value:.0f}"
-    return _STATE.get(word, 0)
-
 
 class SignMemory:
     """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one.
 
     A plate that ends a zone holds from where it is passed. Once the ego has stood before the line, what is left of a
-    stop sign is to give way, and its state is that of 2.4: nothing else tells a planner that it may go on. So is that
+    stop sign is to give way, and its state is that sign's: nothing else tells a planner that it may go on. So is that
     of a crossing with a secondary road that is announced to another arm of the junction ahead: the ego's is that road.
     """
 
-    def __init__(self, network: RoadNetwork) -> None:
+    def __init__(self, network: RoadNetwork, vocabulary: Vocabulary) -> None:
         self.state = 0
+        self._words = vocabulary
+        self._stop, self._give_way = (
+            vocabulary.state_of_word[word] for word in (vocabulary.stop, vocabulary.give_way)
+        )
         self._network = network
         self._path: RoutePath | None = None
         self._edges: frozenset[str] = frozenset()
         self._stood: set[tuple[str, float]] = set()
 
     def update(self, o: Observation) -> int:
-        """The state as of this tick."""
         if o.route.path is not self._path:
             self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
         for sign in o.signs:
-            if sign.code in _SECONDARY and self._other_arm(sign, o):
-                self.state = _STATE[_GIVE_WAY]
+            if sign.code in self._words.secondary and self._other_arm(sign, o):
+                self.state = self._give_way
                 break
             if sign.edge not in self._edges or not faces(sign, o.ego.heading):
                 continue
-            if sign.code in _ENDS and _ahead(sign, o) > 0.0:
+            if sign.code in self._words.ends and _ahead(sign, o) > 0.0:
                 continue
             self.state = self._of(sign, o)
             break
@@ -99,12 +62,12 @@ class SignMemory:
         return not own.internal and sign.edge not in self._edges and edges[sign.edge].target == own.target
 
     def _of(self, sign: SignView, o: Observation) -> int:
-        if sign.code != _STOP:
-            return state_of(sign)
+        if sign.code != self._words.stop:
+            return self._words.state_of(sign)
         place = sign.edge, sign.position_m
         if o.ego.speed <= STOPPED_MPS and _ahead(sign, o) <= _PLATE_M and _to_line(o) <= _LINE_M:
             self._stood.add(place)
-        return _STATE[_GIVE_WAY if place in self._stood else _STOP]
+        return self._give_way if place in self._stood else self._stop
 
 
 def _ahead(sign: SignView, o: Observation) -> float:
@@ -125,19 +88,21 @@ def faces(sign: SignView, heading: float) -> bool:
     return math.cos(sign.heading - heading) > math.cos(_FACING_RAD)
 
 
-def fill_signs(record: at.Record, o: Observation, pose: Pose, lane_order: int) -> None:
-    """Write `signs` and `sign_classes`, nearest first; anonymous plates have no class and leave no token.
+def fill_signs(
+    record: at.Record, o: Observation, pose: Pose, lane_order: int, classes: Mapping[str, int]
+) -> None:
+    """Write `signs` and `sign_classes`, nearest first; anonymous and unknown plates leave no token.
 
-    lane_order: of the ego's lane, to which a plate's own lane is related.
+    lane_order: of the ego's lane, to which a plate's own lane is related. classes: of codes (`Vocabulary.class_of`).
     """
     x0, y0, heading = pose
     c, s = math.cos(heading), math.sin(heading)
     slot = 0
     for sign in o.signs:
-        if sign.code not in _CLASS or slot == at.SIGNS:
+        if sign.code not in classes or slot == at.SIGNS:
             continue
         dx, dy, turn = sign.x - x0, sign.y - y0, sign.heading - heading
-        record["sign_classes"][slot] = _CLASS[sign.code]
+        record["sign_classes"][slot] = classes[sign.code]
         record["signs"][slot] = (
             (c * dx + s * dy) / at.POSITION_SCALE_M, (c * dy - s * dx) / at.POSITION_SCALE_M,
             math.cos(turn), math.sin(turn),

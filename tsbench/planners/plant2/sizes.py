@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from tsbench.core.errors import InputError
+from tsbench.planners.weights import Network
+
 
 @dataclass(frozen=True, slots=True)
 class Size:
@@ -27,3 +30,11 @@ SIZES: Mapping[str, Size] = {
 # What is asked of the encoder: a learned query each, in this order, before all other tokens.
 PATH, WAYPOINT, SPEED, QUERIES = 0, 1, 2, 3
 TILE, TILE_FEATURES = 8, 32
+
+
+def size_of(base: Network) -> str:
+    """A name of SIZES; InputError where the facts of some weights name none."""
+    size = str(base.training.get("size", ""))
+    if size not in SIZES:
+        raise InputError(f"weights {base.name!r}: size {size!r}, expected {' or '.join(SIZES)}")
+    return size

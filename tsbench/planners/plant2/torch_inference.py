@@ -12,12 +12,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from tsbench.core.errors import InputError
 from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.network_ft import Plant2FtNetwork
-from tsbench.planners.plant2.plan import target_speed_of
+from tsbench.planners.plant2.engine import target_speed_of
+from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 
 # Slots for objects: an empty street costs less than a full one.
 BUCKETS = (6, 14, at.OBJECTS)
@@ -60,12 +58,13 @@ def tensors(batch: at.Records, slots: int = at.OBJECTS) -> dict[str, torch.Tenso
     return found
 
 
-def network_of(size: str, weights: Mapping[str, Any], name: str) -> Plant2Network:
-    """A network with given arrays, the fine-tuned one where they have a part of it; InputError where they fit none."""
-    try:
-        net = Plant2FtNetwork(size) if "speed_token" in weights else Plant2Network(size)
-        net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
-    except (KeyError, RuntimeError) as error:
-        problem = " ".join(str(error).split())[:200]
-        raise InputError(f"weights {name!r}: are not those of a plant2 network ({problem})") from None
+def network_of(size: str, weights: Mapping[str, Any]) -> Plant2Network:
+    """A network with given arrays, the fine-tuned one where they have a part of it.
+
+    Raises KeyError or RuntimeError where they fit none.
+    """
+    net = Plant2Network(size)
+    if "speed_token" in weights:
+        net = Plant2FtNetwork(size, len(weights["signs.weight"]), len(weights["sign_state.weight"]) - 1)
+    net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     return net

@@ -7,18 +7,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.batching import Infer, Records
 from tsbench.planners.common.fixed_point import Linear, snap, tanh
 from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.common.quantiles import normal_quantile
-from tsbench.planners.experts.expert import Expert
-from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
-from tsbench.planners.weights import load_weights
+from tsbench.planners.weights import Tensors, fitted
 
 WEIGHTS = "ppo"
 RECORD = np.dtype([("vector", np.float32, (SIZE,)), DRAW])
@@ -27,48 +24,37 @@ _MOST = 8.0
 
 
 class Ppo(LearnedPlanner):
-    """The planner. infer: who answers its records; folder: of the weights of its own network, as `tsbench train ppo
-    --out` makes it (None: tsbench's).
-    """
+    """The planner."""
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
     # At this size an answer costs less than the way to another process.
     served_on: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
-        super().__init__(load(folder) if infer is None else infer)
+        super().__init__(infer, folder)
         self._encoder = VectorEncoder()
 
     @staticmethod
-    def network(device: str) -> Infer:  # noqa: ARG004
-        """tsbench's own network, on the CPU whatever the device."""
-        return load()
+    def network(device: str, folder: Path | None = None) -> Infer:  # noqa: ARG004
+        """The MLP, on the CPU whatever the device."""
+        return fitted(WEIGHTS, folder, _network)
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         super().reset(context)
         self._encoder.reset(context)
 
     def fill(self, record: Records, observation: Observation) -> None:
-        """Its `vector` (275,) float32."""
         record["vector"][0] = self._encoder.encode(observation)
 
 
-def load(folder: Path | None = None) -> Infer:
-    """The MLP with the weights below `folder`; InputError where they are not its own."""
-    of = Parameters(load_weights(WEIGHTS, folder))
-    try:
-        first = Linear(*of.linear("hidden.0"), bound=_MOST, snapped=None)
-        second, action = (
-            Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action")
-        )
-        width = exp(of.take("action.log_std").astype(np.float64))
-        of.end()
-        if (first.weight.shape[1], action.weight.shape[0]) != (SIZE, len(width)):
-            raise ValueError(f"{first.weight.shape[1]} inputs, {action.weight.shape[0]} actions")
-    except (KeyError, ValueError) as error:
-        problem = f"{type(error).__name__}: {error}"
-        raise InputError(f"weights {WEIGHTS!r}: are not those of ppo's network ({problem})") from None
+def _network(weights: Tensors) -> Infer:
+    of = Parameters(weights)
+    first = Linear(*of.linear("hidden.0"), bound=_MOST, snapped=None)
+    second, action = (Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action"))
+    width = exp(of.take("action.log_std").astype(np.float64))
+    of.end()
+    if (first.weight.shape[1], action.weight.shape[0]) != (SIZE, len(width)):
+        raise ValueError(f"{first.weight.shape[1]} inputs, {action.weight.shape[0]} actions")
 
     def infer(records: Records) -> Records:
         x = snap(np.clip(records["vector"].astype(np.float64), -_MOST, _MOST))
@@ -78,10 +64,3 @@ def load(folder: Path | None = None) -> Infer:
         return answers
 
     return infer
-
-
-class PpoExpert(Expert):
-    """`ppo-e`."""
-
-    def __init__(self) -> None:
-        super().__init__(ObstacleFilter(Ppo()))

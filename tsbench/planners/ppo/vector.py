@@ -20,6 +20,7 @@ import numpy.typing as npt
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.measurements import ahead, clip, motion, on_route, pace
+from tsbench.planners.common.recent import Recent
 from tsbench.planners.common.road_area import road_edges
 from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
@@ -36,29 +37,19 @@ _NOBODY = (1.0, 0.0, 0.0, 0.0)
 _ROOM_M, _PASSING_MPS = 10.0, 20.0
 _FORESIGHT_S = 4.0
 _PER_SECOND_M = 2.0
-_KEPT = 4
 
 
 class VectorEncoder:
     """Makes the vectors of one episode after the other; keeps the outlines of the last few networks."""
 
     def __init__(self) -> None:
-        self._outlines: list[tuple[RoadNetwork, Array]] = []
+        self._outline: Recent[RoadNetwork, Array] = Recent(road_edges)
         self._lidar: Lidar
         self._speed: RouteSpeed
 
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._lidar = Lidar(self._outline(context.network))
         self._speed = RouteSpeed()
-
-    def _outline(self, network: RoadNetwork) -> Array:
-        for known, edges in self._outlines:
-            if known is network:
-                return edges
-        edges = road_edges(network)
-        self._outlines = [(network, edges), *self._outlines[: _KEPT - 1]]
-        return edges
 
     def encode(self, observation: Observation) -> Vector:
         """(275,) float32."""

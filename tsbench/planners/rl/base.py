@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -28,7 +29,8 @@ _DECISIONS = 1024
 class LearnedPlanner(ABC):
     """A planner whose network decides every third tick; what that means for the vehicle is worked out at each.
 
-    infer: answers (b,) records of `encode` with (b,) records of `ACTIONS`, each as if it were alone, to the bit.
+    infer: answers (b,) records of `inputs` with (b,) records of `ACTIONS`, each as if it were alone, to the bit; None =
+    a network of its own, with the weights below `folder` (None: tsbench's).
     """
 
     privileged = False
@@ -37,18 +39,21 @@ class LearnedPlanner(ABC):
     inputs: ClassVar[np.dtype[Any]]
     outputs: ClassVar[np.dtype[Any]] = ACTIONS
 
-    def __init__(self, infer: Infer) -> None:
-        self.infer = infer
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        self.infer = self.network("cpu", folder) if infer is None else infer
         self._action: tuple[float, float] = (0.0, 0.0)
         self._draws: Array
 
+    @staticmethod
+    @abstractmethod
+    def network(device: str, folder: Path | None = None) -> Infer:
+        """The network on a device; InputError where the weights below `folder` are not its own."""
+
     def reset(self, context: PlannerContext) -> None:
-        """Start an episode."""
         self._action = (0.0, 0.0)
         self._draws = np.random.default_rng(np.random.SeedSequence(context.seed)).random((_DECISIONS, 2))
 
     def act(self, observation: Observation) -> Control:
-        """One command for the next 0.1 s."""
         if observation.step % HOLD_TICKS == 0:
             first, second = self.infer(self.encode(observation))["action"][0].tolist()
             self._action = first, second
@@ -67,5 +72,4 @@ class LearnedPlanner(ABC):
         return record
 
     @abstractmethod
-    def fill(self, record: Records, observation: Observation) -> None:
-        """Put what is seen into a (1,) record."""
+    def fill(self, record: Records, observation: Observation) -> None: ...

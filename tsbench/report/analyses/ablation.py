@@ -10,20 +10,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-import pyarrow.compute as pc
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.compare import Comparison, PairedFigure, compare
-from tsbench.report.analyses.differences import readings_of
-from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, put_title
+from tsbench.metrics.breakdown import Twice
+from tsbench.metrics.compare import Comparison, compare, shared_scenarios
+from tsbench.metrics.episode import METRICS
+from tsbench.metrics.paired import Difference
+from tsbench.report.analyses.columns import text_columns
+from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
-from tsbench.report.tables.forest import ForestRow, Mark, difference_mark, lost_won
+from tsbench.report.tables.forest import (
+    ForestRow,
+    Mark,
+    colour_of,
+    difference_mark,
+    forest_panels,
+    lost_won,
+    put_title,
+)
 from tsbench.run.log.read import read_run
 
-_METRICS = ("driving_score", "destination", "efficiency", "collision", "comfort")
+_METRICS = tuple(name for name, metric in METRICS.items() if metric.head and not metric.about_rule)
 
 
 def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
@@ -53,22 +62,20 @@ def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
 
 
 def _compare(plain: Pool, masked: Pool, planner: str) -> Comparison:
-    a, b = plain.home[planner].of(planner), masked.home[planner].of(planner)
-    known = pc.is_in(b["scenario_id"], a["scenario_id"])
-    lacking = known.to_pylist().count(False)
-    if (lacking and not plain.holes.get(planner)) or lacking == len(b):
+    asked = masked.home[planner].of(planner)
+    a, b = shared_scenarios(plain.home[planner].of(planner), asked)
+    lacking = len(asked) - len(b)
+    if (lacking and not plain.holes.get(planner)) or not len(b):
         raise InputError(
-            f"{plain.home[planner].path}: {planner} has not driven {lacking} of the {len(b)} scenes of "
+            f"{plain.home[planner].path}: {planner} has not driven {lacking} of the {len(asked)} scenes of "
             f"{masked.home[planner].path}: run it on the same selection"
         )
-    b = b.filter(known)
-    a = a.filter(pc.is_in(a["scenario_id"], b["scenario_id"]))
     return compare(a, b, seed=plain.contract)
 
 
 def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Analysis:
     columns = (
-        *(Column(k, k, Kind.TEXT) for k in ("planner", "metric", "figure")), Column("pairs", "pairs", Kind.COUNT),
+        *text_columns("planner", "metric", "figure"), Column("pairs", "pairs", Kind.COUNT),
         Column("with_signs", "with\nsigns", Kind.NUMBER), Column("masked", "masked", Kind.NUMBER),
         Column("difference", "masked\n- with"), Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER),
         Column("lost", "lost", Kind.COUNT), Column("gained", "gained", Kind.COUNT),
@@ -98,7 +105,7 @@ def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Ana
     return Analysis("ablation", title, plain.contract, table, notes, draw)
 
 
-def _panels(c: Comparison) -> dict[str, PairedFigure]:
+def _panels(c: Comparison) -> dict[str, Twice[Difference]]:
     return {ALL: c.overall, **c.groups}
 
 
@@ -106,22 +113,10 @@ def _rows(planner: str, c: Comparison) -> Iterator[Row]:
     named = {f"SCD, {name}": figure for name, figure in _panels(c).items()}
     named |= {name: c.metrics[name] for name in _METRICS}
     for k, (name, figure) in enumerate(named.items()):
-        for reading, d in readings_of(figure):
-            cells = (
-                planner,
-                name,
-                reading,
-                d.n,
-                d.a,
-                d.b,
-                Value.of(d),
-                d.p,
-                d.mde,
-                d.lost,
-                d.won,
-                d.clusters,
-            )
-            yield Row(cells, starts=not k and d is figure.main, faint=d is not figure.main)
+        for second, (reading, d) in enumerate(figure.readings()):
+            rest = (d.p, d.mde, d.lost, d.won, d.clusters)
+            cells = (planner, name, reading, d.n, d.a, d.b, Value.of(d), *rest)
+            yield Row(cells, starts=not k and not second, faint=bool(second))
 
 
 def _draw(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:

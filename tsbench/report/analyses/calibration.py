@@ -39,7 +39,6 @@ def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
 
 
 def _draw(fits: Sequence[Fit], title: str) -> Figure:
-    """One panel for each quantity."""
     figure = Figure(figsize=(4.2 * len(fits), 3.8), layout="constrained")
     panels = figure.subplots(1, len(fits), squeeze=False)[0]
     for axes, fit in zip(panels, fits, strict=True):

@@ -1,14 +1,17 @@
-"""What several analyses have in common: readings of a figure, the order of groups, their heads."""
+"""What several analyses have in common: readings of figures, paired differences as rows, the order of groups."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
-from tsbench.metrics.aggregate import Figure, PlannerSummary
-from tsbench.metrics.intervals import Estimate
-from tsbench.signs.model import GROUPS
+from tsbench.metrics.aggregate import PlannerSummary
+from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, Twice
+from tsbench.metrics.paired import Difference
+from tsbench.metrics.records import group_rank
+from tsbench.report.analyses.model import ALL, Cell, Column, Kind, Row, Value
 
-STRICT, COMPLETED = "strict", "completed"
+T = TypeVar("T", bound=Counted)
 
 
 def readings(p: PlannerSummary) -> tuple[str, ...]:
@@ -16,20 +19,40 @@ def readings(p: PlannerSummary) -> tuple[str, ...]:
     return (STRICT, COMPLETED) if p.completed < p.recorded else (STRICT,)
 
 
-def pick(figure: Figure | None, reading: str) -> Estimate | None:
-    """One reading of a figure. What has no value for a failure has one only: that of the completed episodes."""
-    if figure is None:
-        return None
-    return figure.strict if reading == STRICT and figure.strict is not None else figure.completed
+def pick(figure: Twice[T] | None, reading: str) -> T | None:
+    return None if figure is None else figure.read(reading)
 
 
-def present_groups(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
-    """Groups that have episodes, in the catalogue's order."""
-    return tuple(dict.fromkeys(g for _, g in present_types(planners)))
+def present_panels(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
+    """All types, then the groups that have episodes, in the catalogue's order."""
+    return (ALL, *dict.fromkeys(group for _, group in present_types(planners)))
 
 
 def present_types(planners: Sequence[PlannerSummary]) -> tuple[tuple[str, str], ...]:
     """(type, group) of all types that have episodes, by group and name."""
     found = {kind: group for p in planners for kind, group in p.type_groups.items()}
-    rank = {group: k for k, group in enumerate(GROUPS)}
-    return tuple(sorted(found.items(), key=lambda pair: (rank.get(pair[1], len(rank)), pair[1], pair[0])))
+    return tuple(sorted(found.items(), key=lambda pair: (group_rank(pair[1]), pair[0])))
+
+
+def text_columns(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name, name, Kind.TEXT) for name in names)
+
+
+def difference_columns(a: str, b: str, difference: str, decimals: int = 1) -> tuple[Column, ...]:
+    """Columns below which `difference_rows` puts its cells. The arguments are heads."""
+    return (
+        Column("figure", "figure", Kind.TEXT), Column("a", a, Kind.NUMBER, decimals),
+        Column("b", b, Kind.NUMBER, decimals), Column("difference", difference, decimals=decimals, signed=True),
+        Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER, decimals), Column("lost", "lost", Kind.COUNT),
+        Column("won", "won", Kind.COUNT), Column("pairs", "pairs", Kind.COUNT),
+    )  # fmt: skip
+
+
+def difference_rows(
+    names: tuple[Cell, ...], figure: Twice[Difference], starts: bool = False
+) -> Iterator[Row]:
+    """A figure's rows. names: the cells before its own; starts: a new block begins."""
+    for k, (reading, d) in enumerate(figure.readings()):
+        p = d.p if d.p_holm is None else d.p_holm
+        cells = (*names, reading, d.a, d.b, Value.difference(d), p, d.mde, d.lost, d.won, d.n)
+        yield Row(cells, starts=starts and not k, faint=bool(k))

@@ -15,19 +15,19 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
+from tsbench.metrics.breakdown import COMPLETED, STRICT
+from tsbench.metrics.episode import METRICS
 from tsbench.metrics.intervals import LEVEL
-from tsbench.metrics.records import METRICS
-from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_groups
-from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.panels import ALL, colour_of, forest_panels, published_mark, put_title
+from tsbench.report.analyses.columns import pick, present_panels, text_columns
+from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.published import published, published_metric, published_scd
 from tsbench.report.tables.charts import INK
-from tsbench.report.tables.forest import ForestRow, Mark
+from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.
-_METRICS = tuple(name for name in METRICS if name not in ("sign_compliance", "engaged"))
+_METRICS = tuple(name for name, metric in METRICS.items() if not metric.about_rule)
 
 _Points = Sequence[float | None]
 
@@ -63,8 +63,8 @@ def correlations(pool: Pool) -> Analysis:
             f"correlations are over planners: at least {LEAST_PLANNERS} are needed, the runs have {len(pool.planners)}"
         )
     columns = (
-        Column("group", "SCD of", Kind.TEXT), Column("metric", "metric", Kind.TEXT),
-        Column("figure", "figure", Kind.TEXT), Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
+        Column("group", "SCD of", Kind.TEXT), *text_columns("metric", "figure"),
+        Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
         Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
         Column("planners_overall", "planners", Kind.COUNT),
         Column("published", "ρ, published,\nall episodes", decimals=2),
@@ -72,20 +72,16 @@ def correlations(pool: Pool) -> Analysis:
     )  # fmt: skip
     rows = []
     differ = any(pool.records[name].error.any() for name in pool.planners)
-    for group in (None, *present_groups(pool.summaries)):
+    for panel in present_panels(pool.summaries):
         for k, metric in enumerate(_METRICS):
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
                 first = reading == STRICT
-                told = _published(group, metric) if first else None
                 values = (
-                    _ours(pool, group, group, metric, reading),
-                    _ours(pool, group, None, metric, reading),
-                    told,
-                )
+                    _ours(pool, panel, panel, metric, reading), _ours(pool, panel, ALL, metric, reading),
+                    _published(panel, metric) if first else None,
+                )  # fmt: skip
                 cells = [part for value in values for part in (value, None if value is None else value.n)]
-                rows.append(
-                    Row((group or ALL, metric, reading, *cells), starts=first and not k, faint=not first)
-                )
+                rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))
     notes = (
         "ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with SCD (macro mean over "
         "types); below it its 95 % interval (Bonett and Wright 2000), from 5 planners on",
@@ -98,33 +94,29 @@ def correlations(pool: Pool) -> Analysis:
     return Analysis("correlations", title, pool.contract, table, notes, partial(_draw, pool, title))
 
 
-def _ours(pool: Pool, group: str | None, over: str | None, metric: str, reading: str) -> Value:
-    """SCD of `group` against the metric over the episodes of `over`; None: all."""
-    figures = (p.overall if group is None else p.groups.get(group) for p in pool.summaries)
+def _ours(pool: Pool, panel: str, over: str, metric: str, reading: str) -> Value:
+    """SCD of `panel` against the metric over the episodes of `over`."""
+    figures = (p.overall if panel == ALL else p.groups.get(panel) for p in pool.summaries)
     scd = [None if (e := pick(figure, reading)) is None else e.value for figure in figures]
     return spearman([metric_mean(pool, name, over, metric, reading) for name in pool.planners], scd)
 
 
-def metric_mean(pool: Pool, planner: str, group: str | None, metric: str, reading: str) -> float | None:
-    """A metric's mean over a planner's episodes of a group (None: all), as in the summary; None where none counts."""
+def metric_mean(pool: Pool, planner: str, panel: str, metric: str, reading: str) -> float | None:
+    """A metric's mean over a planner's episodes of a panel, as in the summary; None where none counts."""
     records, column = pool.records[planner], METRICS[metric]
     values = records.values[column.column]
     if reading == STRICT and column.failure is not None:
         values = np.where(records.error, column.failure, values)
-    if group is not None:
-        values = values[np.array([g == group for g in records.groups])[records.kind]]
-    values = values[~np.isnan(values)]
+    inside = records.panels().get("" if panel == ALL else panel)
+    values = values[inside & ~np.isnan(values)] if inside is not None else values[:0]
     # Rounded, so that noise in the last place breaks no tie.
     return round(column.scale * float(values.mean()), 9) if len(values) else None
 
 
-def _published(group: str | None, metric: str) -> Value | None:
-    points = [(published_metric(name, metric), published_scd(name, group)) for name in published()]
-    return (
-        None
-        if all(x is None for x, _ in points)
-        else spearman([x for x, _ in points], [y for _, y in points])
-    )
+def _published(panel: str, metric: str) -> Value | None:
+    x = [published_metric(name, metric) for name in published()]
+    y = [published_scd(name, panel) for name in published()]
+    return None if set(x) == {None} else spearman(x, y)
 
 
 def _without(rows: Sequence[Row]) -> tuple[str, ...]:
@@ -138,14 +130,14 @@ def _without(rows: Sequence[Row]) -> tuple[str, ...]:
 
 def _draw(pool: Pool, title: str) -> Figure:
     panels = {}
-    for group in (None, *present_groups(pool.summaries)):
+    for panel in present_panels(pool.summaries):
         rows = []
         for metric in _METRICS:
-            ours, told = _ours(pool, group, group, metric, STRICT), _published(group, metric)
-            mark = Mark(ours.value, ours.low, ours.high, colour_of(group or ALL), width=2.0)
+            ours, told = _ours(pool, panel, panel, metric, STRICT), _published(panel, metric)
+            mark = Mark(ours.value, ours.low, ours.high, colour_of(panel), width=2.0)
             marks = (published_mark(None if told is None else told.value), mark)
             rows.append(ForestRow(metric.replace("_", " "), marks, str(ours.n)))
-        panels[group or ALL] = rows
+        panels[panel] = rows
     key = {
         "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
         "published, metric over all episodes": published_mark(0.0),

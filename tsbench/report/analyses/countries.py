@@ -10,7 +10,6 @@ from tsbench.signs.countries import Country
 
 
 def countries_analysis(countries: Sequence[Country]) -> Analysis:
-    """One row for each country: how many of the signs have an equivalent there."""
     columns = (
         Column("country", "country", Kind.TEXT), Column("name", "name", Kind.TEXT),
         Column("numbering", "numbering", Kind.TEXT), Column("equivalents", "with\nequivalent", Kind.COUNT),
@@ -19,7 +18,7 @@ def countries_analysis(countries: Sequence[Country]) -> Analysis:
     )  # fmt: skip
     rows = tuple(
         Row((
-            c.code, c.name_en, c.numbering, c.count, len(c.equivalents), c.percent, float(c.published_percent),
+            c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent,
             c.checked,
         ))
         for c in countries
@@ -33,15 +32,14 @@ def countries_analysis(countries: Sequence[Country]) -> Analysis:
 
 
 def country_analysis(catalog: Catalog, country: Country) -> Analysis:
-    """One row for each sign: its equivalent in one country."""
     keys = ("sign", "name", "equivalent", "source", "remark")
     rows = tuple(
         Row((
-            entry.sign, catalog.sign(entry.sign).name_en, entry.code or "none",
+            sign, catalog.sign(sign).name_en, entry.code,
             "checked" if entry.checked else "memory", entry.reason or entry.note or "",
         ))
-        for entry in country.equivalents.values()
+        for sign, entry in country.equivalents.items()
     )  # fmt: skip
-    title = f"{country.name_en}: {country.count} of {len(country.equivalents)} signs have an equivalent"
+    title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
     columns = tuple(Column(key, key, Kind.TEXT) for key in keys)
     return Analysis(f"country-{country.code}", title, "", Table(columns, rows, 5), (country.numbering,))

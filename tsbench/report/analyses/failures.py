@@ -10,18 +10,16 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from tsbench.episode.outcome import Outcome
+from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
 from tsbench.metrics.records import Records
-from tsbench.report.analyses.columns import COMPLETED, STRICT, present_groups
-from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.panels import ALL, colour_of, make_panels, put_key, put_title
+from tsbench.report.analyses.columns import present_panels, text_columns
+from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
-
-_Mask = npt.NDArray[np.bool_]
+from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
 
 # Okabe and Ito's colours, and hatches for print in grey.
 _CLASSES = {
@@ -43,10 +41,8 @@ class Split:
 
 
 def failures(pool: Pool) -> Analysis:
-    """One row for each planner, panel (all types, each group) and reading."""
     splits = {key: split for p in pool.planners for key, split in _splits(pool, p)}
-    columns = [Column(k, k, Kind.TEXT) for k in ("planner", "group", "figure")]
-    columns += [Column("n", "n", Kind.COUNT)]
+    columns = [*text_columns("planner", "group", "figure"), Column("n", "n", Kind.COUNT)]
     columns += [Column(key, f"{head}, %") for key, (head, *_) in _CLASSES.items()]
     for kept in ("complied", "violated"):
         columns += [Column(f"{kept}_{end.value}", f"{kept},\n{word}, %") for end, word in _ENDINGS.items()]
@@ -70,25 +66,21 @@ def failures(pool: Pool) -> Analysis:
 def _splits(pool: Pool, planner: str) -> Iterator[tuple[tuple[str, str, str], Split]]:
     records = pool.records[planner]
     bootstrap = ClusterBootstrap(pool.contract)
-    group_of = np.array(records.groups)[records.kind]
-    for group in (ALL, *present_groups(pool.summaries)):
-        use = np.ones(len(records), dtype=bool) if group == ALL else group_of == group
-        if not use.any():
-            continue
-        label = "overall" if group == ALL else f"group {group}"
-        yield (planner, group, STRICT), _split(bootstrap, label, records, use, strict=True)
+    for panel, use in records.panels().items():
+        label, name = panel_label(panel), panel or ALL
+        yield (planner, name, STRICT), _split(bootstrap, label, records, use, strict=True)
         if (records.error & use).any():
-            use = use & ~records.error
-            yield (planner, group, COMPLETED), _split(bootstrap, label, records, use, strict=False)
+            whole = use & ~records.error
+            yield (planner, name, COMPLETED), _split(bootstrap, label, records, whole, strict=False)
 
 
-def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: _Mask, strict: bool) -> Split:
+def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, strict: bool) -> Split:
     """Where it is not strict, `use` holds no error and there is no class for them."""
     # NaN of an error compares as False with both.
     complied, violated = (records.values["sign_compliant"] == k for k in (1.0, 0.0))
     arrived, ended = (records.values["destination"] == k for k in (1.0, 0.0))
     outcomes = np.array(records.outcomes)
-    classes: dict[str, _Mask] = {
+    classes: dict[str, Mask] = {
         "complied_arrived": complied & arrived,
         "complied_not_arrived": complied & ended,
         "violated_arrived": violated & arrived,
@@ -99,7 +91,7 @@ def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: _Mask
     for name, kept in (("complied", complied), ("violated", violated)):
         classes |= {f"{name}_{end.value}": kept & (outcomes == end.value) for end in _ENDINGS}
 
-    def share(inside: _Mask) -> Estimate:
+    def share(inside: Mask) -> Estimate:
         total, count = sums_by_cluster(inside[use].astype(np.float64), records.map_code[use], 0, 1)
         return bootstrap.estimate(label, total, count, 100.0, binary=True)
 
@@ -107,8 +99,7 @@ def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: _Mask
 
 
 def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) -> Figure:
-    """Stacked bars of all episodes, planners from top to bottom."""
-    names = dict.fromkeys((ALL, *present_groups(pool.summaries)))
+    names = present_panels(pool.summaries)
     rows = range(len(pool.planners))
     figure, panels = make_panels(names, len(rows))
     for k, name in enumerate(names):
@@ -129,9 +120,7 @@ def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) 
             text.set(fontsize=8, parse_math=False)
         axes.tick_params(axis="y", labelleft=not k)
         axes.tick_params(axis="x", labelsize=8)
-        right = axes.secondary_yaxis("right")
-        right.set_yticks(rows, [str(split.n) if split else "" for split in there])
-        right.tick_params(length=0, labelsize=7)
+        put_counts(axes, [str(split.n) if split else "" for split in there])
     handles, _ = panels[0].get_legend_handles_labels()
     put_key(figure, "share of episodes, % (strict); right: how many episodes", handles)
     put_title(figure, title, pool.contract)

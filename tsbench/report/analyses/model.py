@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     from tsbench.metrics.paired import Difference
 
 
-class Kind(StrEnum):
-    """What the cells of a column hold."""
+# The panel of all types, beside one for each group.
+ALL = "all types"
 
+
+class Kind(StrEnum):
     TEXT = "text"  # str
     COUNT = "count"  # int
     NUMBER = "number"  # float
@@ -42,12 +44,10 @@ class Value:
 
     @classmethod
     def of(cls, figure: Estimate | Difference | None) -> Value | None:
-        """That of an estimate or of a paired difference."""
         return None if figure is None else cls(figure.value, figure.low, figure.high, figure.n, figure.reason)
 
     @classmethod
     def difference(cls, figure: Difference) -> Value:
-        """That of a paired difference, with a mark where it is significant."""
         return cls(
             figure.value, figure.low, figure.high, figure.n, figure.reason, "*" if figure.significant else ""
         )
@@ -114,5 +114,4 @@ class Analysis:
 
     @property
     def contract_line(self) -> str:
-        """The contract and its name, as they stand below tables and figures."""
         return f"edition {edition_of(self.contract)}, contract {self.contract}" if self.contract else ""

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table
-from tsbench.report.analyses.panels import ALL
+from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table
 from tsbench.report.analyses.published import in_published_order, published
 from tsbench.report.tables.charts import INK
+from tsbench.report.tables.forest import put_counts
 from tsbench.signs.model import GROUPS
 
 PUBLISHED_DRIVES, PUBLISHED_SCENARIOS = 36_828, 23_200
@@ -91,7 +91,6 @@ def _hours(drives: Sequence[Chosen]) -> float:
 
 
 def _block(group: str, drives: Sequence[Chosen], size: int) -> tuple[Cell, ...]:
-    """What is true of all experts together."""
     covered = _covered(drives)
     return (
         group, _EVERYBODY, len(drives), 100.0 if drives else None, covered, _hours(drives), size, covered,
@@ -116,7 +115,6 @@ def _colours(planners: Sequence[str]) -> dict[str, str]:
 def _draw(
     drives: Sequence[Chosen], scenarios: Mapping[str, int], planners: Sequence[str], title: str
 ) -> Figure:
-    """Stacked bars: the experts' shares of each group's drives; beside them how many those are."""
     groups, colours = _groups(scenarios), _colours(planners)
     own = {group: [d for d in drives if group in (ALL, d.group)] for group in groups}
     figure = Figure(figsize=(9.0, 1.6 + 0.5 * len(groups)), layout="constrained")
@@ -141,10 +139,8 @@ def _draw(
     )
     axes.tick_params(axis="x", labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    right = axes.secondary_yaxis("right")
+    right = put_counts(axes, [_told(own[group], _size(scenarios, group)) for group in groups], 8)
     right.spines["right"].set_visible(False)
-    right.set_yticks(range(len(groups)), [_told(own[group], _size(scenarios, group)) for group in groups])
-    right.tick_params(length=0, labelsize=8)
     figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=max(len(planners), 1))
     figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     return figure

@@ -6,6 +6,8 @@ A page asks by comments, which readers do not see:
 <!-- end -->
 <!-- analysis types | bare -->       values without intervals and counts
 <!-- end -->
+<!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them
+<!-- end -->
 <!-- figure types -->                types.png is copied to where the next line's picture is
 """
 
@@ -16,7 +18,8 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.report.analyses.markdown import markdown_row
+from tsbench.metrics.episode import EPISODE_METRICS
+from tsbench.report.analyses.writing import markdown_row
 
 _BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
 _OPENED = re.compile(r"<!-- analysis ")
@@ -51,7 +54,6 @@ def refresh(page: Path, folder: Path) -> list[Path]:
     for name, place in _FIGURE.findall(text):
         target = page.parent / place
         with io_errors_as_input_errors(folder / f"{name}.png"):
-            target.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(target, (folder / f"{name}.png").read_bytes())
         written.append(target)
     with io_errors_as_input_errors(page):
@@ -59,7 +61,15 @@ def refresh(page: Path, folder: Path) -> list[Path]:
     return [page, *written]
 
 
+def _metrics() -> str:
+    rows = [("column", "meaning"), ("---", "---")]
+    rows += [(f"`{metric.column}`", metric.meaning) for metric in EPISODE_METRICS]
+    return "\n".join(markdown_row(row) for row in rows).replace("| --- | --- |", "|---|---|")
+
+
 def _told(page: Path, path: Path) -> str:
+    if path.stem == "metrics":
+        return _metrics()
     if not path.is_file():
         raise InputError(
             f"{page}: asks for {path}, which is not there (tsbench analyse {path.stem} makes it)"
@@ -68,7 +78,6 @@ def _told(page: Path, path: Path) -> str:
 
 
 def _table(page: Path, told: str, words: list[str]) -> str:
-    """The table of an analysis's Markdown as a page wants it."""
     rows = [line[2:-2].split(" | ") for line in told.splitlines() if line.startswith("| ")]
     rule = next(line[1:-1].split("|") for line in told.splitlines() if line.startswith("|---"))
     head, columns = rows[0], list(range(len(rows[0])))

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tsbench.metrics.aggregate import Figure as Twice
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.report.analyses.columns import COMPLETED, STRICT, pick, present_types
+from tsbench.metrics.breakdown import COMPLETED, STRICT, Twice
+from tsbench.metrics.intervals import Estimate
+from tsbench.report.analyses.columns import pick, present_types, text_columns
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.shown import DASH
 
@@ -24,23 +25,17 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
     last = ""
     for kind, group in present_types(planners):
         figures = [p.types.get(kind) for p in planners]
-        differ = any(f and f.strict and f.strict.n != f.completed.n for f in figures)
+        differ = any(figure and figure.differ for figure in figures)
         for reading in (STRICT, COMPLETED) if differ else (STRICT,):
             cells: list[Cell] = []
             for figure in figures:
                 estimate = pick(figure, reading)
                 cells += [Value.of(estimate), None if estimate is None else estimate.n]
             first = reading == STRICT
-            rows.append(
-                Row(
-                    (group, kind, reading, *cells, _maps(figures, reading)),
-                    starts=first and group != last,
-                    faint=not first,
-                )
-            )
+            cells = [group, kind, reading, *cells, _maps(figures, reading)]
+            rows.append(Row(tuple(cells), starts=first and group != last, faint=not first))
             last = group
-    columns = [Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)]
-    columns.append(Column("figure", "figure", Kind.TEXT))
+    columns = [*text_columns("group", "type", "figure")]
     for name in (p.planner for p in planners):
         columns += [Column(name, f"{name}\n%"), Column(f"{name}_episodes", "n", Kind.COUNT)]
     columns.append(Column("maps", "maps", Kind.TEXT))
@@ -53,17 +48,16 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
     return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
 
 
-def _maps(figures: Sequence[Twice | None], reading: str) -> str:
+def _maps(figures: Sequence[Twice[Estimate] | None], reading: str) -> str:
     """How many maps a row rests on; where planners of a partial run differ, from least to most."""
     counts = [e.clusters for figure in figures if (e := pick(figure, reading)) is not None]
     return DASH.join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
 
 
 def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
-    """Types from top to bottom, planners from left to right; strict figures."""
     from matplotlib.figure import Figure  # a run ends with this table, and needs no picture of it
 
-    from tsbench.report.analyses.panels import put_title
+    from tsbench.report.tables.forest import put_counts, put_title
 
     kinds = present_types(planners)
     figure = Figure(
@@ -86,11 +80,7 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
     axes.set_yticks(range(len(kinds)), [f"{kind} ({group})" for kind, group in kinds])
     for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
         label.set(fontsize=8, parse_math=False)
-    right = axes.secondary_yaxis("right")
-    right.set_yticks(
-        range(len(kinds)), [f"n {'–'.join(str(n) for n in dict.fromkeys((c[0], c[-1])))}" for c in counts]
-    )
-    right.tick_params(length=0, labelsize=7)
+    put_counts(axes, [f"n {DASH.join(str(n) for n in dict.fromkeys((c[0], c[-1])))}" for c in counts])
     axes.tick_params(length=0)
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
     bar.set_label("SCD, % of n episodes for each planner (strict)", fontsize=8)

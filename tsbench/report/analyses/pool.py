@@ -10,10 +10,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.aggregate import PlannerSummary, Summary, summarise
+from tsbench.metrics.aggregate import PlannerSummary, Summary, name_holes, summarise
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
-from tsbench.report.tables.compare import SELECTION
+from tsbench.report.tables.compare import SELECTION, differing
 from tsbench.run.log.read import StoredRun, read_run
 
 
@@ -27,12 +27,10 @@ class Pool:
 
     @property
     def contract(self) -> str:
-        """The hash that all runs share."""
         return self.runs[0].contract
 
     @property
     def edition(self) -> str:
-        """The contract's name."""
         return self.runs[0].edition
 
     @cached_property
@@ -42,7 +40,6 @@ class Pool:
 
     @cached_property
     def summary(self) -> Summary:
-        """Every figure of every planner."""
         asked = {name: run.asked[name] for name, run in self.home.items()}
         return summarise(
             self._episodes,
@@ -54,12 +51,10 @@ class Pool:
 
     @cached_property
     def records(self) -> dict[str, Records]:
-        """Records by planner."""
         return split_records(self._episodes)
 
     @cached_property
     def summaries(self) -> tuple[PlannerSummary, ...]:
-        """Those of the planners, in their order."""
         by_name = {p.planner: p for p in self.summary.planners}
         return tuple(by_name[name] for name in self.planners)
 
@@ -104,9 +99,7 @@ def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:
                 )
             home[name] = run
     holes = {name: k for name, run in home.items() if (k := run.holes(name))}
-    if holes and not allow_partial:
-        named = ", ".join(f"{name}: {k} of {home[name].asked[name]}" for name, k in holes.items())
-        raise InputError(f"scenarios without a record ({named}): continue the run, or pass --allow-partial")
+    name_holes(holes, {name: run.asked[name] for name, run in home.items()}, allow_partial)
     pool = Pool(tuple(runs), home, holes)
     if not pool.planners:
         raise InputError(f"{', '.join(str(run.path) for run in runs)}: no episode is finished yet")
@@ -114,7 +107,6 @@ def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:
 
 
 def check_contract(a: StoredRun, b: StoredRun) -> None:
-    """InputError where two runs have different contracts."""
     if a.contract != b.contract:
         raise InputError(
             f"{a.path} has contract {a.contract}, {b.path} has {b.contract}: rules, scenes or versions differ, "
@@ -123,15 +115,13 @@ def check_contract(a: StoredRun, b: StoredRun) -> None:
 
 
 def _check_selection(a: StoredRun, b: StoredRun) -> None:
-    first, second = a.manifest["effective"], b.manifest["effective"]
-    for key in SELECTION:
-        if first.get(key) != second.get(key):
-            told = (f"{first.get(key)}", f"{second.get(key)}") if key != "types" else ("some", "others")
-            raise InputError(
-                f"{a.path} and {b.path} have different scenarios ({key}: {told[0]}, {told[1]}): "
-                "analyse runs of the same selection together"
-            )
-    if bool(first.get("mask_signs")) != bool(second.get("mask_signs")):
+    for key, (x, y) in differing(a, b, SELECTION).items():
+        told = f"{x}, {y}" if key != "types" else "some, others"
+        raise InputError(
+            f"{a.path} and {b.path} have different scenarios ({key}: {told}): "
+            "analyse runs of the same selection together"
+        )
+    if len({bool(run.manifest["effective"].get("mask_signs")) for run in (a, b)}) > 1:
         raise InputError(
             f"signs are masked in one of {a.path} and {b.path} only: tsbench analyse ablation compares such runs"
         )

@@ -7,13 +7,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 
-# Their columns, by the names that metrics and groups have here.
-PUBLISHED_METRICS = {
-    "driving_score": "driving_score",
-    "destination": "destination_pct",
-    "efficiency": "efficiency_pct",
-    "collision": "collision_pct",
-}
+from tsbench.report.analyses.model import ALL
+
 NOTE = (
     "published: figures of the reference's paper, from its own simulator and scenes, without intervals; its numbers of "
     "episodes are not published"
@@ -30,14 +25,14 @@ def published() -> Mapping[str, Mapping[str, float]]:
     }
 
 
-def published_scd(planner: str, group: str | None) -> float | None:
-    """The published SCD (%) of a group, None: overall; None where there is none."""
-    return published().get(planner, {}).get(f"scd_{group or 'overall'}")
+def published_scd(planner: str, panel: str) -> float | None:
+    """The published SCD (%) of a group or of all types; None where there is none."""
+    return published().get(planner, {}).get("scd_overall" if panel == ALL else f"scd_{panel}")
 
 
 def published_metric(planner: str, metric: str) -> float | None:
     """The published figure of a conventional metric, None where there is none."""
-    return published().get(planner, {}).get(PUBLISHED_METRICS.get(metric, ""))
+    return published().get(planner, {}).get(metric)
 
 
 def in_published_order(planners: Iterable[str]) -> tuple[str, ...]:

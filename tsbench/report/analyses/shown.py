@@ -20,7 +20,6 @@ _GAP, _NAME = 2, 28
 
 
 def print_analysis(analysis: Analysis, console: Console) -> None:
-    """Title, table, notes, contract."""
     console.print(Text(analysis.title, style="bold yellow" if is_partial(analysis) else "bold"))
     for block in _blocks(analysis.table, console.width):
         console.print(_rich(analysis.table, block))

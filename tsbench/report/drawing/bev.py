@@ -16,10 +16,9 @@ from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image, camera_over
 from tsbench.report.drawing.hud import FrameInfo, Hud, draw_attribution, draw_scale_bar
-from tsbench.report.drawing.initial_state import ego_body
 from tsbench.report.drawing.paint import paint, paint_outline
 from tsbench.report.drawing.roads import road_shapes
-from tsbench.report.drawing.scene import furniture_shapes, tick_shapes
+from tsbench.report.drawing.scene import ego_body, furniture_shapes, tick_shapes
 from tsbench.report.drawing.style import STYLE
 from tsbench.roads.lane_graph import LaneGraph, RoutePath
 from tsbench.rules.base import Violation
@@ -42,7 +41,6 @@ class PageSize:
 
     @property
     def view_height(self) -> int:
-        """Rows between header and footer."""
         return self.height - STYLE.header_px - STYLE.footer_px
 
 
@@ -126,7 +124,6 @@ class BirdsEye:
         return [(left, top) for left, top in np.clip(corners, 0, room).tolist()]
 
     def _draw_route(self, view: Image, tick: int, left: int, top: int) -> None:
-        """The navigation path from the ego to the destination."""
         route = self._views[tick]
         key = id(route.path)
         if key not in self._paths:
@@ -139,14 +136,12 @@ class BirdsEye:
             cv2.polylines(view, [points], False, STYLE.route, 2, cv2.LINE_AA, SHIFT)
 
     def _trail(self, tick: int) -> None:
-        """Grow the ego's trail on the ground up to this tick."""
         if tick > self._trailed:
             points = self._ground_camera.fixed(self._track[self._trailed : tick + 1])
             cv2.polylines(self.ground, [points], False, STYLE.trail, 2, cv2.LINE_AA, SHIFT)
             self._trailed = tick
 
     def _mark(self, time: float) -> None:
-        """Mark on the ground where the target was violated, from that moment on."""
         events = sorted(self.trace.target.violations, key=lambda v: v.start_s)
         while self._marked < len(events) and events[self._marked].start_s <= time + 1e-6:
             mark_violation(self.ground, self._ground_camera, events[self._marked])

@@ -39,11 +39,9 @@ class Camera:
         return np.rint(self.px(points) * _UNIT).astype(np.int32)
 
     def thickness(self, metres: float) -> int:
-        """Of a line that is `metres` wide, at least one pixel."""
         return max(round(metres * self.scale), 1)
 
     def window(self, left_px: int, top_px: int, width: int, height: int) -> Camera:
-        """The camera of a part of this one's picture."""
         return Camera(
             self.left + left_px / self.scale, self.top - top_px / self.scale, self.scale, width, height
         )
@@ -61,5 +59,4 @@ def camera_over(
 
 
 def camera_at(x: float, y: float, scale: float, width: int, height: int) -> Camera:
-    """A camera that looks at one point."""
     return Camera(x - width / 2 / scale, y + height / 2 / scale, scale, width, height)

@@ -66,7 +66,6 @@ class Hud:
         self._footers: dict[tuple[Violation | None, str], Image] = {}
 
     def header(self, page: Image, moment: FrameInfo) -> None:
-        """Write the header into the top of a page."""
         height = STYLE.header_px
         page[:height] = self._header
         right = self._width - _PAD_PX
@@ -123,7 +122,6 @@ def _digit(sign: str) -> Image:
 
 
 def draw_scale_bar(view: Image, scale: float) -> None:
-    """A bar of a round length at the lower left."""
     metres = next((m for m in (50, 20, 10, 5, 2) if m * scale <= view.shape[1] / 4), 1)
     length, x, y = round(metres * scale), _PAD_PX, view.shape[0] - 14
     view[y - 1 : y + 5, x - 2 : x + length + 2] = STYLE.marking
@@ -132,6 +130,5 @@ def draw_scale_bar(view: Image, scale: float) -> None:
 
 
 def draw_attribution(view: Image) -> None:
-    """Whose map it is, at the lower right."""
     text = label(ATTRIBUTION, 11, STYLE.outline, STYLE.marking)
     text.lay(view, view.shape[1] - text.share.shape[1] - 8, view.shape[0] - 21)

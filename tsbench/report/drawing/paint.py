@@ -1,19 +1,22 @@
-"""Shapes into pixels with OpenCV. Fast enough for bulk video: a frame is a few dozen small shapes."""
+"""Shapes into pixels with OpenCV, and pictures as PNG files. Fast: a frame of a film is a few dozen small shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 import shapely
+from PIL import Image as PilImage
 
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
-from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, cone_places
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
 from tsbench.report.drawing.style import STYLE, Colour
-from tsbench.report.drawing.text import paste
+from tsbench.report.drawing.text import line_height, paste, shorten, write
 from tsbench.signs.plates import plate_rgba
 
 # Outline of a car of length and width 1, nose to +x; then the windscreen.
@@ -36,7 +39,7 @@ def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> None:
         match shape:
             case Body():
                 _body(image, camera, shape, next(outlines))
-            case InferenceClient():
+            case Line():
                 points, colour = camera.fixed(shape.points), getattr(STYLE, shape.colour)
                 cv2.polylines(
                     image, [points], False, colour, camera.thickness(shape.width), cv2.LINE_AA, SHIFT
@@ -58,7 +61,6 @@ def outlines_of(camera: Camera, bodies: Sequence[Body]) -> Fixed:
 
 
 def paint_outline(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
-    """A vehicle's outline only: where it was."""
     outline = outlines_of(camera, [body])[0, : len(_BODY)]
     cv2.polylines(image, [outline], True, colour, 2, cv2.LINE_AA, SHIFT)
 
@@ -131,3 +133,30 @@ def _plate(
 
 def _fixed(point: Array) -> tuple[int, int]:
     return round(float(point[0]) * (1 << SHIFT)), round(float(point[1]) * (1 << SHIFT))
+
+
+_GAP_PX, _LETTER_PX = 8, 11
+
+
+def sheet(panels: Sequence[tuple[str, Image]], columns: int) -> Image:
+    height, width, _ = panels[0][1].shape
+    lines = max(len(text.split("\n")) for text, _ in panels)
+    head = lines * line_height(_LETTER_PX) + _GAP_PX
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    size = (rows * (head + height + _GAP_PX), columns * (width + _GAP_PX) + _GAP_PX, 3)
+    page = np.full(size, STYLE.panel, dtype=np.uint8)
+    for k, (text, picture) in enumerate(panels):
+        top = k // columns * (head + height + _GAP_PX)
+        left = _GAP_PX + k % columns * (width + _GAP_PX)
+        for number, line in enumerate(text.split("\n")):
+            y = top + _GAP_PX // 2 + number * line_height(_LETTER_PX)
+            write(page, left, y, shorten(line, _LETTER_PX, width), _LETTER_PX, STYLE.ink)
+        page[top + head : top + head + height, left : left + width] = picture
+    return page
+
+
+def save_png(path: Path, picture: Image) -> None:
+    """Write a picture, (height, width, 3) RGB, whole or not at all. Raises InputError."""
+    with io_errors_as_input_errors(path), replacing(path) as part:
+        PilImage.fromarray(picture).save(part, format="PNG", compress_level=4)

@@ -9,7 +9,7 @@ import shapely
 
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing.shapes import Area, InferenceClient, dashes
+from tsbench.report.drawing.shapes import Area, Line, dashes
 from tsbench.report.drawing.style import STYLE
 from tsbench.roads.network import Crossing, Edge, Lane, RoadNetwork
 
@@ -23,8 +23,7 @@ _ZEBRA_M = (0.5, 0.5)
 _APRON_M = (3.0, 1.6)
 
 
-def road_shapes(network: RoadNetwork) -> Iterator[Area | InferenceClient]:
-    """What is painted on the ground, lowest first."""
+def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
     walks = [strip(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
     area = _carriageway(network)
@@ -51,7 +50,6 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | InferenceClient]:
 
 
 def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
-    """What lies beyond the kerbs at both ends of a crossing."""
     deep, wider = _APRON_M
     line, width = crossing.line, crossing.width + 2.0 * wider
     return [strip(line.slice(-deep, 0.0), width), strip(line.slice(line.length, line.length + deep), width)]
@@ -77,19 +75,19 @@ def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
     return [network.lanes[i] for i in edge.lanes if not _is_walk(network.lanes[i])]
 
 
-def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[InferenceClient]:
+def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[Line]:
     width, inset = STYLE.marking_m, 0.15
     right, left = lanes[0], lanes[-1]
-    yield InferenceClient("marking", right.line.beside(-right.width / 2 + inset), width)
+    yield Line("marking", right.line.beside(-right.width / 2 + inset), width)
     # On a two-way road both directions draw their own half of the centre line.
     shift = inset * 0.8 if two_way else inset
-    yield InferenceClient("marking", left.line.beside(left.width / 2 - shift), width)
+    yield Line("marking", left.line.beside(left.width / 2 - shift), width)
     for lane in lanes[:-1]:
         for dash in dashes(lane.line.beside(lane.width / 2), *STYLE.dash_m):
-            yield InferenceClient("marking", dash, width)
+            yield Line("marking", dash, width)
 
 
-def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[InferenceClient]:
+def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Line]:
     """The line that the strictest of the lane's connections asks for."""
     links = [c for c in network.outgoing[lane.index] if c.direction != "t"]
     states = {c.state for c in links}
@@ -99,7 +97,7 @@ def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[InferenceClient]:
     end = lane.line.length - STYLE.stop_line_m / 2
     across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
     if states & _SOLID_STATES:
-        yield InferenceClient("marking", np.array(across), STYLE.stop_line_m)
+        yield Line("marking", np.array(across), STYLE.stop_line_m)
     elif states & _GIVE_WAY_STATES:
         for tooth in dashes(np.array(across), *_TOOTH_M):
-            yield InferenceClient("marking", tooth, STYLE.stop_line_m)
+            yield Line("marking", tooth, STYLE.stop_line_m)

@@ -1,19 +1,124 @@
-"""What a scene puts on its roads, and who is there at a tick: as shapes, lowest first. Units: m, rad."""
+"""What a scene puts on its roads, and who is there at first and at a tick: as shapes, lowest first. Units: m, rad."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 import shapely
+from lxml import etree
 
-from tsbench.report.drawing.initial_state import ego_body, staged_bodies
-from tsbench.report.drawing.landmarks import destination_place, plate_line, way_off, way_points
-from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, dashes
+from tsbench.core.benchmark import ARRIVAL_M
+from tsbench.geometry.overlap import strip
+from tsbench.geometry.polyline import Array
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, dashes
 from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
+from tsbench.sim.scene_file import EGO_ID, read_additional
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
+
+
+def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, float]]:
+    """The stretch of road in which the ego has arrived, and its middle."""
+    s = scene.destination.s
+    lanes = scene.network.edge_lanes(scene.destination.edge)
+    areas, middles = [], []
+    for lane in [lane for lane in lanes if lane.permits("passenger")] or lanes:
+        middles.append(lane.line.point_at(s))
+        a, b = max(s - ARRIVAL_M, 0.0), min(s + ARRIVAL_M, lane.line.length)
+        if b - a >= 0.1:
+            areas.append(strip(lane.line.slice(a, b), lane.width))
+    x, y = np.mean(middles, axis=0).tolist()
+    return shapely.union_all(areas), (x, y)
+
+
+def plate_line(network: RoadNetwork, sign: SignInstance) -> Array:
+    """The cross-section of the road at which a plate begins to bind, (2, 2)."""
+    lanes = network.edge_lanes(sign.edge)
+    right, left = lanes[0], lanes[-1]
+    at = min(sign.position_m, right.line.length)
+    return np.array([right.line.point_at(at, -right.width / 2), left.line.point_at(at, left.width / 2)])
+
+
+def way_off(network: RoadNetwork, sign: SignInstance) -> tuple[Array, float]:
+    """Unit vector in the picture that leads from a post off the road, and how far the kerb is, m (0 beside it)."""
+    # To the right of the traffic that the plate faces; pixel rows grow downwards.
+    right = np.array([math.sin(sign.heading), math.cos(sign.heading)])
+    lanes = network.edge_lanes(sign.edge)
+    to_right = lanes[0].line.project(sign.x, sign.y)[1] + lanes[0].width / 2
+    to_left = lanes[-1].width / 2 - lanes[-1].line.project(sign.x, sign.y)[1]
+    if min(to_right, to_left) <= 0.0:
+        return (right if to_right <= 0.0 else -right), 0.0
+    edge = network.edges[sign.edge]
+    two_way = any((e.source, e.target) == (edge.target, edge.source) for e in network.edges.values())
+    # A post on an island: to the nearer kerb, but never over the other direction's lanes.
+    return (right, to_right) if two_way or to_right <= to_left else (-right, to_left)
+
+
+def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float) -> Array:
+    """A way over edges from the start to the destination, d to the left, (n, 2); empty where there is none."""
+    start = scene.network.lane(scene.start.lane)
+    path = graph.path(edges, start.index, scene.start.s, scene.destination) if edges else None
+    if path is None:
+        return np.zeros((0, 2))
+    line = path.line.slice(0.0, path.destination_s) if path.destination_s > 1.0 else path.line
+    return line.beside(d)
+
+
+# As tsbench.dataset.scenes.traffic names the cars that are only traffic.
+_BACKGROUND = "bg_"
+_CAR_M = (5.0, 1.8)
+
+
+def ego_body(x: float, y: float, heading: float) -> Body:
+    return Body("ego", EGO_ID, x, y, heading, EGO_LENGTH_M, EGO_WIDTH_M)
+
+
+def staged_bodies(scene: Scene) -> list[Body]:
+    """All cars that the scene itself is made of, and its held pedestrians.
+
+    Not the ego, the background's cars, nor what stands for an obstacle. Kind `convoy`: held until the ego comes.
+    """
+    root = read_additional(scene.additional.path, scene.additional.content)
+    return [*_cars(scene, root), *_walkers(scene, root)]
+
+
+def _cars(scene: Scene, root: etree._Element) -> Iterator[Body]:
+    held = scene.convoy.vehicles if scene.convoy is not None else ()
+    others = {EGO_ID, *(o.id for o in scene.obstacles)}
+    types = {t.get("id"): t for t in root.iterfind("vType")}
+    for vehicle in root.iterfind("vehicle"):
+        name, route = str(vehicle.get("id")), vehicle.find("route")
+        if name in others or name.startswith(_BACKGROUND) or route is None:
+            continue
+        kind = types.get(vehicle.get("type"))
+        length, width = (
+            default if kind is None else float(kind.get(key, default))
+            for key, default in zip(("length", "width"), _CAR_M, strict=True)
+        )
+        lanes = scene.network.edge_lanes(str(route.get("edges", "")).split()[0])
+        lane = lanes[min(int(vehicle.get("departLane", 0)), len(lanes) - 1)]
+        # SUMO counts along the lane's own length, which may differ from that of its drawn line.
+        s = (float(vehicle.get("departPos", 0)) - length / 2) * lane.line.length / lane.length
+        x, y = lane.line.point_at(s)
+        yield Body("convoy" if name in held else "car", name, x, y, lane.line.heading_at(s), length, width)
+
+
+def _walkers(scene: Scene, root: etree._Element) -> Iterator[Body]:
+    if scene.walkers is None:
+        return
+    for person in root.iterfind("person"):
+        name, walk = str(person.get("id")), person.find("walk")
+        if name in scene.walkers.persons and walk is not None:
+            lane = scene.network.edge_lanes(str(walk.get("edges", "")).split()[0])[0]
+            s, d = float(person.get("departPos", 0)), float(walk.get("departPosLat", 0))
+            x, y = lane.line.point_at(s, d)
+            yield Body("pedestrian", name, x, y, 0.0, 0.0, 0.0)
+
 
 _CONVOY_PREFIX = "convoy"
 _WAY_M = 0.35
@@ -23,13 +128,12 @@ _RING_M = ((1.5, "marking"), (1.1, "destination"), (0.5, "marking"))
 
 
 def zone_shapes(scene: Scene) -> Iterator[Shape]:
-    """The ground that the target's rule is about."""
     zone = rule_zone(scene)
     if zone is not None:
         yield Area("plate_line", zone, 0.22)
 
 
-def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[InferenceClient]:
+def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
     """The obedient way, where it is another one than navigation's, and navigation's."""
     ways = [("route", scene.route_hint, _WAY_APART_M if scene.compliant_hint else 0.0)]
     if scene.compliant_hint and scene.compliant_hint != scene.route_hint:
@@ -37,7 +141,7 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[InferenceClient]:
     for colour, edges, d in ways:
         points = way_points(scene, graph, edges, d)
         if len(points):
-            yield InferenceClient(colour, points, _WAY_M)
+            yield Line(colour, points, _WAY_M)
 
 
 def furniture_shapes(scene: Scene) -> Iterator[Shape]:
@@ -47,7 +151,7 @@ def furniture_shapes(scene: Scene) -> Iterator[Shape]:
     for radius, colour in _RING_M:
         yield Area(colour, shapely.Point(middle).buffer(radius))
     for dash in dashes(plate_line(scene.network, scene.target_sign), 0.7, 0.5):
-        yield InferenceClient("plate_line", dash, 0.25)
+        yield Line("plate_line", dash, 0.25)
     for o in scene.obstacles:
         kind = "cones" if o.shape == "cones" else "island"
         yield Body(kind, o.id, o.x, o.y, o.heading, o.length, o.width)
@@ -60,7 +164,6 @@ def furniture_shapes(scene: Scene) -> Iterator[Shape]:
 
 
 def start_shapes(scene: Scene) -> Iterator[Body]:
-    """Who stands there before the first tick, the ego on top."""
     yield from staged_bodies(scene)
     line = scene.network.lane(scene.start.lane).line
     yield ego_body(*line.point_at(scene.start.s), line.heading_at(scene.start.s))
@@ -76,7 +179,6 @@ def scene_shapes(scene: Scene, graph: LaneGraph, start: bool = False) -> Iterato
 
 
 def tick_shapes(snapshot: WorldSnapshot) -> list[Body]:
-    """Road users of a tick, the ego last."""
     actors, table = snapshot.actors, snapshot.actors.table
     rows = actors.index
     sizes = np.column_stack((table.length[rows], table.width[rows])).tolist()
@@ -91,7 +193,6 @@ def tick_shapes(snapshot: WorldSnapshot) -> list[Body]:
 
 
 def body_kind(table: ActorTable, row: int) -> str:
-    """What a road user is drawn as."""
     if table.ids[row].startswith(_CONVOY_PREFIX):
         return "convoy"
     return ActorKind(int(table.kind[row])).name.lower()

@@ -20,7 +20,7 @@ class Area:
 
 
 @dataclass(frozen=True, slots=True)
-class InferenceClient:
+class Line:
     """An open line: (n, 2) points; width in m."""
 
     colour: str
@@ -63,7 +63,7 @@ class Plate:
     target: bool
 
 
-Shape = Area | InferenceClient | Body | Plate
+Shape = Area | Line | Body | Plate
 
 
 def dashes(points: Array, dash: float, gap: float) -> list[Array]:

@@ -9,8 +9,6 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """The look of every bird's-eye picture."""
-
     ground: Colour = (229, 232, 223)
     walk: Colour = (206, 205, 199)
     asphalt: Colour = (86, 91, 99)

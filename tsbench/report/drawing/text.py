@@ -33,12 +33,10 @@ def _mask(text: str, size: int, bold: bool) -> Image:
 
 @lru_cache(maxsize=4096)
 def text_width(text: str, size: int, bold: bool = False) -> int:
-    """Width in px."""
     return int(np.ceil(_font(size, bold).getlength(text)))
 
 
 def line_height(size: int) -> int:
-    """Height of a line in px."""
     ascent, descent = _font(size, False).getmetrics()
     return ascent + descent
 
@@ -84,7 +82,6 @@ class Label:
 
 @cache
 def label(text: str, size: int, colour: Colour, halo: Colour) -> Label:
-    """Make a label, once."""
     inner = np.pad(_mask(text, size, False), 1)
     outer = np.max([np.roll(inner, step, axis) for step in (-1, 1) for axis in (0, 1)], axis=0)
     share = np.empty((*inner.shape, 3), dtype=np.uint8)

@@ -1,8 +1,7 @@
 """The ground that a scene's rule is about, for pictures: read from the target plate's own parameters.
 
-Which area stands for a rule: a stretch of road
-(`zone_edges`; of reserved lanes only these, perhaps those of the opposite direction), the ring of a roundabout, the
-zebra, the junction, the ground around the obstacle, or else the road behind the plate's line. Units: m.
+A stretch of road (`zone_edges`; of reserved lanes only these, perhaps those of the opposite direction), the ring of a
+roundabout, the zebra, the junction, the ground around the obstacle, or else the road behind the plate's line. Units: m.
 """
 
 from __future__ import annotations
@@ -94,7 +93,6 @@ def _against(
 
 
 def _between(network: RoadNetwork, source: str, target: str, only: frozenset[str]) -> list[Lane]:
-    """The lanes through the junction between two edges."""
     lanes = network.lanes
     return [
         lanes[via]

@@ -7,21 +7,24 @@ reader opens the file in the tests. Source: the schema `XML_commonRoad_XSD.xsd` 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import lru_cache
+from itertools import count
 from pathlib import Path
 
 import shapely
 from lxml import etree
+from lxml.builder import E
 
 import tsbench
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.core.parquet import open_table
 from tsbench.episode.trace import Trace
-from tsbench.report.drawing.landmarks import destination_place
+from tsbench.report.drawing.scene import destination_place
 from tsbench.report.drawing.style import ATTRIBUTION
-from tsbench.report.export.lanelets import add_lanelets, add_points, add_sign, add_text, lane_ids, number
+from tsbench.report.export.lanelets import Element, lane_ids, lanelets, number, point, points, traffic_sign
 from tsbench.report.export.tracks import Track, actor_tracks, ego_rows
-from tsbench.report.video.outfile import whole_file
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
@@ -40,28 +43,24 @@ _NO_GEO_NAME = -999
 
 def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
     """Road, plates, obstacles, every road user's track, the ego as the first of them, and the planning problem."""
-    root = etree.Element(
-        "commonRoad", commonRoadVersion="2020a", benchmarkID=benchmark_id(trace),
+    ids = count(max(lane_ids(scene.network).values()) + 1)
+    sign_ids = {sign.id: next(ids) for sign in scene.signs}
+    roads = lanelets(scene, sign_ids, ids)
+    ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
+    root = E.commonRoad(
+        *_location(trace),
+        *roads,
+        *(traffic_sign(sign, sign_ids[sign.id]) for sign in scene.signs),
+        *(_static(obstacle, next(ids)) for obstacle in scene.obstacles),
+        *(_dynamic(track, next(ids)) for track in [ego, *actor_tracks(trace)]),
+        _problem(trace, scene, next(ids)),
+        commonRoadVersion="2020a", benchmarkID=benchmark_id(trace),
         date=datetime.now(UTC).date().isoformat(), author="tsbench", affiliation="",
         source=f"tsbench {tsbench.__version__}: {trace.planner} on {trace.spec.scenario_id}; {ATTRIBUTION}, ODbL 1.0",
         timeStepSize=str(DT_S),
     )  # fmt: skip
-    _add_location(root, trace)
-    next_id = max(lane_ids(scene.network).values()) + 1
-    sign_ids = {sign.id: next_id + k for k, sign in enumerate(scene.signs)}
-    next_id = add_lanelets(root, scene, sign_ids, next_id + len(sign_ids))
-    for sign in scene.signs:
-        add_sign(root, sign, sign_ids[sign.id])
-    for obstacle in scene.obstacles:
-        _add_static(root, obstacle, next_id)
-        next_id += 1
-    ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
-    for track in [ego, *actor_tracks(trace)]:
-        _add_dynamic(root, track, next_id)
-        next_id += 1
-    _add_problem(root, trace, scene, next_id)
     etree.indent(root)
-    with whole_file(path) as part:
+    with io_errors_as_input_errors(path), replacing(path) as part:
         etree.ElementTree(root).write(str(part), encoding="UTF-8", xml_declaration=True)
 
 
@@ -76,80 +75,53 @@ def benchmark_id(trace: Trace) -> str:
 
 @lru_cache(maxsize=1)
 def _places() -> dict[str, tuple[float, float]]:
-    """Latitude and longitude of the pool's maps."""
     table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", ("map_id", "lat", "lon"))
     return {row["map_id"]: (row["lat"], row["lon"]) for row in table.to_pylist()}
 
 
-def _add_location(root: etree._Element, trace: Trace) -> None:
-    location = etree.SubElement(root, "location")
-    add_text(location, "geoNameId", str(_NO_GEO_NAME))
+def _location(trace: Trace) -> list[Element]:
     lat, lon = _places().get(trace.spec.map_id, (0.0, 0.0))
-    add_text(location, "gpsLatitude", f"{lat:.7f}")
-    add_text(location, "gpsLongitude", f"{lon:.7f}")
-    tags = etree.SubElement(root, "scenarioTags")
-    etree.SubElement(tags, "simulated")
-    etree.SubElement(tags, "urban")
-    if trace.spec.family in _TAGS:
-        etree.SubElement(tags, _TAGS[trace.spec.family])
+    tags = ("simulated", "urban", *((_TAGS[trace.spec.family],) if trace.spec.family in _TAGS else ()))
+    place = (E.geoNameId(str(_NO_GEO_NAME)), E.gpsLatitude(f"{lat:.7f}"), E.gpsLongitude(f"{lon:.7f}"))
+    return [E.location(*place), E.scenarioTags(*(E(tag) for tag in tags))]
 
 
-def _add_exact(state: etree._Element, tag: str, text: str) -> None:
-    add_text(etree.SubElement(state, tag), "exact", text)
-
-
-def _add_state(
-    parent: etree._Element, tag: str, tick: int, row: tuple[float, float, float, float]
-) -> etree._Element:
+def _state(tag: str, tick: int, row: Sequence[float]) -> Element:
     x, y, heading, speed = row
-    state = etree.SubElement(parent, tag)
-    point = etree.SubElement(etree.SubElement(state, "position"), "point")
-    add_text(point, "x", number(x))
-    add_text(point, "y", number(y))
-    _add_exact(state, "orientation", number(math.remainder(heading, math.tau)))
-    _add_exact(state, "time", str(tick))
-    _add_exact(state, "velocity", number(speed))
-    return state
+    exact = {
+        "orientation": number(math.remainder(heading, math.tau)), "time": str(tick), "velocity": number(speed)
+    }  # fmt: skip
+    return E(tag, E.position(point(x, y)), *(E(name, E.exact(text)) for name, text in exact.items()))
 
 
-def _add_box(parent: etree._Element, length: float, width: float) -> None:
-    box = etree.SubElement(etree.SubElement(parent, "shape"), "rectangle")
-    add_text(box, "length", number(length))
-    add_text(box, "width", number(width))
+def _box(length: float, width: float) -> Element:
+    return E.shape(E.rectangle(E.length(number(length)), E.width(number(width))))
 
 
-def _add_static(root: etree._Element, obstacle: Obstacle, obstacle_id: int) -> None:
-    element = etree.SubElement(root, "staticObstacle", id=str(obstacle_id))
-    add_text(element, "type", "constructionZone" if obstacle.shape == "cones" else "roadBoundary")
-    _add_box(element, obstacle.length, obstacle.width)
-    _add_state(element, "initialState", 0, (obstacle.x, obstacle.y, obstacle.heading, 0.0))
+def _static(obstacle: Obstacle, obstacle_id: int) -> Element:
+    kind = E.type("constructionZone" if obstacle.shape == "cones" else "roadBoundary")
+    state = _state("initialState", 0, (obstacle.x, obstacle.y, obstacle.heading, 0.0))
+    return E.staticObstacle(kind, _box(obstacle.length, obstacle.width), state, id=str(obstacle_id))
 
 
-def _add_dynamic(root: etree._Element, track: Track, obstacle_id: int) -> None:
-    element = etree.SubElement(root, "dynamicObstacle", id=str(obstacle_id))
-    add_text(element, "type", _KINDS[track.kind])
-    _add_box(element, track.length, track.width)
-    rows = [tuple(row) for row in track.rows.tolist()]
-    _add_state(element, "initialState", track.first, rows[0])
-    if len(rows) > 1:
-        trajectory = etree.SubElement(element, "trajectory")
-        for tick, row in enumerate(rows[1:], start=track.first + 1):
-            _add_state(trajectory, "state", tick, row)
+def _dynamic(track: Track, obstacle_id: int) -> Element:
+    first, *others = track.rows.tolist()
+    element = E.dynamicObstacle(
+        E.type(_KINDS[track.kind]), _box(track.length, track.width), _state("initialState", track.first, first),
+        id=str(obstacle_id),
+    )  # fmt: skip
+    if others:
+        states = (_state("state", tick, row) for tick, row in enumerate(others, start=track.first + 1))
+        element.append(E.trajectory(*states))
+    return element
 
 
-def _add_problem(root: etree._Element, trace: Trace, scene: Scene, problem_id: int) -> None:
+def _problem(trace: Trace, scene: Scene, problem_id: int) -> Element:
     """The ego at its start, and the stretch of road in which it has arrived, within the horizon."""
-    element = etree.SubElement(root, "planningProblem", id=str(problem_id))
     ego = trace.snapshots[0].ego
-    state = _add_state(element, "initialState", 0, (ego.x, ego.y, ego.heading, ego.speed))
-    _add_exact(state, "yawRate", number(ego.yaw_rate))
-    _add_exact(state, "slipAngle", number(0.0))
-    goal = etree.SubElement(element, "goalState")
-    time = etree.SubElement(goal, "time")
-    add_text(time, "intervalStart", "0")
-    add_text(time, "intervalEnd", str(scene.horizon))
-    position = etree.SubElement(goal, "position")
-    for polygon in shapely.get_parts(destination_place(scene)[0]):
-        add_points(
-            etree.SubElement(position, "polygon"), shapely.get_coordinates(polygon.normalize().exterior)[:-1]
-        )
+    state = _state("initialState", 0, (ego.x, ego.y, ego.heading, ego.speed))
+    state.extend((E.yawRate(E.exact(number(ego.yaw_rate))), E.slipAngle(E.exact(number(0.0)))))
+    time = E.time(E.intervalStart("0"), E.intervalEnd(str(scene.horizon)))
+    rings = (polygon.normalize().exterior for polygon in shapely.get_parts(destination_place(scene)[0]))
+    areas = (E.polygon(*points(shapely.get_coordinates(ring)[:-1])) for ring in rings)
+    return E.planningProblem(state, E.goalState(time, E.position(*areas)), id=str(problem_id))

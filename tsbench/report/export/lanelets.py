@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
-from lxml import etree
+from lxml.builder import E
 
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.network import Crossing, Lane, RoadNetwork
+from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Scene
 
@@ -26,22 +28,22 @@ _SHORTEST_M = 0.05
 _USERS = (("passenger", "car"), ("bus", "bus"), ("bicycle", "bicycle"), ("pedestrian", "pedestrian"))
 
 
+# An element; lxml's builder has no types.
+Element = Any
+
+
 def number(value: float) -> str:
     """A decimal as CommonRoad's schema takes it: no exponent."""
     return f"{value:.4f}"
 
 
-def add_text(parent: etree._Element, tag: str, text: str) -> None:
-    """A child that holds a text."""
-    etree.SubElement(parent, tag).text = text
+def point(x: float, y: float) -> Element:
+    return E.point(E.x(number(x)), E.y(number(y)))
 
 
-def add_points(parent: etree._Element, points: Array) -> None:
-    """Children <point> of (n, 2) points."""
-    for x, y in points.tolist():
-        point = etree.SubElement(parent, "point")
-        add_text(point, "x", number(x))
-        add_text(point, "y", number(y))
+def points(line: Array) -> list[Element]:
+    """Elements of (n, 2) points."""
+    return [point(x, y) for x, y in line.tolist()]
 
 
 def lane_ids(network: RoadNetwork) -> dict[int, int]:
@@ -49,8 +51,8 @@ def lane_ids(network: RoadNetwork) -> dict[int, int]:
     return {lane.index: lane.index + 1 for lane in network.lanes if lane.line.length >= _SHORTEST_M}
 
 
-def add_lanelets(root: etree._Element, scene: Scene, sign_ids: dict[str, int], next_id: int) -> int:
-    """All lanes and crossings; returns the next free id."""
+def lanelets(scene: Scene, sign_ids: dict[str, int], free_ids: Iterator[int]) -> list[Element]:
+    """All lanes, and all crossings with the next free ids."""
     network, ids = scene.network, lane_ids(scene.network)
     after = _successors(network, ids)
     before: dict[int, list[int]] = {index: [] for index in ids}
@@ -61,47 +63,45 @@ def add_lanelets(root: etree._Element, scene: Scene, sign_ids: dict[str, int], n
     for sign in scene.signs:
         for index in sign_lanes(network, sign):
             plates.setdefault(index, []).append(sign_ids[sign.id])
+    found = []
     for index, lanelet_id in ids.items():
         lane = network.lanes[index]
-        element = etree.SubElement(root, "lanelet", id=str(lanelet_id))
-        _add_bound(element, "leftBound", lane.line.beside(lane.width / 2), _marking(lane, lane.left, ids))
-        _add_bound(element, "rightBound", lane.line.beside(-lane.width / 2), _marking(lane, lane.right, ids))
-        for tag, others in (("predecessor", before[index]), ("successor", after[index])):
-            for other in others:
-                etree.SubElement(element, tag, ref=str(ids[other]))
-        for tag, other in (("adjacentLeft", lane.left), ("adjacentRight", lane.right)):
-            if other in ids:
-                etree.SubElement(element, tag, ref=str(ids[other]), drivingDir="same")
-        add_text(element, "laneletType", _lane_type(lane))
-        for vclass, user in _USERS:
-            if lane.permits(vclass):
-                add_text(element, "userBidirectional" if user == "pedestrian" else "userOneWay", user)
-        for plate in plates.get(index, ()):
-            etree.SubElement(element, "trafficSignRef", ref=str(plate))
+        sides = (("Left", lane.left), ("Right", lane.right))
+        users = [user for vclass, user in _USERS if lane.permits(vclass)]
+        found.append(
+            E.lanelet(
+                *_bounds(lane.line, lane.width, *(_marking(lane, other, ids) for _, other in sides)),
+                *(E.predecessor(ref=str(ids[other])) for other in before[index]),
+                *(E.successor(ref=str(ids[other])) for other in after[index]),
+                *(
+                    E(f"adjacent{side}", ref=str(ids[other]), drivingDir="same")
+                    for side, other in sides
+                    if other in ids
+                ),
+                E.laneletType(_lane_type(lane)),
+                *(E("userBidirectional" if user == "pedestrian" else "userOneWay", user) for user in users),
+                *(E.trafficSignRef(ref=str(plate)) for plate in plates.get(index, ())),
+                id=str(lanelet_id),
+            )
+        )
     for crossing in network.crossings.values():
-        _add_crossing(root, crossing, next_id)
-        next_id += 1
-    return next_id
+        bounds = _bounds(crossing.line, crossing.width, "no_marking", "no_marking")
+        kinds = E.laneletType("crosswalk"), E.userBidirectional("pedestrian")
+        found.append(E.lanelet(*bounds, *kinds, id=str(next(free_ids))))
+    return found
 
 
 def sign_lanes(network: RoadNetwork, sign: SignInstance) -> list[int]:
-    """Lanes that a plate addresses."""
     lanes = network.edges[sign.edge].lanes
     return list(lanes) if sign.lane < 0 else [lanes[sign.lane]]
 
 
-def add_sign(root: etree._Element, sign: SignInstance, sign_id: int) -> None:
+def traffic_sign(sign: SignInstance, sign_id: int) -> Element:
     """A plate; one that CommonRoad has no number for keeps the catalogue's code, which its reader calls UNKNOWN."""
-    element = etree.SubElement(root, "trafficSign", id=str(sign_id))
-    inner = etree.SubElement(element, "trafficSignElement")
-    add_text(inner, "trafficSignID", SIGN_NUMBERS.get(sign.code, sign.code))
+    inner = E.trafficSignElement(E.trafficSignID(SIGN_NUMBERS.get(sign.code, sign.code)))
     if sign.value is not None:
-        add_text(inner, "additionalValue", number(sign.value * _MPS_PER_KMH))
-    position = etree.SubElement(element, "position")
-    point = etree.SubElement(position, "point")
-    add_text(point, "x", number(sign.x))
-    add_text(point, "y", number(sign.y))
-    add_text(element, "virtual", "false")
+        inner.append(E.additionalValue(number(sign.value * _MPS_PER_KMH)))
+    return E.trafficSign(inner, E.position(point(sign.x, sign.y)), E.virtual("false"), id=str(sign_id))
 
 
 def _successors(network: RoadNetwork, ids: dict[int, int]) -> dict[int, list[int]]:
@@ -115,10 +115,12 @@ def _successors(network: RoadNetwork, ids: dict[int, int]) -> dict[int, list[int
     return after
 
 
-def _add_bound(lanelet: etree._Element, tag: str, points: Array, marking: str) -> None:
-    bound = etree.SubElement(lanelet, tag)
-    add_points(bound, points)
-    add_text(bound, "lineMarking", marking)
+def _bounds(line: Polyline, width: float, left: str, right: str) -> list[Element]:
+    """Both bounds with their markings."""
+    return [
+        E(tag, *points(line.beside(d)), E.lineMarking(marking))
+        for tag, d, marking in (("leftBound", width / 2, left), ("rightBound", -width / 2, right))
+    ]
 
 
 def _marking(lane: Lane, neighbour: int, ids: dict[int, int]) -> str:
@@ -135,12 +137,3 @@ def _lane_type(lane: Lane) -> str:
     if lane.permits("bus"):
         return "busLane"
     return "bicycleLane" if lane.permits("bicycle") else "sidewalk"
-
-
-def _add_crossing(root: etree._Element, crossing: Crossing, lanelet_id: int) -> None:
-    line: Polyline = crossing.line
-    element = etree.SubElement(root, "lanelet", id=str(lanelet_id))
-    _add_bound(element, "leftBound", line.beside(crossing.width / 2), "no_marking")
-    _add_bound(element, "rightBound", line.beside(-crossing.width / 2), "no_marking")
-    add_text(element, "laneletType", "crosswalk")
-    add_text(element, "userBidirectional", "pedestrian")

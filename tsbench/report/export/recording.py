@@ -25,13 +25,13 @@ from foxglove.messages import (
 )
 
 import tsbench
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.episode.trace import Trace
 from tsbench.report.description import scene_facts
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import scene_shapes, tick_shapes
 from tsbench.report.drawing.style import ATTRIBUTION
 from tsbench.report.export.shapes import FRAME, entities, turned
-from tsbench.report.video.outfile import whole_file
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.rules.base import Violation
 from tsbench.sim.scene import Scene
@@ -54,10 +54,10 @@ _EGO_SCHEMA: dict[str, Any] = {
 
 
 def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
-    """The whole episode; the same episode gives the same messages."""
     context = Context()
     with (
-        whole_file(path) as part,
+        io_errors_as_input_errors(path),
+        replacing(path) as part,
         open_mcap(
             part,
             allow_overwrite=True,
@@ -101,7 +101,6 @@ def _time(seconds: float) -> Timestamp:
 
 
 def _scene(scene: Scene) -> list[SceneEntity]:
-    """What does not move."""
     graph = LaneGraph(scene.network)
     return entities((*road_shapes(scene.network), *scene_shapes(scene, graph)))
 

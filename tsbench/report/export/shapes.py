@@ -27,7 +27,7 @@ from foxglove.messages import (
 
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import sign_words
-from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape
 from tsbench.report.drawing.style import STYLE
 
 FRAME = "map"
@@ -47,7 +47,7 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
     shapes = list(shapes)
     surfaces: dict[str, list[TriangleListPrimitive]] = defaultdict(list)
     lines: dict[str, list[LinePrimitive]] = defaultdict(list)
-    painted = [shape for shape in shapes if isinstance(shape, Area | InferenceClient)]
+    painted = [shape for shape in shapes if isinstance(shape, Area | Line)]
     for level, (_, run) in enumerate(groupby(painted, _look)):
         first, *rest = run
         name, z = _NAMES.get(first.colour, first.colour), _STEP_Z * level
@@ -56,9 +56,7 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
             surfaces[name].append(_surface(first, polygons, z))
         else:
             lines[name].append(
-                _lines(
-                    first, [line.points for line in (first, *rest) if isinstance(line, InferenceClient)], z
-                )
+                _lines(first, [line.points for line in (first, *rest) if isinstance(line, Line)], z)
             )
     ground = [
         SceneEntity(frame_id=FRAME, id=name, timestamp=now, triangles=surfaces[name], lines=lines[name])
@@ -69,11 +67,10 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
 
 
 def turned(heading: float) -> Quaternion:
-    """A turn about the vertical."""
     return Quaternion(x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2))
 
 
-def _look(shape: Area | InferenceClient) -> tuple[str, bool, float]:
+def _look(shape: Area | Line) -> tuple[str, bool, float]:
     """Neighbours that look alike are one primitive."""
     is_area = isinstance(shape, Area)
     return shape.colour, is_area, shape.opacity if isinstance(shape, Area) else shape.width
@@ -102,7 +99,7 @@ def _surface(look: Area, polygons: Sequence[shapely.Geometry], z: float) -> Tria
     )
 
 
-def _lines(look: InferenceClient, lines: Sequence[Array], z: float) -> LinePrimitive:
+def _lines(look: Line, lines: Sequence[Array], z: float) -> LinePrimitive:
     pieces = np.concatenate([np.stack((line[:-1], line[1:]), axis=1).reshape(-1, 2) for line in lines])
     return LinePrimitive(
         type=LinePrimitiveLineType.LineList, pose=_pose(0.0, 0.0, 0.0, 0.0), thickness=look.width,
@@ -121,7 +118,6 @@ def _cube(
 
 
 def _body(body: Body, now: Timestamp | None) -> SceneEntity:
-    """A box that stands on the ground."""
     size = (body.length, body.width, _HEIGHTS_M.get(body.kind, _CAR_HEIGHT_M))
     colour = "cone" if body.kind == "cones" else body.kind
     cube = _cube(body.x, body.y, body.heading, size[2] / 2, size, colour)

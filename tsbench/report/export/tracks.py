@@ -51,5 +51,5 @@ def actor_tracks(trace: Trace) -> list[Track]:
 
 
 def ego_rows(trace: Trace) -> Array:
-    """(ticks, 4): the ego's x, y, heading, speed."""
+    """(ticks, 4): the ego's x, y (m), heading (rad), speed (m/s)."""
     return np.array([(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in trace.snapshots])

@@ -7,12 +7,13 @@ from typing import Any
 
 from markupsafe import Markup
 
+from tsbench.metrics.compare import compare, shared_scenarios
+from tsbench.report.analyses.columns import difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.correlations import LEAST_PLANNERS
-from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
+from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.registry import OF_POOL
 from tsbench.report.analyses.shown import lines_of
-from tsbench.report.page.comparison import comparison
 from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.report.page.packing import pack_table
 from tsbench.report.page.svg import inline_svg
@@ -23,24 +24,19 @@ Section = dict[str, Any]
 _ROOM_FOR_SHARES = ("group", "figure")
 
 
-def sections(pool: Pool, stock: EpisodeIndex) -> Iterator[Section]:
-    """The report's analyses, in order: `id`, `head` and what `show` says."""
-    yield {"id": "summary", "head": "Summary", **show(OF_POOL["main"](pool))}
-    yield {"id": "intervals", "head": "How sure", **show(OF_POOL["intervals"](pool), fold=True)}
-    yield {"id": "types", "head": "By type", **show(OF_POOL["types"](pool), heat=True, figure=False)}
-    compared = comparison(pool)
-    if compared is not None:
-        yield {"id": "planners", "head": "Planners compared", **show(compared)}
-    yield {"id": "failures", "head": "Failures", **show(OF_POOL["failures"](pool), fold=True)}
+def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
+    def section(key: str, head: str, analysis: Analysis | None, **how: bool) -> Iterator[Section]:
+        if analysis is not None:
+            yield {"id": key, "head": head, **show(analysis, **how)}
+
+    yield from section("summary", "Summary", OF_POOL["main"](pool))
+    yield from section("intervals", "How sure", OF_POOL["intervals"](pool), fold=True)
+    yield from section("types", "By type", OF_POOL["types"](pool), heat=True, figure=False)
+    yield from section("planners", "Planners compared", comparison(pool))
+    yield from section("failures", "Failures", OF_POOL["failures"](pool), fold=True)
     if len(pool.planners) >= LEAST_PLANNERS:
-        yield {
-            "id": "correlations",
-            "head": "What goes with SCD",
-            **show(OF_POOL["correlations"](pool), fold=True),
-        }
-    calibrated = traffic(pool, stock)
-    if calibrated is not None:
-        yield {"id": "traffic", "head": "Traffic against nuPlan", **show(calibrated)}
+        yield from section("correlations", "What goes with SCD", OF_POOL["correlations"](pool), fold=True)
+    yield from section("traffic", "Traffic against nuPlan", traffic(pool, index))
 
 
 def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: bool = False) -> Section:
@@ -49,18 +45,12 @@ def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: b
     drawn = inline_svg(analysis.draw, analysis.name) if analysis.draw is not None and figure else Markup()
     columns = [{**_column(c), "minor": heat and c.key in _ROOM_FOR_SHARES} for c in table.columns]
     counted = next((k for k, c in enumerate(table.columns) if c.key == "n"), None)
-    rows = [
-        {
-            "faint": row.faint,
-            "starts": row.starts,
-            "cells": [
-                _cell(c, v, heat, None if counted is None else row.cells[counted])
-                for c, v in zip(table.columns, row.cells, strict=True)
-            ],
-            "type": _text(table, row.cells, "type"),
-        }
-        for row in table.rows
-    ]
+    rows = []
+    for row in table.rows:
+        n, pairs = None if counted is None else row.cells[counted], zip(table.columns, row.cells, strict=True)
+        cells = [_cell(column, cell, heat, n) for column, cell in pairs]
+        kind = _text(table, row.cells, "type")
+        rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "type": kind})
     return {
         "title": analysis.title, "columns": columns, "rows": rows, "notes": analysis.notes, "figure": drawn,
         "fold": fold, "heat": heat, "fixed": table.fixed,
@@ -76,11 +66,8 @@ def _cell(column: Column, cell: Cell, heat: bool, n: Cell) -> dict[str, Any]:
     """n: what the row as a whole rests on; a figure that rests on fewer says so."""
     first, *below = lines_of(column, cell)
     shown: dict[str, Any] = {
-        "text": first,
-        "below": below,
-        "number": column.kind is not Kind.TEXT,
-        "title": "",
-    }
+        "text": first, "below": below, "number": column.kind is not Kind.TEXT, "title": ""
+    }  # fmt: skip
     if isinstance(cell, Value):
         counted = f"n = {cell.n:,}" if cell.n is not None else ""
         shown["title"] = ", ".join(part for part in (counted, cell.reason) if part)
@@ -92,14 +79,12 @@ def _cell(column: Column, cell: Cell, heat: bool, n: Cell) -> dict[str, Any]:
 
 
 def _text(table: Table, cells: Sequence[Cell], key: str) -> str:
-    """The text that a row has in a column, "" where there is no such column."""
     return next(
         (str(cell) for column, cell in zip(table.columns, cells, strict=True) if column.key == key), ""
     )
 
 
 def about(pool: Pool) -> list[dict[str, Any]]:
-    """Each run: what the manifest says of where its figures come from."""
     told = []
     for run in pool.runs:
         m = run.manifest
@@ -148,19 +133,19 @@ _COLUMNS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 
 
-def episodes_table(stock: EpisodeIndex, playable: Collection[int]) -> bytes:
+def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     """Every episode as a row of `tsb.table`; playable: rows that a player has."""
-    values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in stock.rows] for c in _COLUMNS}
-    stories = [stock.stories.get(stock.key(k)) for k in range(len(stock.rows))]
+    values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in index.rows] for c in _COLUMNS}
+    stories = [index.stories.get(index.key(k)) for k in range(len(index.rows))]
     values["measured"] = [
         "" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories
     ]
     values["told"] = [
         s["sentence"] if s is not None else row["error"] or ""
-        for s, row in zip(stories, stock.rows, strict=True)
+        for s, row in zip(stories, index.rows, strict=True)
     ]
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
-    values["playable"] = [k in playable for k in range(len(stock.rows))]
+    values["playable"] = [k in playable for k in range(len(index.rows))]
     for column in _COLUMNS:
         if column["kind"] == "number":
             digits = column.get("digits", 1)
@@ -171,7 +156,6 @@ def episodes_table(stock: EpisodeIndex, playable: Collection[int]) -> bytes:
 
 
 def heading(pool: Pool) -> dict[str, Any]:
-    """Title of the page and of the window; records that are missing come first."""
     what = ", ".join(pool.planners) if len(pool.planners) <= 4 else f"{len(pool.planners)} planners"
     return {
         "title": pool.title(what),
@@ -179,3 +163,29 @@ def heading(pool: Pool) -> dict[str, Any]:
         "contract": pool.contract,
         "edition": pool.edition,
     }
+
+
+def comparison(pool: Pool) -> Analysis | None:
+    """Each planner minus the first: overall and by group. None where there is only one planner."""
+    first, *others = pool.planners
+    if not others:
+        return None
+    rows: list[Row] = []
+    for other in others:
+        a, b = shared_scenarios(*(pool.home[name].of(name) for name in (first, other)))
+        found = compare(a, b, seed=pool.contract)
+        for panel, figure in {ALL: found.overall, **found.groups}.items():
+            rows += difference_rows((other, panel), figure, starts=panel == ALL)
+    columns = (
+        *text_columns("planner", "types"),
+        *difference_columns(f"{first}\n%", "planner\n%", "difference\npoints"),
+    )
+    notes = (
+        f"SCD (strict) of each planner minus that of {first}, percentage points, over the scenarios that both have; "
+        "below the difference its 95 % interval (paired cluster bootstrap over maps)",
+        "lost, won: scenarios that only the first, only the other one has; p: exact McNemar; MDE: where the "
+        "difference is not significant, how large one would have been found (80 % power). By type, and each flipped "
+        "scenario: tsbench compare",
+    )
+    title = pool.title(f"Compared with {first}")
+    return Analysis("comparison", title, pool.contract, Table(columns, tuple(rows), 3), notes)

@@ -13,15 +13,21 @@ import numpy as np
 from PIL import Image as PilImage
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.dataset.scenes.overview import TypeStats, type_stats
 from tsbench.report.drawing.bev import PageSize
 from tsbench.report.drawing.style import STYLE
-from tsbench.report.page.dataset_map import pack_places
-from tsbench.report.page.dataset_scenes import Group, Plate, pack_scenes, scene_blob
-from tsbench.report.page.dataset_table import pack_details, pack_rows
+from tsbench.report.page.dataset_blobs import (
+    Group,
+    Plate,
+    pack_details,
+    pack_places,
+    pack_rows,
+    pack_scenes,
+    scene_blob,
+)
 from tsbench.report.page.drawing import plates_of
 from tsbench.report.page.shell import render_page
-from tsbench.report.video.outfile import whole_file
 from tsbench.report.video.render import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
@@ -66,13 +72,12 @@ def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, pr
     content = text.encode()
     if len(content) > LARGEST_BYTES:
         raise InputError(f"{out}: the page would have {len(content) / 1e6:.0f} MB; give --types or --split")
-    with whole_file(out) as part:
-        part.write_bytes(content)
+    with io_errors_as_input_errors(out):
+        write_atomic(out, content)
     return len(content)
 
 
 def _certificates(rows: Sequence[ScenarioSpec]) -> list[Certificate]:
-    """One for each row, in order."""
     path = certificates_path()
     known = {c.scenario_id: c for c in read_certificates(path)}
     missing = [row.scenario_id for row in rows if row.scenario_id not in known]
@@ -82,7 +87,6 @@ def _certificates(rows: Sequence[ScenarioSpec]) -> list[Certificate]:
 
 
 def _cards(rows: Sequence[ScenarioSpec], catalog: Catalog) -> list[dict[str, Any]]:
-    """A card for each type: plates, names, figures, a picture."""
     stats: dict[str, list[TypeStats]] = defaultdict(list)
     for entry in type_stats(rows):
         stats[entry.type_id].append(entry)
@@ -124,7 +128,6 @@ def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:
 
 
 def _picture(example: ScenarioSpec) -> str:
-    """The scene without header and footer, as WebP."""
     page = scene_picture(load_scene(example), example.scenario_id, _PICTURE)
     view = np.ascontiguousarray(page[STYLE.header_px : -STYLE.footer_px])
     file = io.BytesIO()
@@ -133,7 +136,6 @@ def _picture(example: ScenarioSpec) -> str:
 
 
 def _facts(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> Mapping[str, str]:
-    """What the page says at its top."""
     n = len(rows)
     splits = {split: sum(row.split == split for row in rows) for split in sorted({r.split for r in rows})}
     checked = [proof.reproduced for proof in proofs if proof.reproduced is not None]

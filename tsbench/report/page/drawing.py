@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.shapes import Area, Body, InferenceClient, Plate, Shape, cone_places
+from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
 from tsbench.signs.plates import plate_svg
 
 UNIT_M = 0.1
@@ -21,7 +21,6 @@ _SIMPLER_M = 0.05
 
 
 def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
-    """Shapes as the page takes them, lowest first."""
     areas: list[dict[str, Any]] = []
     lines: list[dict[str, Any]] = []
     plates: list[dict[str, Any]] = []
@@ -32,7 +31,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                 rings = [r for p in _parts(shape.polygon) for r in (p.exterior, *p.interiors)]
                 flat = [_flat(shapely.get_coordinates(ring)[:-1]) for ring in rings]
                 _add(areas, {"c": shape.colour, "a": shape.opacity}, "r", flat)
-            case InferenceClient():
+            case Line():
                 parts = _parts(shapely.LineString(shape.points))
                 flat = [_flat(shapely.get_coordinates(part)) for part in parts]
                 _add(lines, {"c": shape.colour, "w": shape.width, "a": 1.0}, "p", flat)
@@ -67,18 +66,15 @@ def _add(where: list[dict[str, Any]], look: dict[str, Any], key: str, shapes: li
 
 
 def _body(kind: str, *numbers: float) -> dict[str, Any]:
-    """A kind of `bev.js`, its centre, heading and size."""
     x, y, h, length, width = (round(v, 2) for v in (*numbers, 0.0, 0.0, 0.0)[:5])
     return {"c": kind, "x": x, "y": y, "h": h, "l": length, "w": width}
 
 
 def plate_key(code: str, value: float | None) -> str:
-    """The key of a plate's picture in a page."""
     return code if value is None else f"{code}|{value:g}"
 
 
 def plates_of(plates: Iterable[tuple[str, float | None]]) -> dict[str, str]:
-    """The pictures of plates (code, value) as SVG documents, by key."""
     return {plate_key(*plate): plate_svg(*plate) for plate in plates}
 
 

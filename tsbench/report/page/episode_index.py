@@ -29,7 +29,6 @@ class EpisodeIndex:
     notes: tuple[str, ...]
 
     def key(self, row: int) -> Key:
-        """Planner and scenario of a row."""
         return self.rows[row]["planner"], self.rows[row]["scenario_id"]
 
 
@@ -60,11 +59,11 @@ def index_episodes(pool: Pool) -> EpisodeIndex:
     return EpisodeIndex(rows, stories, dict(sorted(there.items())), tuple(notes))
 
 
-def by_interest(stock: EpisodeIndex) -> list[int]:
+def by_interest(index: EpisodeIndex) -> list[int]:
     """Rows with a trace: violations first, then other failures, then the rest; planners and types in turn in each."""
     classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
-    for row in stock.traces:
-        record = stock.rows[row]
+    for row in index.traces:
+        record = index.rows[row]
         rank = 0 if record["violations"] else 1 if not record["scd"] else 2
         classes[rank].setdefault((record["scenario_type"], record["planner"]), []).append(row)
     return [row for queues in classes.values() for row in _in_turn(queues)]

@@ -46,7 +46,7 @@ class Opened:
 
     mark: tuple[int, int]
     pool: Pool
-    stock: EpisodeIndex
+    index: EpisodeIndex
     page: bytes = b""
     roads: dict[str, bytes] = field(default_factory=dict)
 
@@ -61,7 +61,6 @@ class Library:
         self._locks = [threading.Lock() for _ in self.runs]
 
     def index(self) -> bytes:
-        """The page that lists all runs."""
         rows = [{"number": k, "path": str(path), **_told(path)} for k, path in enumerate(self.runs)]
         return render_page("runs.html", title="tsbench runs", runs=rows, served=True).encode()
 
@@ -69,7 +68,7 @@ class Library:
         """A run's report. Raises NotThere, and InputError for a run that cannot be read."""
         with self._lock(number):
             run = self._open(number)
-            run.page = run.page or served_page(run.pool, run.stock, f"/run/{number}/data/").encode()
+            run.page = run.page or served_page(run.pool, run.index, f"/run/{number}/data/").encode()
             return run.page
 
     def data(self, number: int, kind: str, name: str) -> bytes:
@@ -94,13 +93,13 @@ class Library:
 
     def _episode(self, run: Opened, packer: EpisodePacker, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
-        path = run.stock.traces.get(row)
+        path = run.index.traces.get(row)
         if path is None:
             raise NotThere(f"no trace of episode {name}")
-        home = run.pool.home[run.stock.rows[row]["planner"]].path
+        home = run.pool.home[run.index.rows[row]["planner"]].path
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
-        packed = packer.pack(path, run.stock.key(row))
+        packed = packer.pack(path, run.index.key(row))
         run.roads[packed.net] = packed.roads
         return packed.episode
 
@@ -181,7 +180,6 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET  # noqa: N815
 
     def _find(self) -> tuple[str, bytes]:
-        """Content type and body of what the address names."""
         host, port = self.connection.getsockname()[:2]
         if self.headers.get("Host") not in (f"{host}:{port}", f"localhost:{port}"):
             raise NotThere("this server answers only to its own address")

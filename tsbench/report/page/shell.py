@@ -44,21 +44,12 @@ def render_page(
     served: the page may ask the server that it came from, and nobody else; otherwise it may ask nobody at all.
     """
     script = "\n".join(static_text(name) for name in (*BASE_SCRIPTS, *scripts))
-    return (
-        environment()
-        .get_template(template)
-        .render(
-            title=title,
-            data=dict(data or {}),
-            blobs={name: b64encode(content).decode() for name, content in (blobs or {}).items()},
-            style=Markup(static_text("base.css") + _bev_colours()),
-            script=Markup(script),
-            policy=_policy(script, served),
-            version=tsbench.__version__,
-            attribution=ATTRIBUTION,
-            **context,
-        )
-    )
+    encoded = {name: b64encode(content).decode() for name, content in (blobs or {}).items()}
+    return environment().get_template(template).render(
+        title=title, data=dict(data or {}), blobs=encoded, style=Markup(static_text("base.css") + _bev_colours()),
+        script=Markup(script), policy=_policy(script, served), version=tsbench.__version__, attribution=ATTRIBUTION,
+        **context,
+    )  # fmt: skip
 
 
 @cache

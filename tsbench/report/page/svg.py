@@ -25,7 +25,6 @@ _COLOUR = re.compile("|".join(_COLOURS))
 
 
 def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
-    """The figure as an `svg` element. name: begins its ids, so that no two figures of a page share one."""
     file = io.BytesIO()
     with house_style():
         mpl.rcParams["svg.fonttype"] = "none"

@@ -36,7 +36,7 @@ _EPISODES = 40
 _BACKGROUND = "bg_"
 
 
-def traffic(pool: Pool, stock: EpisodeIndex) -> Analysis | None:
+def traffic(pool: Pool, index: EpisodeIndex) -> Analysis | None:
     """The calibration of a pool's traffic; None where it cannot be told.
 
     That is so for scenarios that are not those of this tsbench, without certificates, or without traced traffic.
@@ -48,13 +48,13 @@ def traffic(pool: Pool, stock: EpisodeIndex) -> Analysis | None:
     table = read_table(path)
     if contract_hash(table, load_catalog()) != pool.contract:
         return None
-    driven = {row["scenario_id"] for row in stock.rows}
+    driven = {row["scenario_id"] for row in index.rows}
     rows = [spec for spec in table if spec.scenario_id in driven]
     traced: dict[str, int] = {}
-    for row in stock.traces:
-        traced.setdefault(stock.rows[row]["scenario_id"], row)
+    for row in index.traces:
+        traced.setdefault(index.rows[row]["scenario_id"], row)
     sample = sample_rows([spec for spec in rows if spec.scenario_id in traced], _EPISODES)
-    cruise = background_speeds(read_trace(stock.traces[traced[spec.scenario_id]]) for spec in sample)
+    cruise = background_speeds(read_trace(index.traces[traced[spec.scenario_id]]) for spec in sample)
     proven = (c for c in read_certificates(certificates_path()) if c.scenario_id in driven)
     densities = np.array([c.realised_density for c in proven if c.asked_density])
     initial = grid_speeds(rows)

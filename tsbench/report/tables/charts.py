@@ -41,7 +41,5 @@ def save_chart(draw: Callable[[], Figure], *paths: Path) -> None:
         figure = draw()
         for path in paths:
             kind = path.suffix[1:]
-            with io_errors_as_input_errors(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with replacing(path) as part:
-                    figure.savefig(part, dpi=_DPI, format=kind, metadata=_METADATA[kind])
+            with io_errors_as_input_errors(path), replacing(path) as part:
+                figure.savefig(part, dpi=_DPI, format=kind, metadata=_METADATA[kind])

@@ -1,15 +1,25 @@
-"""`tsbench compare`: two sides of stored runs, matched scenario by scenario, or refused with the reason."""
+"""`tsbench compare`: two sides of stored runs, matched scenario by scenario or refused, and shown as tables."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
-import pyarrow as pa
-import pyarrow.compute as pc
+from rich.console import Console
+from rich.text import Text
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.compare import Comparison, compare
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.metrics.aggregate import name_holes
+from tsbench.metrics.compare import Comparison, Flip, compare, shared_scenarios
+from tsbench.metrics.episode import METRICS
+from tsbench.report.analyses.columns import difference_columns, difference_rows
+from tsbench.report.analyses.model import Analysis, Column, Kind, Table
+from tsbench.report.analyses.shown import print_analysis
 from tsbench.run.log.read import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
@@ -19,14 +29,11 @@ _EXPLAINS = ("mask_signs", "device")
 
 @dataclass(frozen=True)
 class Side:
-    """One planner of one run."""
-
     run: StoredRun
     planner: str
 
     @property
     def label(self) -> str:
-        """Planner and folder."""
         return f"{self.planner} ({self.run.path})"
 
 
@@ -47,7 +54,6 @@ class Matched:
 
     @property
     def title(self) -> str:
-        """One line: warnings first."""
         text = f"A {self.a.label}, B {self.b.label}: {self.comparison.pairs} paired scenarios"
         return ": ".join(("; ".join(self.warnings), text)) if self.warnings else text
 
@@ -60,16 +66,19 @@ def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) 
     """
     a, b = find_side(text_a), find_side(text_b)
     warnings = [*_contracts(a.run, b.run, force)]
-    partial = _holes(a, b, allow_partial)
+    holes = {side.label: side.run.holes(side.planner) for side in (a, b)}
+    asked = {side.label: side.run.asked[side.planner] for side in (a, b)}
+    named = name_holes(holes, asked, allow_partial)
+    partial = [f"PARTIAL, scenarios without a record ({named})"] if named else []
     left, right = a.run.of(a.planner), b.run.of(b.planner)
-    common = sorted(_scenarios(left) & _scenarios(right))
-    warnings += _selections(a, b, len(left), len(right), len(common), force, bool(partial))
-    if not common:
+    first, second = shared_scenarios(left, right)
+    warnings += _selections(a, b, len(left), len(right), len(first), force, bool(partial))
+    if not len(first):
         raise InputError(f"{text_a} and {text_b} have no scenario in common: nothing to compare")
-    left, right = (table.filter(pc.is_in(table["scenario_id"], pa.array(common))) for table in (left, right))
     contracts = a.run.contract, b.run.contract
-    comparison = compare(left, right, seed="\n".join(sorted(set(contracts))))
-    return Matched(a, b, comparison, (*partial, *warnings), _notes(a.run, b.run), contracts)
+    comparison = compare(first, second, seed="\n".join(sorted(set(contracts))))
+    notes = tuple(f"{key}: A {x}, B {y}" for key, (x, y) in differing(a.run, b.run, _EXPLAINS).items())
+    return Matched(a, b, comparison, (*partial, *warnings), notes, contracts)
 
 
 def find_side(text: str) -> Side:
@@ -90,10 +99,6 @@ def find_side(text: str) -> Side:
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json)")
 
 
-def _scenarios(table: pa.Table) -> set[str]:
-    return {str(name) for name in table["scenario_id"].to_pylist()}
-
-
 def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
     if a.contract == b.contract:
         return []
@@ -105,21 +110,11 @@ def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
     return [f"FORCED, contracts differ (A {a.contract[:12]}, B {b.contract[:12]})"]
 
 
-def _holes(a: Side, b: Side, allow_partial: bool) -> list[str]:
-    holes = {side.label: side.run.holes(side.planner) for side in (a, b)}
-    named = ", ".join(f"{label}: {k}" for label, k in holes.items() if k)
-    if named and not allow_partial:
-        raise InputError(f"scenarios without a record ({named}): continue the run, or pass --allow-partial")
-    return [f"PARTIAL, scenarios without a record ({named})"] if named else []
-
-
 def _selections(a: Side, b: Side, n_a: int, n_b: int, common: int, force: bool, partial: bool) -> list[str]:
     """Holes may explain different scenarios, but only of runs that were asked for the same ones."""
     if n_a == n_b == common:
         return []
-    first, second = (side.run.manifest["effective"] for side in (a, b))
-    same = all(first.get(key) == second.get(key) for key in SELECTION)
-    if partial and same and a.run.contract == b.run.contract:
+    if partial and not differing(a.run, b.run, SELECTION) and a.run.contract == b.run.contract:
         return []
     counts = f"A has {n_a}, B has {n_b}, {common} in common"
     if not force:
@@ -129,10 +124,93 @@ def _selections(a: Side, b: Side, n_a: int, n_b: int, common: int, force: bool, 
     return [f"FORCED, different scenarios ({counts})"]
 
 
-def _notes(a: StoredRun, b: StoredRun) -> tuple[str, ...]:
-    first, second = a.manifest["effective"], b.manifest["effective"]
-    return tuple(
-        f"{key}: A {first.get(key)}, B {second.get(key)}"
-        for key in _EXPLAINS
-        if first.get(key) != second.get(key)
+def differing(a: StoredRun, b: StoredRun, keys: Sequence[str]) -> dict[str, tuple[Any, Any]]:
+    """Options in which two runs differ, with both values."""
+    both = {key: tuple(run.manifest["effective"].get(key) for run in (a, b)) for key in keys}
+    return {key: (x, y) for key, (x, y) in both.items() if x != y}
+
+
+_KEY = (
+    "SCD: sign-compliant and arrived, %. B-A with its 95 % interval (paired cluster bootstrap over maps). p: exact "
+    "McNemar; of types after Holm over the {m} types compared, of all else as it is; metrics that are not yes/no go by "
+    "their interval. *: significant (5 %). MDE: what is not significant would have been found with 80 % power from "
+    "this difference on (types: at Holm's strictest step); – there: no difference could have been.",
+    "Strict: an error outcome counts as a failure. Completed: pairs without an error outcome.",
+)
+
+
+def print_comparison(matched: Matched, console: Console, most_flips: int) -> None:
+    """Print what changed. most_flips: how many of the won and of the lost scenarios are listed."""
+    for analysis in comparison_analyses(matched):
+        print_analysis(analysis, console)
+    for won in (False, True):
+        flips = [flip for flip in matched.comparison.flips if flip.won == won]
+        _print_flips(flips, won, console, most_flips)
+    for name, side in (("A", matched.a), ("B", matched.b)):
+        console.print(Text(f"{name} {side.run.rescored}", style="dim"), soft_wrap=True)
+
+
+def comparison_analyses(matched: Matched) -> tuple[Analysis, Analysis]:
+    c, (a, b) = matched.comparison, matched.contracts
+    rows = list(difference_rows(("all", f"mean of {len(c.types)}"), c.overall))
+    for group, figure in c.groups.items():
+        inside = [kind for kind, g in c.type_groups.items() if g == group]
+        rows += difference_rows((group, f"mean of {len(inside)}"), figure, starts=True)
+        for kind in inside:
+            rows += difference_rows((None, kind), c.types[kind])
+    names = Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)
+    scd = Table((*names, *difference_columns("SCD A", "SCD B", "B-A")), tuple(rows), 3)
+    editions = [
+        f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)
+    ]
+    others = (f"A {editions[0]}", f"B {editions[1]}") if a != b else ()
+    notes = (*(f"note: {line}" for line in matched.notes), *others)
+    names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
+    rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
+    metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)
+    key = (_KEY[0].format(m=len(c.types)), _KEY[1], *_no_interval(c))
+    return (
+        Analysis("scd", matched.title, a if a == b else "", scd, notes),
+        Analysis("metrics", "Metrics", "", metrics, key),
     )
+
+
+def flips_csv(comparison: Comparison, path: Path) -> None:
+    text = io.StringIO()
+    names = [field.name for field in fields(Flip) if field.name != "won"]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["change", *names])
+    for flip in comparison.flips:
+        row = asdict(flip)
+        writer.writerow(["won" if flip.won else "lost", *(row[name] for name in names)])
+    with io_errors_as_input_errors(path):
+        write_atomic(path, text.getvalue().encode())
+
+
+def _no_interval(c: Comparison) -> Iterator[str]:
+    """Why some differences have none, once for each reason."""
+    named = {"overall": c.overall, **c.groups, **c.types, **c.metrics}
+    reasons: dict[str, list[str]] = {}
+    for name, figure in named.items():
+        if figure.main.low is None:
+            reasons.setdefault(figure.main.reason, []).append(name)
+    for reason, names in reasons.items():
+        yield f"no interval ({reason}): {', '.join(names)}"
+
+
+def _print_flips(flips: list[Flip], won: bool, console: Console, most: int) -> None:
+    head = (
+        f"won (B has SCD, A has not): {len(flips)}" if won else f"lost (A had SCD, B has not): {len(flips)}"
+    )
+    console.print(Text(head, style="bold"))
+    for flip in flips[:most]:
+        console.print(Text(f"  {flip.scenario_id}  A {_story(flip, 'a')}, B {_story(flip, 'b')}"))
+    if len(flips) > most:
+        console.print(Text(f"  and {len(flips) - most} more: --flips N lists more, --csv FILE writes all"))
+
+
+def _story(flip: Flip, side: str) -> str:
+    row = asdict(flip)
+    clause, error = row[f"clause_{side}"], row[f"error_{side}"]
+    words = [row[f"outcome_{side}"], f"broke {clause}" if clause else "", f"({error})" if error else ""]
+    return " ".join(word for word in words if word)

@@ -2,74 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
 from tsbench.dataset.scenes.overview import TypeStats
-from tsbench.report.analyses.markdown import markdown_row
+from tsbench.report.analyses.columns import text_columns
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
+from tsbench.report.analyses.writing import to_markdown
 
-ROWS = (
-    "type", "split", "rows", "maps", "places", "tagged", "solvable", "tempting", "engaged", "sane", "again", "gap s",
-)  # fmt: skip
-MAPS = ("type", "split", "maps by stratum", "quota missed", "maps passed over, by reason")
-
-
-def row_cells(stats: Sequence[TypeStats]) -> list[list[str]]:
-    """Cells below ROWS. again: share of rows that a second process drove to the same bytes."""
-    cells = []
-    for t in stats:
-        shares = [
-            _percent(v) for v in (t.tagged_share, t.solvable, t.tempting, t.engaged, t.sane, t.reproduced)
-        ]
-        gap = "" if isnan(t.gap_s) else f"{t.gap_s:.1f}"
-        cells.append([t.type_id, t.split, *(str(v) for v in (t.rows, t.maps, t.places)), *shares, gap])
-    return cells
+_SHARES = {
+    "tagged": "tagged_share", "solvable": "solvable", "tempting": "tempting", "engaged": "engaged", "sane": "sane",
+    "again": "reproduced",
+}  # fmt: skip
 
 
-def map_cells(stats: Sequence[TypeStats], report: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """Cells below MAPS. report: what the last build wrote down (overview.build_report)."""
-    strata = {(t.type_id, t.split): t.strata for t in stats}
-    cells = []
-    for entry in report:
-        key = (str(entry["type_id"]), str(entry["split"]))
-        cells.append(
-            [*key, _counts(strata.get(key, {})), _counts(entry["missed"]), _reasons(entry["reasons"])]
-        )
-    return cells
-
-
-def to_markdown(stats: Sequence[TypeStats], report: Sequence[dict[str, Any]]) -> str:
-    """The page docs/dataset.md."""
-    rows = sum(t.rows for t in stats)
-    by_split = ", ".join(
-        f"{split} {sum(t.rows for t in stats if t.split == split):,}"
-        for split in dict.fromkeys(t.split for t in stats)
-    )
-    return "\n".join(
-        [
-            "# The data set in figures",
-            "",
-            f"Made by `tsbench scenarios stats --markdown docs/dataset.md`: {rows:,} rows ({by_split}).",
-            "",
-            "Shares are of rows, in %, by their certificates ([scenarios.md](scenarios.md)). places: spots more",
-            "than 300 m apart that hold all maps. tagged: maps from extracts with full tags. again: driven to",
-            "the same bytes by a second process. gap s: median of |arrival gap| between the ego and whom it has to",
-            "watch, where there is somebody.",
-            "",
-            *_markdown(ROWS, row_cells(stats)),
-            "",
-            "Quotas, and why maps were passed over while they were filled:",
-            "",
-            *_markdown(MAPS, map_cells(stats, report)),
-            "",
-        ]
+def dataset_tables(
+    stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]
+) -> tuple[Analysis, Analysis]:
+    """Rows, and maps. report: what the last build wrote down (overview.build_report)."""
+    splits = dict.fromkeys(t.split for t in stats)
+    counts = {split: sum(t.rows for t in stats if t.split == split) for split in splits}
+    by_split = ", ".join(f"{split} {count:,}" for split, count in counts.items())
+    rows = tuple(
+        Row((
+            t.type_id, t.split, t.rows, t.maps, t.places,
+            *(_percent(getattr(t, name)) for name in _SHARES.values()), None if isnan(t.gap_s) else t.gap_s,
+        ))
+        for t in stats
     )  # fmt: skip
+    columns = (
+        *text_columns("type", "split"), *(Column(k, k, Kind.COUNT) for k in ("rows", "maps", "places")),
+        *text_columns(*_SHARES), Column("gap_s", "gap s", Kind.NUMBER),
+    )  # fmt: skip
+    notes = (
+        "Shares are of rows, in %, by their certificates. places: spots more than 300 m apart that hold all maps. "
+        "tagged: maps from extracts with full tags. again: driven to the same bytes by a second process. gap s: median "
+        "of |arrival gap| between the ego and whom it has to watch, where there is somebody",
+    )
+    title = f"The data set: {sum(counts.values()):,} rows ({by_split})"
+    strata = {(t.type_id, t.split): t.strata for t in stats}
+    maps = tuple(
+        Row(
+            (
+                kind,
+                split,
+                _counts(strata.get((kind, split), {})),
+                _counts(e["missed"]),
+                _reasons(e["reasons"]),
+            )
+        )
+        for e in report
+        for kind, split in [(str(e["type_id"]), str(e["split"]))]
+    )
+    heads = text_columns("type", "split", "maps by stratum", "quota missed", "maps passed over, by reason")
+    quotas = "Quotas, and why maps were passed over while they were filled"
+    return (
+        Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
+        Analysis("dataset-maps", quotas, "", Table(heads, maps, 2), ()),
+    )
 
 
-def _markdown(heads: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]:
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    return [*lines, *(markdown_row(row) for row in cells)]
+def dataset_page(tables: Sequence[Analysis]) -> str:
+    """The page docs/dataset.md."""
+    head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
+    return "\n".join([head, *map(to_markdown, tables)])
 
 
 def _percent(share: float) -> str:
@@ -77,9 +74,9 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f}" if share in (0.0, 1.0) else f"{min(100 * share, 99.9):.1f}"
 
 
-def _counts(counts: dict[str, int]) -> str:
+def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
 
 
-def _reasons(reasons: dict[str, int]) -> str:
+def _reasons(reasons: Mapping[str, int]) -> str:
     return "; ".join(f"{n} {why}" for why, n in reasons.items()) or "none"

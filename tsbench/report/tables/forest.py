@@ -1,15 +1,17 @@
-"""Forest plots: values with their intervals, one row each; and that of a comparison of two planners."""
+"""Forest plots: values with their intervals, one row each; of a comparison, and as panels side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
-from tsbench.metrics.compare import PairedFigure
+from tsbench.metrics.breakdown import Twice
+from tsbench.metrics.paired import Difference
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.tables.compare import Matched
 
@@ -56,11 +58,17 @@ def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True) -> None
     for label, row in zip(axes.get_yticklabels(), rows, strict=True):
         label.set(fontweight="bold" if row.bold else "normal", fontsize=8, parse_math=False)
     axes.tick_params(axis="y", labelleft=labels)
-    counts = axes.secondary_yaxis("right")
-    counts.set_yticks(range(len(rows)), [row.count for row in rows])
-    counts.tick_params(length=0, labelsize=7)
+    put_counts(axes, [row.count for row in rows])
     axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def put_counts(axes: Any, texts: Sequence[str], size: int = 7) -> Any:
+    """What each row rests on, at the right of the axes."""
+    right = axes.secondary_yaxis("right")
+    right.set_yticks(range(len(texts)), texts)
+    right.tick_params(length=0, labelsize=size)
+    return right
 
 
 def draw_forest(matched: Matched, path: Path) -> None:
@@ -68,26 +76,26 @@ def draw_forest(matched: Matched, path: Path) -> None:
     save_chart(lambda: _forest(matched), path)
 
 
-def difference_mark(figure: PairedFigure, colour: str, mean: bool) -> Mark:
+def difference_mark(figure: Twice[Difference], colour: str, mean: bool) -> Mark:
     """How a paired difference is drawn: full where it is significant, with its bracket where it is not."""
-    d, completed = figure.main, figure.completed
+    d = figure.main
     return Mark(
         d.value, d.low, d.high, colour, filled=d.significant, marker="D" if mean else "o", width=2.2 if mean else 1.4,
-        bracket=d.mde, cross=None if completed.n == d.n else completed.value,
+        bracket=d.mde, cross=figure.completed.value if figure.differ else None,
     )  # fmt: skip
 
 
-def lost_won(figure: PairedFigure) -> str:
+def lost_won(figure: Twice[Difference]) -> str:
     """Pairs that only A, only B has, of how many; completed pairs in brackets where there are fewer."""
     d = figure.main
     text = f"{d.lost or 0}/{d.won or 0} of {d.n}"
-    return text if d.n == figure.completed.n else f"{text} ({figure.completed.n})"
+    return text if not figure.differ else f"{text} ({figure.completed.n})"
 
 
 def _forest(matched: Matched) -> Figure:
     c = matched.comparison
 
-    def row(label: str, figure: PairedFigure, colour: str, mean: bool) -> ForestRow:
+    def row(label: str, figure: Twice[Difference], colour: str, mean: bool) -> ForestRow:
         return ForestRow(label, (difference_mark(figure, colour, mean),), lost_won(figure), mean)
 
     rows = [row("all types", c.overall, INK, True)]
@@ -129,3 +137,60 @@ def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
 def _contract_line(matched: Matched) -> str:
     a, b = matched.contracts
     return f"contract {a}" if a == b else f"contracts A {a[:24]}…, B {b[:24]}…"
+
+
+_LABELS_IN, _PANEL_IN, _REST_IN = 1.4, 2.3, 1.75
+
+
+def colour_of(panel: str) -> str:
+    return GROUP_COLOURS.get(panel, INK)
+
+
+def published_mark(value: float | None) -> Mark:
+    return Mark(value, None, None, GREY, filled=False, marker="D")
+
+
+def forest_panels(
+    panels: Mapping[str, Sequence[ForestRow]],
+    unit: str,
+    span: tuple[float, float] | None,
+    key: Mapping[str, Mark],
+) -> Figure:
+    """Forest plots that share their rows and, by `span`, their axis. unit: what that shows; key: marks explained."""
+    figure, axes = make_panels(panels, max(len(rows) for rows in panels.values()))
+    for k, (name, rows) in enumerate(panels.items()):
+        draw_rows(axes[k], rows, labels=not k)
+        axes[k].set_title(name, fontsize=9, fontweight="bold", color=colour_of(name))
+        axes[k].tick_params(axis="x", labelsize=8)
+        if span is None or span[0] < 0.0:
+            axes[k].axvline(0.0, color=GREY, linewidth=0.8)
+        if span is not None:
+            margin = 0.03 * (span[1] - span[0])
+            axes[k].set_xlim(span[0] - margin, span[1] + margin)
+    handles = [
+        Line2D(
+            [], [], color=mark.colour, marker=mark.marker, markersize=5, label=text,
+            linestyle="-" if mark.low is not None else "none", markerfacecolor=mark.colour if mark.filled else "white",
+        )
+        for text, mark in key.items()
+    ]  # fmt: skip
+    put_key(figure, unit, handles)
+    return figure
+
+
+def make_panels(names: Iterable[str], rows: int) -> tuple[Figure, Sequence[Any]]:
+    count = len(list(names))
+    size = (_LABELS_IN + _PANEL_IN * count, _REST_IN + ROW_IN * max(rows, 3))
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(1, count, squeeze=False)[0]
+
+
+def put_key(figure: Figure, unit: str, handles: Sequence[Any]) -> None:
+    figure.legend(
+        handles=handles, title=unit, loc="outside lower left", alignment="left", fontsize=7.5, title_fontsize=8,
+        frameon=False, ncols=len(handles),
+    )  # fmt: skip
+
+
+def put_title(figure: Figure, title: str, contract: str) -> None:
+    figure.suptitle(f"{title}\ncontract {contract}", fontsize=8, x=0.01, ha="left", parse_math=False)

@@ -6,13 +6,16 @@ The sign-blind driver breaks the rule where the expert obeys it: a picture of th
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_of
+from tsbench.planners.registry import resolve
 from tsbench.report.drawing.bev import PageSize
 from tsbench.report.page.shell import environment
 from tsbench.report.video.encode import render_gif
@@ -46,7 +49,6 @@ class PageMaker:
 
     @property
     def types(self) -> list[str]:
-        """Types that have test scenarios, in the order of the table of types."""
         return [t.id for t in self._catalog.types if t.id in self._rows]
 
     def write(self, type_id: str) -> Path:
@@ -64,11 +66,10 @@ class PageMaker:
             obeyed, scene, folder / f"{type_id}-pass.gif", GIF_SIZE, _span(obeyed, _decisive(broken, obeyed))
         )
         path = self.out / f"{type_id}.md"
-        path.write_text(self._text(kind, broken, obeyed), encoding="utf-8")
+        write_atomic(path, self._text(kind, broken, obeyed).encode())
         return path
 
     def write_index(self) -> Path:
-        """A table of all pages that there are."""
         lines = ["# Signs and scenario types", "", "| plate | type | group | sign |", "|---|---|---|---|"]
         for kind in self._catalog.types:
             if (self.out / f"{kind.id}.md").is_file():
@@ -77,7 +78,7 @@ class PageMaker:
                 names = ", ".join(f"{s.code} {s.name_en}" for s in signs)
                 lines.append(f"| {plates} | [`{kind.id}`]({kind.id}.md) | {kind.group} | {names} |")
         path = self.out / "README.md"
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        write_atomic(path, ("\n".join(lines) + "\n").encode())
         return path
 
     def _pair(self, type_id: str) -> tuple[Trace, Trace]:
@@ -100,7 +101,7 @@ class PageMaker:
         if name not in self._runners:
             others = list(self._runners.values())
             sim = others[0].simulation if others else None
-            self._runners[name] = EpisodeRunner(planner, name, simulation=sim)
+            self._runners[name] = EpisodeRunner(replace(resolve(planner), name=name), simulation=sim)
         return trace_of(self._runners[name].run(row))
 
     def _text(self, kind: ScenarioType, broken: Trace, obeyed: Trace) -> str:
@@ -127,7 +128,6 @@ def _plate(sign: Sign, height: int) -> str:
 
 
 def _span(trace: Trace, moment: float) -> tuple[int, int]:
-    """Ticks around a moment (s)."""
     last = len(trace.snapshots) - 1
     first = max(round((moment - _BEFORE_S) / DT_S), 0)
     return min(first, last), min(round((moment + _AFTER_S) / DT_S), last)

@@ -12,11 +12,11 @@ import numpy as np
 from PIL import Image as PilImage
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.bev import BirdsEye, PageSize
 from tsbench.report.drawing.camera import Image
 from tsbench.report.drawing.style import STYLE, VIOLATION_SHADE
-from tsbench.report.video.outfile import whole_file
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -61,8 +61,7 @@ def film(
 
 
 def render_mp4(trace: Trace, scene: Scene, path: Path, country: Country | None = None) -> None:
-    """The whole episode in real time, H.264. Raises InputError."""
-    with whole_file(path) as part:
+    with io_errors_as_input_errors(path), replacing(path) as part:
         _encode(_frames(trace, scene, country), VIDEO_SIZE, part)
 
 
@@ -78,7 +77,6 @@ def _frames(trace: Trace, scene: Scene, country: Country | None) -> Iterator[Ima
 
 
 def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
-    """Frames (I420) through ffmpeg into an MP4."""
     import imageio_ffmpeg  # an extra of its own: only films need it
 
     command = [
@@ -135,7 +133,7 @@ def render_gif(
         frames.append(frame)
     step = round(1000 * DT_S * GIF_EVERY)
     durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
-    with whole_file(path) as part:
+    with io_errors_as_input_errors(path), replacing(path) as part:
         frames[0].save(
             part, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
             transparency=_CLEAR, disposal=1,
@@ -143,7 +141,6 @@ def render_gif(
 
 
 def _palette(first: PilImage.Image) -> PilImage.Image:
-    """The first page's colours, and all that may come later, such as those of a violation."""
     found = first.quantize(_GIF_COLOURS, method=PilImage.Quantize.MEDIANCUT).getpalette() or []
     named = [c for colour in astuple(STYLE) if isinstance(colour, tuple) and len(colour) == 3 for c in colour]
     dark = [round(VIOLATION_SHADE * c) for c in STYLE.violation]

@@ -15,11 +15,10 @@ from tsbench.report.description import scene_facts
 from tsbench.report.drawing.bev import BirdsEye, PageSize
 from tsbench.report.drawing.camera import Image, camera_over
 from tsbench.report.drawing.hud import draw_attribution, draw_scale_bar, header
-from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.paint import paint, save_png
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_shapes
-from tsbench.report.drawing.shapes import Body, InferenceClient
-from tsbench.report.drawing.sheet import save_png
+from tsbench.report.drawing.shapes import Body, Line
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.drawing.text import write
 from tsbench.report.episode_files import FileKind
@@ -102,7 +101,6 @@ def render_scene_png(scene: Scene, path: Path, title: str, country: Country | No
 def scene_picture(
     scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None
 ) -> Image:
-    """The picture of `render_scene_png`, (height, width, 3) RGB."""
     ways = list(way_shapes(scene, LaneGraph(scene.network)))
     staged = list(start_shapes(scene))
     page = np.full((size.height, size.width, 3), STYLE.panel, dtype=np.uint8)
@@ -119,8 +117,7 @@ def scene_picture(
     return page
 
 
-def _points(scene: Scene, ways: Sequence[InferenceClient], staged: Sequence[Body]) -> Array:
-    """What a picture of the scene must show, (n, 2)."""
+def _points(scene: Scene, ways: Sequence[Line], staged: Sequence[Body]) -> Array:
     goal = scene.network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s)
     sign = scene.target_sign
     alone = [(sign.x, sign.y), goal, *((body.x, body.y) for body in staged)]
@@ -128,7 +125,6 @@ def _points(scene: Scene, ways: Sequence[InferenceClient], staged: Sequence[Body
 
 
 def _legend(footer: Image, shown: set[str]) -> None:
-    """What the colours mean. shown: those of ways and of who stands there."""
     x = 12
     for name, text in _LEGEND.items():
         if name in shown or name in _ALWAYS:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 from tsbench.run.execution.memory import MemoryUse
+from tsbench.run.execution.messages import Setup
 from tsbench.run.execution.task_queue import TaskQueue
-from tsbench.run.execution.worker_process import Setup
 from tsbench.run.log.record import Record
+from tsbench.run.planner_info import PlannerInfo
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Executor(Protocol):
 
     def __exit__(self, kind: object, *_: object) -> None: ...
 
-    def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
+    def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
         """What each planner is. Raises InputError: it does not exist, does not import, or takes too long to."""
 
     def run(

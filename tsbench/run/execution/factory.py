@@ -9,7 +9,7 @@ from tsbench.run.execution.local import Pool
 
 EXECUTORS = ("local", "ray")
 # Episodes at once for each core, where an inference process answers them in batches.
-_CROWD = 4
+_OVERSUBSCRIPTION = 4
 
 
 def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> Executor:
@@ -22,4 +22,6 @@ def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> 
         executor: Executor = load("tsbench.run.execution.ray").RayExecutor(workers, most, limits)
         return executor
     cores = own_cores()
-    return Pool(min(workers or cores, most), limits, crowd=min(workers or _CROWD * cores, most))
+    return Pool(
+        min(workers or cores, most), limits, oversubscribed=min(workers or _OVERSUBSCRIPTION * cores, most)
+    )

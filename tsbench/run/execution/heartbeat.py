@@ -4,27 +4,16 @@ from __future__ import annotations
 
 import mmap
 import os
-import tempfile
 
-IDLE, LOADING, SIMULATING, PLANNING, SCORING = range(5)
-PHASE_NAMES = (
-    "between episodes",
-    "loading the scene",
-    "in the simulation",
-    "in the planner",
-    "in the monitors",
-)
+from tsbench.episode.phase import Phase
+
 _SIZE = mmap.PAGESIZE
 _PHASE_BITS = 4
 
 
 def heartbeat_file() -> int:
     """A file descriptor of zeroed memory to share with a worker."""
-    if hasattr(os, "memfd_create"):
-        fd = os.memfd_create("tsbench-pulse")
-    else:
-        with tempfile.TemporaryFile() as file:
-            fd = os.dup(file.fileno())
+    fd = os.memfd_create("tsbench-heartbeat")
     os.ftruncate(fd, _SIZE)
     return fd
 
@@ -39,14 +28,12 @@ class Heartbeat:
         self._beats = 0
 
     def begin(self, task: int) -> None:
-        """A worker takes up a task."""
         self._words[1] = 0
         self._words[2] = task
 
     def beat(self, phase: int) -> None:
-        """A worker enters a phase."""
         self._beats += 1
-        if phase == PLANNING:
+        if phase == Phase.PLANNING:
             self._words[1] += 1
         self._words[0] = self._beats << _PHASE_BITS | phase
 
@@ -56,9 +43,8 @@ class Heartbeat:
         return self._words[0]
 
     @property
-    def phase(self) -> int:
-        """The phase entered last."""
-        return self._words[0] & ((1 << _PHASE_BITS) - 1)
+    def phase(self) -> Phase:
+        return Phase(self._words[0] & ((1 << _PHASE_BITS) - 1))
 
     @property
     def planner_calls(self) -> int:

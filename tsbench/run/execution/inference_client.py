@@ -7,8 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.common.batching import Batched, Records
+from tsbench.planners.common.batching import Records
+from tsbench.run.execution.child import ONE_THREAD
 from tsbench.run.execution.inference_server import PROBLEM
-from tsbench.run.execution.worker_process import ONE_THREAD
 
 _SERVER = "tsbench.run.execution.inference_server"
 _DEATHS = 3
@@ -60,7 +57,6 @@ class InferenceServer:
         self._process = self._start()
 
     def close(self) -> None:
-        """End it."""
         self._process.kill()
         self._process.wait()
         self._listener.close()
@@ -96,19 +92,3 @@ class InferenceClient:
         if answer[:1] == PROBLEM:
             raise InputError(answer[1:].decode())
         return answer[1:]
-
-
-class WorkerRunner(EpisodeRunner):
-    """Runs a worker's episodes. inference: where its planner's network is asked over a line, "" = it has its own."""
-
-    def __init__(self, planner_spec: str, planner_name: str, *, inference: str = "", **options: Any) -> None:
-        super().__init__(planner_spec, planner_name, **options)
-        if not inference:
-            return
-        planner: Any = self._loaded.factory
-        assert isinstance(planner, Batched)
-        made: Callable[..., Any] = self._loaded.factory
-        self._loaded = replace(
-            self._loaded,
-            factory=lambda: made(infer=InferenceClient(inference, planner_spec, planner.outputs)),
-        )

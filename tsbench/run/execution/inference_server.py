@@ -1,4 +1,4 @@
-"""The inference process: answers the networks of batched planners for all workers. Started by `serving.py` only.
+"""The inference process: answers the networks of batched planners for all workers. Started by `inference_client` only.
 
 python -m tsbench.run.execution.inference_server LISTENING_FD PARENT_PID DEVICE
 
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.planners.common.batching import Batched, Infer
+from tsbench.core.machine import die_with
+from tsbench.planners.common.batching import Infer
 from tsbench.planners.registry import resolve
-from tsbench.run.execution.worker_main import die_with
 
 FINE, PROBLEM = b"+", b"-"
 # Larger batches gain little more, and the first to ask waits for the last.
@@ -31,8 +31,8 @@ class ModelServer:
     """One planner's network and whoever asks it."""
 
     def __init__(self, spec: str, device: str) -> None:
-        planner: Any = resolve(spec).factory
-        if not isinstance(planner, Batched):
+        planner = resolve(spec).batched
+        if planner is None:
             raise InputError(f"planner {spec!r}: has no network that could be served")
         self._spec = spec
         self.inputs: np.dtype[Any] = planner.inputs
@@ -42,8 +42,10 @@ class ModelServer:
         """Answer requests of one record each, in batches."""
         for first in range(0, len(asked), _MOST):
             some = asked[first : first + _MOST]
-            for (line, _), answer in zip(some, self._batch([request for _, request in some]), strict=True):
-                _send(line, answer)
+            for (connection, _), answer in zip(
+                some, self._batch([request for _, request in some]), strict=True
+            ):
+                _send(connection, answer)
 
     def _batch(self, requests: list[bytes]) -> list[bytes]:
         """One answer each: a request that the network breaks on costs none of the others theirs."""
@@ -67,43 +69,43 @@ class Server:
 
     def __init__(self, listener: socket.socket, device: str) -> None:
         self._listener, self._device = listener, device
-        self._desks: dict[str, ModelServer] = {}
-        self._lines: dict[Connection, str | None] = {}
+        self._models: dict[str, ModelServer] = {}
+        self._planners: dict[Connection, str | None] = {}
 
     def serve(self) -> None:
         """For ever: it ends with its parent."""
         while True:
             asked: dict[str, list[tuple[Connection, bytes]]] = {}
-            for ready in wait([self._listener, *self._lines]):
+            for ready in wait([self._listener, *self._planners]):
                 if ready is self._listener:
-                    self._lines[Connection(self._listener.accept()[0].detach())] = None
+                    self._planners[Connection(self._listener.accept()[0].detach())] = None
                     continue
                 assert isinstance(ready, Connection)
-                self._hear(ready, asked)
+                self._receive(ready, asked)
             for spec, requests in asked.items():
-                self._desks[spec].answer(requests)
+                self._models[spec].answer(requests)
 
-    def _hear(self, line: Connection, asked: dict[str, list[tuple[Connection, bytes]]]) -> None:
+    def _receive(self, connection: Connection, asked: dict[str, list[tuple[Connection, bytes]]]) -> None:
         try:
-            message = line.recv_bytes()
+            message = connection.recv_bytes()
         except (EOFError, OSError):
             # A worker has ended, or was ended.
-            del self._lines[line]
-            line.close()
+            del self._planners[connection]
+            connection.close()
             return
-        spec = self._lines[line]
+        spec = self._planners[connection]
         if spec is not None:
-            asked.setdefault(spec, []).append((line, message))
+            asked.setdefault(spec, []).append((connection, message))
             return
-        self._lines[line] = spec = message.decode()
+        self._planners[connection] = spec = message.decode()
         problem = self._open(spec)
-        _send(line, PROBLEM + problem.encode() if problem else FINE)
+        _send(connection, PROBLEM + problem.encode() if problem else FINE)
 
     def _open(self, spec: str) -> str:
         """Load a planner's network, if it is not yet; returns why that is impossible, or ""."""
         try:
-            if spec not in self._desks:
-                self._desks[spec] = ModelServer(spec, self._device)
+            if spec not in self._models:
+                self._models[spec] = ModelServer(spec, self._device)
         except InputError as problem:
             return str(problem)
         except Exception as problem:
@@ -113,16 +115,15 @@ class Server:
         return ""
 
 
-def _send(line: Connection, content: bytes) -> None:
+def _send(connection: Connection, content: bytes) -> None:
     try:
-        line.send_bytes(content)
+        connection.send_bytes(content)
     except (BrokenPipeError, ConnectionResetError):
         # A worker that has ended meanwhile; the next look at its line says so too.
         return
 
 
 def main(arguments: list[str]) -> None:
-    """Serve until the parent ends."""
     listening_fd, parent, device = int(arguments[0]), int(arguments[1]), arguments[2]
     die_with(parent)
     Server(socket.socket(fileno=listening_fd), device).serve()

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import selectors
 import signal
+import subprocess
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.run.execution.base import Limits
+from tsbench.run.execution.child import cause_of_end
+from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.execution.memory import MemoryUse, resident_mb
+from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.execution.watchdog import Overrun, find_overrun, lost_record
-from tsbench.run.execution.worker_process import Message, Setup, WorkerProcess, cause_of_end
+from tsbench.run.execution.worker_process import WorkerProcess
 from tsbench.run.log.record import Record
-
-if TYPE_CHECKING:
-    from tsbench.run.execution.inference_client import InferenceServer
+from tsbench.run.planner_info import PlannerInfo
 
 _TICK_S = 0.25
 _SHUTDOWN_TIMEOUT_S = 2.0
-_STILLBORN = 3
+_MOST_FAILED_STARTS = 3
 # Signals that come from outside (a person, the kernel short of memory): the episode gets a second worker.
 _FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM)
 
@@ -33,20 +35,16 @@ _FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM)
 class Pool:
     """The executor of this machine: worker processes."""
 
-    def __init__(self, count: int, limits: Limits | None = None, crowd: int | None = None) -> None:
-        """crowd: how many workers, where they wait for an inference process more than they work; None = `count`."""
+    def __init__(self, count: int, limits: Limits | None = None, oversubscribed: int | None = None) -> None:
+        """oversubscribed: how many workers, where they mostly wait for an inference process; None = `count`."""
         self._limits = limits or Limits()
-        self._crowd = crowd or count
+        self._most = oversubscribed or count
         self._server: InferenceServer | None = None
         self._memory: list[MemoryUse] = []
         self._workers: list[WorkerProcess | None] = [None] * count
         self._selector = selectors.DefaultSelector()
         self._setup: Setup | None = None
         self._failed_starts = 0
-        self._tried_twice: set[int] = set()
-        # Episodes that took too long beside others: each is run once more at the end, alone.
-        self._alone: deque[Task] = deque()
-        self._tried_alone: set[int] = set()
         self._looked = 0.0
 
     def __enter__(self) -> Pool:
@@ -61,9 +59,11 @@ class Pool:
         if kind is None:
             idle = [worker for worker in workers if worker.ready and not worker.held]
             for worker in idle:
-                self._forget(worker.connection)
                 worker.shutdown()
-            self._wait_for_ends(idle)
+            end = time.monotonic() + _SHUTDOWN_TIMEOUT_S
+            for worker in idle:
+                with suppress(subprocess.TimeoutExpired):
+                    worker.process.wait(max(end - time.monotonic(), 0.0))
         for worker in workers:
             worker.end()
         self._workers = [None] * len(self._workers)
@@ -71,21 +71,20 @@ class Pool:
         if self._server is not None:
             self._server.close()
 
-    def probe(self, specs: Sequence[str]) -> list[dict[str, Any]]:
+    def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
         """What each planner is, asked in a worker that has met no other: making one may change or end a process."""
-        found: list[dict[str, Any]] = []
+        found: list[PlannerInfo] = []
         count = len(self._workers)
         for first in range(0, len(specs), count):
             some = specs[first : first + count]
             for slot, spec in enumerate(some):
-                self._unspoilt(slot, spec).send_probe(spec)
+                self._untouched(slot, spec).send_probe(spec)
             found += [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
         return found
 
     def run(
         self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
     ) -> None:
-        """Run all tasks: see `Executor`."""
         setup = self._setup = self._served(setup)
         for slot, worker in enumerate(self._workers):
             if worker is not None and self._index_of(worker.planner) not in (None, tasks.planner):
@@ -94,15 +93,14 @@ class Pool:
             elif worker is not None:
                 worker.configure(setup)
         while not stop():
-            self._renew()
+            if self._server is not None:
+                self._server.revive()
             self._fill(tasks)
-            if not tasks.left and not any(worker and worker.held for worker in self._workers):
-                if not self._alone:
-                    return
-                tasks.requeue(self._alone.popleft())
-            for key, _ in self._selector.select(_TICK_S):
-                slot, event = key.data
-                self._handle(slot, event, tasks, keep)
+            idle = not tasks.left and not any(worker and worker.held for worker in self._workers)
+            if idle and not tasks.requeue_alone():
+                return
+            for slot in self._poll(keep):
+                self._handle_death(slot, tasks, keep)
             self._watch(tasks, keep)
         for slot, worker in enumerate(self._workers):
             if worker is not None and worker.held:
@@ -111,11 +109,9 @@ class Pool:
 
     def _served(self, setup: Setup) -> Setup:
         """The setup with an inference process, where a planner's batches pay: on a GPU always."""
-        wanted = any(setup.device in planner["served_on"] for planner in setup.planners)
-        if not wanted or (setup.device == "cpu" and self._crowd == 1):
+        wanted = any(setup.device in planner.served_on for planner in setup.planners)
+        if not wanted or (setup.device == "cpu" and self._most == 1):
             return setup
-        from tsbench.run.execution.inference_client import InferenceServer
-
         if self._server is None:
             with io_errors_as_input_errors(Path("starting the inference process")):
                 self._server = InferenceServer(setup.device)
@@ -123,26 +119,20 @@ class Pool:
             if worker is not None and worker.planner:
                 # It has a network of its own from being asked.
                 self._drop(slot, worker)
-        self._workers += [None] * (self._crowd - len(self._workers))
+        self._workers += [None] * (self._most - len(self._workers))
         return replace(setup, inference=self._server.address)
 
     def memory(self) -> list[MemoryUse]:
-        """What the workers took, those that have ended included."""
         return [use for use in self._memory if use.episodes]
-
-    def _renew(self) -> None:
-        """Let go of workers that have grown too large; `_fill` starts others in their places."""
-        if self._server is not None:
-            self._server.revive()
-        for slot, worker in enumerate(self._workers):
-            if worker is not None and worker.outgrown and not worker.held:
-                self._drop(slot, worker)
 
     def _fill(self, tasks: TaskQueue) -> None:
         """Give work to whoever has little. One episode waits ahead, so that no worker waits for us."""
         for slot in range(len(self._workers)):
             if not tasks.left:
                 return
+            worker = self._workers[slot]
+            if worker is not None and worker.outgrown and not worker.held:
+                self._drop(slot, worker)
             worker = self._workers[slot] or self._start(slot)
             while self._takes_more(worker, tasks.left):
                 task = tasks.next(slot, self._index_of(worker.planner))
@@ -154,19 +144,19 @@ class Pool:
                     break
                 if not worker.held:
                     worker.changed, worker.spent = time.monotonic(), None
-                worker.planner = self._spec_of(task)
+                worker.planner = self._planner_of(task).spec
                 worker.send_task(task)
 
-    def _spec_of(self, task: Task) -> str:
+    def _planner_of(self, task: Task) -> PlannerInfo:
         assert self._setup is not None
-        return str(self._setup.planners[task.planner]["spec"])
+        return self._setup.planners[task.planner]
 
     def _index_of(self, spec: str) -> int | None:
         """Number of a planner, None where there is none yet."""
         assert self._setup is not None
-        return [p["spec"] for p in self._setup.planners].index(spec) if spec else None
+        return [p.spec for p in self._setup.planners].index(spec) if spec else None
 
-    def _unspoilt(self, slot: int, spec: str) -> WorkerProcess:
+    def _untouched(self, slot: int, spec: str) -> WorkerProcess:
         """A worker that has met no planner but this."""
         worker = self._workers[slot]
         if worker is not None and worker.planner not in ("", spec):
@@ -190,50 +180,48 @@ class Pool:
         self._selector.register(worker.death_fd, selectors.EVENT_READ, (slot, "death"))
         return worker
 
-    def _handle(self, slot: int, event: str, tasks: TaskQueue, keep: Callable[[Record], None]) -> None:
-        worker = self._workers[slot]
-        # None: it was buried by an event of the same round.
-        if worker is not None:
-            self._take_in(worker, event, keep)
+    def _poll(self, keep: Callable[[Record], None]) -> Iterator[int]:
+        """Take in what comes within a moment; gives the slots of workers from which nothing more will come."""
+        for key, _ in self._selector.select(_TICK_S):
+            slot, event = key.data
+            worker = self._workers[slot]
+            if worker is None:
+                # It was dropped by an event of the same round.
+                continue
+            if event == "log":
+                if not worker.read_log():
+                    self._forget(worker.log_fd)
+                continue
+            self._receive(worker, keep)
+            worker.closed = worker.closed or event == "death"
+            if worker.hung_up is not None:
+                # Its end follows, or it is given up.
+                self._forget(worker.connection)
             if worker.closed:
-                self._handle_death(slot, tasks, keep)
-
-    def _take_in(self, worker: WorkerProcess, event: str, keep: Callable[[Record], None]) -> None:
-        if event == "log":
-            if not worker.read_log():
-                self._forget(worker.log_fd)
-            return
-        self._receive(worker, keep)
-        worker.closed = worker.closed or event == "death"
-        if worker.hung_up is not None:
-            # Its end follows, or it is given up.
-            self._forget(worker.connection)
+                yield slot
 
     def _receive(self, worker: WorkerProcess, keep: Callable[[Record], None]) -> None:
         for message in worker.receive():
-            if "ready" in message:
-                worker.ready, worker.pid = True, int(message["ready"])
+            if isinstance(message, Ready):
+                worker.ready, worker.pid = True, message.pid
                 worker.changed, worker.spent = time.monotonic(), None
-            elif "task" not in message:
+            elif isinstance(message, Probed):
                 worker.answer = message
-            elif "fatal" in message:
+            elif isinstance(message, FolderFailed):
                 with io_errors_as_input_errors(Path()):
-                    raise OSError(*message["fatal"])
-            elif not worker.held or worker.held[0].number != message["task"]:
+                    raise OSError(message.errno, message.reason, message.filename)
+            elif not worker.held or worker.held[0].number != message.task:
                 # Not what it was asked for: nothing that it says can be trusted.
                 worker.closed = True
                 return
             else:
                 worker.held.popleft()
                 self._failed_starts = 0
-                self._weigh(worker)
-                keep(_with_output(message, worker))
+                use, limits = worker.memory, self._limits
+                use.take(resident_mb(worker.pid))
+                worker.outgrown = use.last > limits.memory and use.episodes >= limits.least_episodes
+                keep(_with_output(message.record, worker))
                 worker.drop_tail()
-
-    def _weigh(self, worker: WorkerProcess) -> None:
-        use, limits = worker.memory, self._limits
-        use.take(resident_mb(worker.pid))
-        worker.outgrown = use.last > limits.memory and use.episodes >= limits.least_episodes
 
     def _watch(self, tasks: TaskQueue, keep: Callable[[Record], None]) -> None:
         """End whoever has shown no sign of life for too long, or takes too much memory."""
@@ -268,42 +256,33 @@ class Pool:
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if begun:
             task = worker.held.popleft()
+            # Who took too long beside others may be in time alone.
+            late = overrun is not None and overrun.late
             outside = overrun is None and not worker.broken and status in _FROM_OUTSIDE
-            if overrun is not None and overrun.late and task.number not in self._tried_alone:
-                self._tried_alone.add(task.number)
-                self._alone.append(task)
-            elif outside and task.number not in self._tried_twice:
-                self._tried_twice.add(task.number)
-                tasks.requeue(task)
-            else:
-                assert self._setup is not None
-                keep(lost_record(worker, task, self._setup.planners[task.planner], status, overrun))
+            if not ((late or outside) and tasks.retry(task, alone=late)):
+                keep(lost_record(worker, task, self._planner_of(task), status, overrun))
         for task in worker.held:
             tasks.requeue(task)
-        if self._failed_starts >= _STILLBORN:
+        if self._failed_starts >= _MOST_FAILED_STARTS:
             said = worker.tail_text().splitlines() or ["it said nothing"]
             raise InputError(f"worker processes do not start ({cause_of_end(status)}): {said[-1]}")
 
-    def _await_probe(self, probed: int, spec: str) -> dict[str, Any]:
+    def _await_probe(self, probed: int, spec: str) -> PlannerInfo:
         worker = self._workers[probed]
         assert worker is not None
         overrun = None
         while worker.answer is None and not worker.closed and overrun is None:
-            for key, _ in self._selector.select(_TICK_S):
-                slot, event = key.data
+            for slot in self._poll(_no_record):
                 other = self._workers[slot]
-                if other is not None:
-                    self._take_in(other, event, _no_record)
-                    if other.closed and not other.planner:
-                        self._drop(slot, other)
+                if other is not None and not other.planner:
+                    self._drop(slot, other)
             worker.give_up(time.monotonic())
             overrun = find_overrun(worker, self._limits, time.monotonic())
         if worker.answer is not None:
             answer, worker.answer = worker.answer, None
-            if "problem" in answer:
-                raise InputError(answer["problem"])
-            planner: dict[str, Any] = answer["planner"]
-            return planner
+            if answer.planner is None:
+                raise InputError(answer.problem)
+            return answer.planner
         status = self._drop(probed, worker)
         if overrun is not None:
             raise InputError(f"--planner {spec}: importing and making it: {overrun.text}")
@@ -319,16 +298,6 @@ class Pool:
         self._workers[slot] = None
         return worker.end()
 
-    def _wait_for_ends(self, workers: Sequence[WorkerProcess]) -> None:
-        """Until all have ended by themselves, or the time for that is over."""
-        end = time.monotonic() + _SHUTDOWN_TIMEOUT_S
-        waiting = {worker.death_fd for worker in workers}
-        while waiting and (left := end - time.monotonic()) > 0:
-            for key, _ in self._selector.select(left):
-                if key.data[1] == "log" or key.fd in waiting:
-                    waiting.discard(key.fd)
-                    self._selector.unregister(key.fd)
-
     def _forget(self, file: Any) -> None:
         if file in self._selector.get_map():
             self._selector.unregister(file)
@@ -338,10 +307,10 @@ def _no_record(record: Record) -> None:
     raise AssertionError(f"a record before the first task: {record.row}")
 
 
-def _with_output(message: Message, worker: WorkerProcess) -> Record:
+def _with_output(record: Record, worker: WorkerProcess) -> Record:
     """A record as it came; where there was an error, with what the worker printed."""
-    detail = message["detail"]
-    if detail:
-        worker.read_log()
-        detail = f"{detail.rstrip()}\n\nOutput of the worker\n{worker.tail_text() or '  (none)'}\n"
-    return Record(message["row"], message["events"], message["timing"], detail, message["trace"])
+    if not record.detail:
+        return record
+    worker.read_log()
+    output = worker.tail_text() or "  (none)"
+    return replace(record, detail=f"{record.detail.rstrip()}\n\nOutput of the worker\n{output}\n")

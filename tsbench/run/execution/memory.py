@@ -19,7 +19,6 @@ class MemoryUse:
     peak: float = 0.0
 
     def take(self, now: float) -> None:
-        """One more episode."""
         self.episodes += 1
         self.first = self.first or now
         self.last, self.peak = now, max(self.peak, now)

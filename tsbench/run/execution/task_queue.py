@@ -32,6 +32,8 @@ class TaskQueue:
             self._fresh.setdefault(key[0], deque()).append(key)
         self._mine: dict[int, _Key] = {}
         self._returned: deque[Task] = deque()
+        self._alone: deque[Task] = deque()
+        self._retried: set[tuple[int, bool]] = set()
         self.left = sum(len(chunk) for chunk in self._chunks.values())
 
     @property
@@ -49,6 +51,27 @@ class TaskQueue:
         """A task that its worker could not take up."""
         self._returned.append(task)
         self.left += 1
+
+    def retry(self, task: Task, alone: bool) -> bool:
+        """Another try for a task that cost its worker, one of each kind; alone: at the end, when no other runs.
+
+        False where it has had that try.
+        """
+        if (task.number, alone) in self._retried:
+            return False
+        self._retried.add((task.number, alone))
+        if alone:
+            self._alone.append(task)
+        else:
+            self.requeue(task)
+        return True
+
+    def requeue_alone(self) -> bool:
+        """No task is left and none runs: bring back one that is to run alone; False if there is none."""
+        if not self._alone:
+            return False
+        self.requeue(self._alone.popleft())
+        return True
 
     def _take_returned(self, planner: int | None) -> Task | None:
         for task in self._returned:

@@ -59,7 +59,6 @@ def kill_all() -> None:
 
 
 def main(arguments: list[str]) -> None:
-    """Run one worker to its end."""
     parent, data_bytes, command = int(arguments[0]), int(arguments[1]), arguments[2:]
     signal.pthread_sigmask(signal.SIG_BLOCK, _HEARD)
     system = ctypes.CDLL(None)

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import os
-import signal
 import socket
 import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tsbench.run.execution.child import ONE_THREAD
 from tsbench.run.execution.heartbeat import Heartbeat, heartbeat_file
 from tsbench.run.execution.memory import MemoryUse
+from tsbench.run.execution.messages import TO_RUN, Probe, Probed, Setup, Start, decode, encode
 from tsbench.run.execution.task_queue import Task
-
-Message = dict[str, Any]
 
 TAIL_BYTES = 1 << 16
 _READ_BYTES = 1 << 18
@@ -27,48 +23,18 @@ _READ_BYTES = 1 << 18
 _MOST_BYTES = 1 << 27
 _LAST_READS = 8
 _LAST_GASP_S = 5.0
-_ANSWER = frozenset(("row", "events", "timing", "detail", "trace"))
 _SHUTDOWN_TIMEOUT_S = 10.0
 _WARDEN = Path(__file__).with_name("warden.py")
 # A hard bound on what a process may ask for at once, so that it cannot outrun whoever watches its memory.
 _DATA_BYTES_PER_MB = 2_000_000
-# One simulation is one thread; maths libraries that start one thread per core only get in each other's way, and how
-# many there are decides how their sums are rounded.
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"),
-    "1",
-)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What all workers of a run are told.
-
-    runner: module:Class of the episode runner. planners: what `contestant.describe` says of each, in order.
-    out: the run folder, for traces. trace: none, violations, all. split, contract: what a worker on another machine
-    must have too. inference: where the inference process listens, "" = each worker has networks of its own.
-    recorder: module:function from an episode's result to its record. options: what else the runner is made with.
-    """
-
-    runner: str
-    planners: tuple[Mapping[str, Any], ...]
-    mask_signs: bool
-    device: str
-    trace: str
-    out: str
-    split: str
-    contract: str
-    inference: str = ""
-    recorder: str = "tsbench.run.log.score:make_record"
-    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 class WorkerProcess:
-    """A worker: its process, the line to it, its pulse, what it printed last, and the tasks that it holds.
+    """A worker: its process, the line to it, its heartbeat, what it printed last, and the tasks that it holds.
 
     process: its warden, which ends as it does and takes along all that it has started; pid: its own, 0 until it has
     come up. planner: spec of the only planner that it has met, "" = none yet. held: tasks sent and not answered,
-    oldest first. changed: monotonic time at which its pulse was last seen to move; stamp: what it was then; spent:
+    oldest first. changed: monotonic time at which its heartbeat was last seen to move; stamp: what it was then; spent:
     processor time that it had used soon after, None = not looked at yet. ready: it has come up. hung_up: when its line
     was closed. closed: nothing more will come from it; broken: though it had not ended. answer: to the last probe.
     outgrown: it is too large to get another task.
@@ -78,7 +44,7 @@ class WorkerProcess:
         self.held: deque[Task] = deque()
         self.ready = self.closed = self.broken = self.outgrown = False
         self.memory = MemoryUse()
-        self.answer: Message | None = None
+        self.answer: Probed | None = None
         self.planner = ""
         self.pid = 0
         self.changed = now
@@ -87,13 +53,13 @@ class WorkerProcess:
         self.stamp = 0
         self.tail = bytearray()
         self.printed = 0
-        pulse_fd = heartbeat_file()
-        self.heartbeat = Heartbeat(pulse_fd)
+        heartbeat_fd = heartbeat_file()
+        self.heartbeat = Heartbeat(heartbeat_fd)
         self.connection, far_end = socket.socketpair()
         self._heard = bytearray()
         self.log_fd, log_write = os.pipe()
         os.set_blocking(self.log_fd, False)
-        fds = (far_end.fileno(), pulse_fd)
+        fds = (far_end.fileno(), heartbeat_fd)
         warden = [sys.executable, "-I", "-S", str(_WARDEN), str(os.getpid())]
         warden.append(str(int(most_mb * _DATA_BYTES_PER_MB)))
         self.process = subprocess.Popen(
@@ -108,42 +74,40 @@ class WorkerProcess:
             env={**os.environ, **ONE_THREAD, "PYTHONFAULTHANDLER": "1"},
         )
         os.close(log_write)
-        os.close(pulse_fd)
+        os.close(heartbeat_fd)
         far_end.close()
         self.death_fd = os.pidfd_open(self.process.pid)
-        self._send({"sys_path": sys.path})
+        self._send(Start(tuple(sys.path)))
 
     def configure(self, setup: Setup) -> None:
-        """Tell it about the run; before its first task."""
-        self._send({"do": "setup", "setup": asdict(setup)})
+        self._send(setup)
 
     def send_task(self, task: Task) -> None:
         """Hand over an episode; several may wait in the line."""
         if not self.held:
             self.drop_tail()
         self.held.append(task)
-        self._send({"do": "episode", "task": task.number, "planner": task.planner, "spec": asdict(task.spec)})
+        self._send(task)
 
     def send_probe(self, spec: str) -> None:
-        """Ask what a planner is."""
         self.planner = spec
-        self._send({"do": "probe", "spec": spec})
+        self._send(Probe(spec))
 
-    def _send(self, message: Message) -> None:
+    def _send(self, message: Any) -> None:
         try:
-            self.connection.sendall(json.dumps(message).encode() + b"\n")
+            self.connection.sendall(encode(message))
         except (BrokenPipeError, ConnectionResetError):
             # It is dead: its end is noticed where ends are noticed, and its tasks go to another.
             return
 
-    def receive(self) -> list[Message]:
-        """All messages that have arrived, one in each line; whatever a planner writes there, this never waits."""
-        messages: list[Message] = []
+    def receive(self) -> list[Any]:
+        """All messages that have arrived (of `TO_RUN`); whatever a planner writes there, this never waits."""
+        messages: list[Any] = []
         try:
             while piece := self.connection.recv(_READ_BYTES, socket.MSG_DONTWAIT):
                 *lines, rest = piece.split(b"\n")
                 for line in lines:
-                    messages.append(_message(bytes(self._heard + line)))
+                    messages.append(decode(bytes(self._heard + line), TO_RUN))
                     self._heard.clear()
                 self._heard += rest
                 if len(self._heard) > _MOST_BYTES:
@@ -207,21 +171,3 @@ class WorkerProcess:
     def shutdown(self) -> None:
         """Ask it to end by itself: it does when the line closes."""
         self.connection.close()
-
-
-def _message(line: bytes) -> Message:
-    """Raises ValueError or RecursionError for what no worker says."""
-    message = json.loads(line)
-    if not isinstance(message, dict) or ("task" in message and not message.keys() >= _ANSWER):
-        raise ValueError("no message of a worker")
-    return message
-
-
-def cause_of_end(status: int) -> str:
-    """An exit status in words."""
-    if status >= 0:
-        return f"exit code {status}"
-    try:
-        return signal.Signals(-status).name
-    except ValueError:
-        return f"signal {-status}"

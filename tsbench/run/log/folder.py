@@ -45,8 +45,7 @@ class RunFolder:
     def __init__(self, path: Path, manifest: Manifest, keys: Sequence[Key]) -> None:
         """Open `path` for the run of `manifest`; `keys` are its episodes.
 
-        Raises:
-            InputError: the folder holds another run or other things, is in use, or cannot be written.
+        Raises InputError: the folder holds another run or other things, is in use, or cannot be written.
         """
         self.path, self.notices = path, list[str]()
         self.journal: Journal | None = None
@@ -72,13 +71,8 @@ class RunFolder:
             if path.exists():
                 self._aside.move(path, "its episode was run once more, and left no trace")
         if record.detail:
-            head = "".join(
-                f"{name}: {row[name]}\n" for name in ("planner", "scenario_id", "outcome", "error")
-            )
-            path = error_path(self.path, row["planner"], row["scenario_id"])
-            with io_errors_as_input_errors(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomic(path, f"{head}\n{record.detail.rstrip()}\n".encode(errors="replace"))
+            names = ("planner", "scenario_id", "outcome", "error")
+            write_error(self.path, record, "".join(f"{name}: {row[name]}\n" for name in names) + "\n")
         self.journal.append(record)
 
     def end(self, status: str, summary: Summary | None, errors: int, memory: Sequence[MemoryUse]) -> None:
@@ -91,7 +85,7 @@ class RunFolder:
                     (self.path / name).unlink(missing_ok=True)
             else:
                 write_atomic(self.path / SUMMARY, summary.to_json().encode())
-            for path in _strangers(self.path):
+            for path in _foreign(self.path):
                 if is_tmp(path.name):
                     self._aside.move(path, "half-written by a worker that ended")
             self.manifest.update(
@@ -108,7 +102,6 @@ class RunFolder:
                 (self.path / JOURNAL).unlink()
 
     def close(self) -> None:
-        """Let go of the folder."""
         if self.journal is not None:
             self.journal.close()
 
@@ -118,7 +111,7 @@ class RunFolder:
         write_json(self.path / NAME, self.manifest)
 
     def _check_complete(self) -> None:
-        """The tables are those that the run wrote; strangers are named."""
+        """The tables are those that the run wrote; foreign files are named."""
         now = file_hashes(self.path)
         for name, recorded in self.manifest["files"].items():
             if now.get(name) != recorded:
@@ -131,21 +124,17 @@ class RunFolder:
             # All that it says stands in the tables: the run was killed just before this line.
             journal.unlink()
         expected = self._paths(self._keys)
-        foreign_files = [path for path in _strangers(self.path) if path not in expected]
-        foreign_files += [journal] if journal.exists() else []
-        self.notices = [
-            f"{path}: does not belong to this run; left alone, not used" for path in foreign_files
-        ]
+        foreign = [path for path in _foreign(self.path) if path not in expected]
+        foreign += [journal] if journal.exists() else []
+        self.notices = [f"{path}: does not belong to this run; left alone, not used" for path in foreign]
 
     def _take_over(self) -> None:
         """Trust the finished episodes that have all that they should have; set aside all that is not theirs."""
-        aside = self._aside
-        self.journal = Journal(
-            self.path / JOURNAL, self._keys, identity(self.manifest), aside, self._has_its_trace
-        )
+        run, aside = identity(self.manifest), self._aside
+        self.journal = Journal(self.path / JOURNAL, self._keys, run, aside, self._has_its_trace)
         finished = self._paths(self.journal.done, traces=False) | self._traced
         possible = self._paths(self._keys)
-        for path in _strangers(self.path):
+        for path in _foreign(self.path):
             if is_tmp(path.name):
                 aside.move(path, "half-written")
             elif path in possible and path not in finished:
@@ -168,7 +157,6 @@ class RunFolder:
         return True
 
     def _paths(self, keys: Iterable[Key], traces: bool = True) -> set[Path]:
-        """Where something about these episodes may lie."""
         found = {error_path(self.path, *key) for key in keys}
         return found | {trace_path(self.path, *key) for key in keys} if traces else found
 
@@ -200,7 +188,15 @@ def error_path(run: Path, planner: str, scenario_id: str) -> Path:
     return run / ERRORS / trace.parent.name / f"{trace.name.removesuffix('.parquet')}.txt"
 
 
-def _strangers(folder: Path) -> list[Path]:
+def write_error(run: Path, record: Record, head: str = "") -> None:
+    """Write the story of a failed episode down, below its head."""
+    path = error_path(run, record.row["planner"], record.row["scenario_id"])
+    with io_errors_as_input_errors(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, f"{head}{record.detail.rstrip()}\n".encode(errors="replace"))
+
+
+def _foreign(folder: Path) -> list[Path]:
     """What is not ours by its name, and all traces and errors, of which the caller knows more; sorted."""
     found = [
         path

@@ -92,7 +92,6 @@ class Journal:
         return content
 
     def close(self) -> None:
-        """Sync and let go."""
         try:
             with io_errors_as_input_errors(self.path):
                 os.fdatasync(self._fd)

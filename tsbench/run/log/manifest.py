@@ -8,41 +8,35 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import tsbench
+from tsbench.core import provenance
 from tsbench.core.errors import InputError
+from tsbench.core.plain import from_plain
 from tsbench.core.textfile import read_json
 from tsbench.run import arithmetic
 from tsbench.run.log.schema import SCHEMA_VERSION
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import SPLITS
 
 Manifest = dict[str, Any]
 
 NAME = "run.json"
-_PACKAGES = {
-    "sumo": "libsumo",
-    "numpy": "numpy",
-    "pyarrow": "pyarrow",
-    "shapely": "shapely",
-    "torch": "torch",
-}
+_PACKAGES = {"sumo": "libsumo"} | {name: name for name in ("numpy", "pyarrow", "shapely", "torch")}
 # What must be equal for a run to be continued in its folder.
 _SAME = ("contract", "planners", "effective")
 _STATES = frozenset(("running", "interrupted", "complete"))
-# What stands in a manifest, by kind. {}: a mapping with these keys, those with a question mark may be missing; [x]: a
-# list of x; a tuple: one of several; a set: one of its words. More keys than these are let through.
+# What stands in a manifest, by kind. {}: a mapping with these keys and perhaps more, those with a question mark may be
+# missing; [x]: a list of x; a tuple: one of several; a set: one of its words; a dataclass: exactly its fields.
 _NONE = type(None)
 _SHAPE: dict[str, Any] = {
     "contract": str,
     "status": _STATES,
-    "planners": [{
-        "name": str, "spec?": str, "privileged?": bool, "sign_access?": bool, "served_on?": [str],
-        "weights_sha256?": (str, _NONE), "code_sha256?": (str, _NONE),
-    }],
+    "planners": [PlannerInfo],
     "effective": {
         "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "limit?": (int, _NONE),
         "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float, "collection?": str,
@@ -55,19 +49,15 @@ _SHAPE: dict[str, Any] = {
 }  # fmt: skip
 # Those of a run, which collections of other things lack.
 _OF_RUNS = {
-    "planners": [{"spec": str}],
-    "effective": {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool},
+    "effective": {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool}
 }
 _MOST = 2**53
 
 
 def new_manifest(
-    contract: str,
-    asked: Mapping[str, Any],
-    effective: Mapping[str, Any],
-    planners: Sequence[Mapping[str, Any]],
+    contract: str, asked: Mapping[str, Any], effective: Mapping[str, Any], planners: Sequence[PlannerInfo],
     edition: str = "",
-) -> Manifest:
+) -> Manifest:  # fmt: skip
     """A manifest as of now. effective: every option that can change a record, with its defaults filled in.
 
     edition: the contract's name, "" for what is no run of an edition.
@@ -77,7 +67,7 @@ def new_manifest(
         "edition": edition,
         "contract": contract,
         "status": "running",
-        "planners": [dict(planner) for planner in planners],
+        "planners": plain_planners(planners),
         "asked": dict(asked),
         "effective": dict(effective),
         "versions": versions(),
@@ -90,6 +80,16 @@ def new_manifest(
         "counts": None,
         "files": None,
     }
+
+
+def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
+    """Planners as they stand in a manifest, which `planners_of` reads."""
+    return [{**asdict(planner), "served_on": list(planner.served_on)} for planner in planners]
+
+
+def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
+    """The planners of a manifest, in the order of the command."""
+    return [from_plain(PlannerInfo, planner) for planner in manifest["planners"]]
 
 
 def identity(manifest: Mapping[str, Any]) -> str:
@@ -111,14 +111,15 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
                 if old[part].get(key) != new[part].get(key):
                     return f"{key} is {_short(old[part].get(key))}, not {_short(new[part].get(key))}"
         elif part == "planners" and old[part] != new[part]:
-            return _planner_difference(old[part], new[part])
+            return _planner_difference(planners_of(old), planners_of(new))
         elif old[part] != new[part]:
             return (
                 f"contract is {old[part][:12]}, not {new[part][:12]} (rules, scenes or versions have changed)"
             )
     if "arithmetic" in new:
         device = str(new["effective"].get("device", "cpu"))
-        return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], new["planners"], device)
+        specs = [planner.spec for planner in planners_of(new)]
+        return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], specs, device)
     return None
 
 
@@ -153,6 +154,12 @@ def _fault(value: Any, shape: Any, where: str) -> str:
             return where
         faults = [_fault(one, shape[0], f"{where}[{k}]") for k, one in enumerate(value)]
         return next(filter(None, faults), "")
+    if is_dataclass(shape) and isinstance(shape, type):
+        try:
+            from_plain(shape, value)
+        except ValueError:
+            return where
+        return ""
     if isinstance(shape, dict):
         if not isinstance(value, dict):
             return where
@@ -189,13 +196,9 @@ def _maker(manifest: Mapping[str, Any]) -> str:
 
 def versions() -> dict[str, str | None]:
     """Versions of what decides results, None for what is not installed."""
-    found: dict[str, str | None] = {"tsbench": tsbench.__version__, "python": platform.python_version()}
-    for name, package in _PACKAGES.items():
-        try:
-            found[name] = version(package)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
+    found = provenance.versions(_PACKAGES.values())
+    own = {"tsbench": tsbench.__version__, "python": platform.python_version()}
+    return own | {name: found[package] for name, package in _PACKAGES.items()}
 
 
 def git_state() -> dict[str, Any]:
@@ -209,14 +212,12 @@ def git_state() -> dict[str, Any]:
 def _git(root: Path, *arguments: str) -> str | None:
     if not (root / ".git").exists():
         return None
+    command = ["git", "-C", str(root), *arguments]
     try:
-        done = subprocess.run(
-            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10, check=True
-        )
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         # A manifest without a commit is still a manifest.
         return None
-    return done.stdout.strip()
 
 
 def machine() -> dict[str, Any]:
@@ -242,11 +243,11 @@ def timestamp() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _planner_difference(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]) -> str:
-    before, now = [p["spec"] for p in old], [p["spec"] for p in new]
+def _planner_difference(old: Sequence[PlannerInfo], new: Sequence[PlannerInfo]) -> str:
+    before, now = [p.spec for p in old], [p.spec for p in new]
     if before != now:
         return f"planners are {', '.join(before)}, not {', '.join(now)}"
-    changed = next(p["spec"] for p, q in zip(old, new, strict=True) if p != q)
+    changed = next(p.spec for p, q in zip(old, new, strict=True) if p != q)
     return f"planner {changed} has changed since (its code or weights)"
 
 

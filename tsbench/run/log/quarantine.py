@@ -16,7 +16,7 @@ class Quarantine:
 
     def __init__(self, run: Path) -> None:
         self._run, self._folder = run, run / FOLDER
-        self._told: list[str] = []
+        self._notices: list[str] = []
 
     def move(self, path: Path, reason: str) -> None:
         """Take something out of the run. Raises InputError if the folder cannot be written."""
@@ -31,9 +31,9 @@ class Quarantine:
 
     def notices(self) -> list[str]:
         """A line for each thing put here since the folder was opened; one for all beyond a few."""
-        more = len(self._told) - _NAMED
+        more = len(self._notices) - _NAMED
         rest = [f"{more} more things set aside: {self._folder / REASONS} names them"] if more > 0 else []
-        return [*self._told[:_NAMED], *rest]
+        return [*self._notices[:_NAMED], *rest]
 
     def _target(self, path: Path, reason: str) -> Path:
         """A free name, its reason written down first: nothing lies there unexplained."""
@@ -45,7 +45,7 @@ class Quarantine:
         target = self._folder / f"{number}-{name}"
         with (self._folder / REASONS).open("a", encoding="utf-8") as file:
             file.write(f"{target.name}: was {_shown(str(path.relative_to(self._run)))}: {reason}\n")
-        self._told.append(f"{_shown(str(path))}: {reason}; moved to {target}")
+        self._notices.append(f"{_shown(str(path))}: {reason}; moved to {target}")
         return target
 
 

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
 from tsbench.run.edition import edition_of
-from tsbench.run.log.manifest import NAME, Manifest, read_manifest
+from tsbench.run.log.manifest import NAME, Manifest, planners_of, read_manifest
 from tsbench.run.log.rescored import tell_rescored
 from tsbench.run.log.tables import file_hashes, read_table
 
@@ -29,21 +29,17 @@ class StoredRun:
 
     @property
     def contract(self) -> str:
-        """Contract hash (hex)."""
         return str(self.manifest["contract"])
 
     @property
     def edition(self) -> str:
-        """The contract's name."""
         return edition_of(self.contract, self.manifest.get("edition"))
 
     @property
     def rescored(self) -> str:
-        """Whether it was judged again, in one line."""
         return tell_rescored(self.path, self.contract, self.manifest["files"])
 
     def of(self, planner: str) -> pa.Table:
-        """One planner's records."""
         return self.episodes.filter(pc.is_in(self.episodes["planner"], pa.array([planner])))
 
     def holes(self, planner: str) -> int:
@@ -52,7 +48,6 @@ class StoredRun:
 
 
 def is_run(path: Path) -> bool:
-    """Does a manifest lie there?"""
     return (path / NAME).is_file()
 
 
@@ -63,7 +58,7 @@ def read_run(path: Path) -> StoredRun:
         raise InputError(f"{path}: no run folder (it has no {NAME})")
     if "scenarios" not in manifest["effective"]:
         raise InputError(f"{path / NAME}: not the manifest of a tsbench run, but of a collection")
-    asked = dict.fromkeys((p["name"] for p in manifest["planners"]), manifest["effective"]["scenarios"])
+    asked = dict.fromkeys((p.name for p in planners_of(manifest)), manifest["effective"]["scenarios"])
     status, recorded = manifest["status"], manifest["files"] or {}
     episodes = read_table(path / EPISODES)
     # While a session is under way the tables of the one before may already have been replaced.

@@ -10,7 +10,7 @@ import numpy as np
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
-from tsbench.run.log.schema import EPISODES
+from tsbench.metrics.episode import EPISODE_METRICS, SCD
 from tsbench.scenarios.spec import ScenarioSpec
 
 Row = dict[str, Any]
@@ -20,9 +20,6 @@ SPEC_COLUMNS = (
     "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "map_id", "family", "shape", "slot",
     "variant", "split", "seed",
 )  # fmt: skip
-_RUN_COLUMNS = ("planner", "privileged", "outcome", "error")
-# Columns that are copied from the episode's metrics; all null where the outcome is an error.
-METRIC_COLUMNS = tuple(name for name in EPISODES.names if name not in (*SPEC_COLUMNS, *_RUN_COLUMNS))
 _STORY_CHARS = 1 << 16
 
 
@@ -45,8 +42,7 @@ class Record:
 def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:
     """A row without figures: what did not happen is null, never zero; as a success it counts as none."""
     row = head_row(spec, planner, privileged, outcome, one_line(error) or "no cause given")
-    row.update(dict.fromkeys(METRIC_COLUMNS))
-    row["scd"] = False
+    row.update({metric.column: False if metric is SCD else None for metric in EPISODE_METRICS})
     return row
 
 

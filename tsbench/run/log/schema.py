@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import pyarrow as pa
+
+from tsbench.core.parquet import columns
+from tsbench.metrics.episode import EPISODE_METRICS, SCD
 
 SCHEMA_VERSION = 1
 
 _TEXT, _FLAG, _REAL, _COUNT, _LONG = pa.string(), pa.bool_(), pa.float64(), pa.int32(), pa.int64()
-
-
-def _must(kind: pa.DataType, *names: str) -> list[Any]:
-    return [pa.field(name, kind, nullable=False) for name in names]
-
-
-def _may(kind: pa.DataType, *names: str) -> list[Any]:
-    return [pa.field(name, kind, nullable=True) for name in names]
-
+_KINDS: dict[type, pa.DataType] = {str: _TEXT, bool: _FLAG, float: _REAL, int: _COUNT}
+_must, _may = columns, partial(columns, nullable=True)
 
 EPISODES = pa.schema(
     [
@@ -30,22 +26,7 @@ EPISODES = pa.schema(
         *_must(_FLAG, "privileged"),
         *_must(_TEXT, "outcome"),
         *_may(_TEXT, "error"),
-        *_may(_FLAG, "sign_compliant", "sign_engaged", "destination"),
-        *_must(_FLAG, "scd"),
-        *_may(_REAL, "route_completion", "driving_score", "efficiency"),
-        *_may(_FLAG, "collision"),
-        *_may(_TEXT, "collision_partner"),
-        *_may(_FLAG, "at_fault", "off_road"),
-        *_may(_REAL, "comfort", "mean_speed", "duration_s"),
-        *_may(_COUNT, "steps", "violations"),
-        *_may(_TEXT, "violation_clause"),
-        *_may(
-            _REAL, "violation_time_s", "violation_x", "violation_y", "violation_value", "violation_threshold"
-        ),
-        *_may(_COUNT, "violating_steps"),
-        *_may(_REAL, "min_ttc", "min_pet", "max_overspeed"),
-        *_may(_FLAG, "hard_braking", "stuck", "wrong_way"),
-        *_may(_COUNT, "all_violations"),
+        *(pa.field(m.column, _KINDS[m.kind], nullable=m is not SCD) for m in EPISODE_METRICS),
     ]
 )
 

@@ -11,7 +11,7 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.episode import episode_metrics
 from tsbench.rules.base import Violation
-from tsbench.run.log.record import METRIC_COLUMNS, Record, Row, error_row, head_row, make_timing
+from tsbench.run.log.record import Record, Row, error_row, head_row, make_timing
 from tsbench.scenarios.spec import ScenarioSpec
 
 
@@ -27,9 +27,8 @@ def make_record(result: EpisodeResult, privileged: bool) -> Record:
 
 def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFacts) -> tuple[Row, list[Row]]:
     """Row and events of an episode that ended without an error."""
-    metrics = episode_metrics(facts)
     row = head_row(spec, planner, privileged, facts.outcome, None)
-    row.update({name: _plain(getattr(metrics, name)) for name in METRIC_COLUMNS})
+    row.update({name: _plain(value) for name, value in episode_metrics(facts).items()})
     key = {"planner": planner, "scenario_id": spec.scenario_id}
     verdicts = [(facts.target, True), *((verdict, False) for verdict in facts.others)]
     events = [

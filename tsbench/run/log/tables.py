@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
 from tsbench.core.parquet import VERSION_KEY, open_table
+from tsbench.metrics.episode import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.schema import SCHEMA_VERSION, TABLES
 
+_LATER = tuple(metric.column for metric in EPISODE_METRICS if metric.failure is None)
 # Episodes in one row group. Part of the format: another number gives other bytes.
 _GROUP = 4096
 
@@ -27,14 +28,9 @@ def write_tables(folder: Path, journal: Journal, contract: str) -> None:
         writers = {}
         for name, schema in TABLES.items():
             path = stack.enter_context(replacing(folder / name))
+            options = {"version": "2.6", "compression": "zstd", "compression_level": 3}
             writers[name] = stack.enter_context(
-                pq.ParquetWriter(
-                    path,
-                    schema.with_metadata(metadata),
-                    version="2.6",
-                    compression="zstd",
-                    compression_level=3,
-                )
+                pq.ParquetWriter(path, schema.with_metadata(metadata), **options)
             )
         for start in range(0, len(keys), _GROUP):
             lines = [journal.read(key) for key in keys[start : start + _GROUP]]
@@ -58,12 +54,19 @@ def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
 
 
 def read_table(path: Path) -> pa.Table:
-    """One of the three tables. Raises InputError for a missing, truncated or foreign one."""
+    """One of the three tables. Raises InputError for a missing, truncated or foreign one.
+
+    A metric that was declared after it was written has no value in it; one whose failures count is not done without.
+    """
     schema = TABLES[path.name].with_metadata({VERSION_KEY: str(SCHEMA_VERSION)})
-    return open_table(path, schema, "is the folder a tsbench run that has ended?")
+    table = open_table(path, schema, "is the folder a tsbench run that has ended?", later=_LATER)
+    for field in schema:
+        if field.name not in table.column_names:
+            table = table.append_column(field, pa.nulls(len(table), field.type))
+    return table.select(schema.names)
 
 
 def file_hashes(folder: Path) -> dict[str, str]:
     """SHA-256 (hex) of each of the tables."""
     with io_errors_as_input_errors(folder):
-        return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in TABLES}
+        return {name: sha256_of(folder / name) for name in TABLES}

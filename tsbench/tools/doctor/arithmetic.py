@@ -10,13 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_json
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.common.batching import Batched, Infer, Records
@@ -87,25 +87,24 @@ def write_reference(folder: Path = _FOLDER) -> list[Path]:
         planners[name]["episodes"] = {s.scenario_id: episode_hash(name, s, sim, loader) for s in scenes}
     sim.close()
     content = {"libm": facts()["answers"]["libm"], "planners": planners}
-    (folder / _REFERENCE).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_json(folder / _REFERENCE, content, indent=1)
     return [folder / _REFERENCE, folder / _ASKED]
 
 
 def questions(name: str, folder: Path = _FOLDER) -> Records:
-    """The recorded questions to a planner's network."""
     with np.load(folder / _ASKED, allow_pickle=False) as stored:
-        return np.frombuffer(stored[name].tobytes(), dtype=_batched(name).inputs)
+        return np.frombuffer(stored[name].tobytes(), dtype=batched(name).inputs)
 
 
 def answers_hash(name: str, folder: Path = _FOLDER) -> str:
     """SHA-256 (hex) of what a planner's own network answers to them."""
-    answers = _batched(name).network("cpu")(questions(name, folder))
+    answers = batched(name).network("cpu")(questions(name, folder))
     return hashlib.sha256(answers.tobytes()).hexdigest()
 
 
 def episode_hash(name: str, spec: ScenarioSpec, sim: Simulation, loader: SceneLoader) -> str:
     """SHA-256 (hex) of an episode: commands, where everybody was at each tick, and the record."""
-    return _digest(EpisodeRunner(name, name, simulation=sim, loader=loader).run(spec))
+    return _digest(EpisodeRunner(resolve(name), simulation=sim, loader=loader).run(spec))
 
 
 def _digest(result: EpisodeResult) -> str:
@@ -130,30 +129,22 @@ def _scenes() -> Iterator[ScenarioSpec]:
 def _questions(name: str, scenes: list[ScenarioSpec], sim: Simulation, loader: SceneLoader) -> Records:
     """Some of what a planner asks its network in an episode, evenly over its time."""
     asked: list[Records] = []
-    infer: Infer = _batched(name).network("cpu")
+    infer: Infer = batched(name).network("cpu")
 
     def listening(records: Records) -> Records:
         asked.append(records.copy())
         return infer(records)
 
-    _Asking(name, listening, simulation=sim, loader=loader).run(scenes[0])
+    EpisodeRunner(resolve(name).answered_by(lambda: listening), simulation=sim, loader=loader).run(scenes[0])
     return np.concatenate(asked)[:: max(len(asked) // _KEPT, 1)][:_KEPT]
-
-
-class _Asking(EpisodeRunner):
-    """Drives with somebody else's answers in place of the planner's own network."""
-
-    def __init__(self, name: str, infer: Infer, **options: Any) -> None:
-        super().__init__(name, name, **options)
-        made: Any = self._loaded.factory
-        self._loaded = replace(self._loaded, factory=lambda: made(infer=infer))
 
 
 def _plain(records: Records) -> np.ndarray[Any, np.dtype[np.uint8]]:
     return np.frombuffer(records.tobytes(), dtype=np.uint8)
 
 
-def _batched(name: str) -> Any:
-    planner = resolve(name).factory
-    assert isinstance(planner, Batched)
+def batched(name: str) -> type[Batched]:
+    """The class of a planner whose network is asked in batches."""
+    planner = resolve(name).batched
+    assert planner is not None
     return planner

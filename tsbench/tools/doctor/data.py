@@ -112,10 +112,10 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
         # Those of the train split do not come with the package.
         status = Status.NOTE if split == "train" else Status.FAILED
         return Finding(status, "data", f"{folder}: no scene files here", fetch_hint(split))
-    there = {kind: store.names(split, kind) for kind in sorted({row.scenario_type for row in rows})}
+    there = {kind: store.names(split, kind) for kind in sorted({row.pair_type for row in rows})}
     nets = {row.net: (row, row.net_sha256) for row in rows}
     named = nets | {row.additional: (row, row.additional_sha256) for row in rows}
-    missing = [name for name, (row, _) in named.items() if name not in there[row.scenario_type]]
+    missing = [name for name, (row, _) in named.items() if name not in there[row.pair_type]]
     sample = [name for name in list(named)[:: max(len(named) // SAMPLE, 1)] if name not in missing]
     changed = [name for name in sample if sha256(store.read(named[name][0], name).content) != named[name][1]]
     if not missing and not changed:
@@ -125,6 +125,6 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
         return Finding(Status.OK, "data", text)
     first = (missing or changed)[0]
     told = f"{len(missing)} scene files missing, {len(changed)} of {len(sample)} hashed ones changed"
-    where = store_path(split, named[first][0].scenario_type, table.parent) / first
+    where = store_path(split, named[first][0].pair_type, table.parent) / first
     remedy = "fetch the repository's data again; tsbench scenarios verify names every file"
     return Finding(Status.FAILED, "data", f"{table.name}: {told}, first {where}", remedy)

@@ -54,7 +54,6 @@ def check_machine() -> Iterator[Finding]:
 
 
 def check_tools() -> Iterator[Finding]:
-    """Programs that only some commands need."""
     try:
         import imageio_ffmpeg
 
@@ -77,7 +76,6 @@ def check_tools() -> Iterator[Finding]:
 
 
 def check_gpu() -> Iterator[Finding]:
-    """Whether torch is there and sees a GPU."""
     if not installed(("torch",)):
         remedy = "needed for training and --device cuda only: pip install 'tsbench[learn]'"
         yield Finding(Status.NOTE, "torch", "not installed", remedy)

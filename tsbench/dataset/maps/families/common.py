@@ -17,7 +17,6 @@ from tsbench.scenarios.map_pool import PoolRow, map_id
 
 
 def piece_line(source: SourceNetwork, piece: Piece) -> Floats:
-    """The line of a piece, (k, 2) metres UTM."""
     return cut(source.line(piece.row), piece.start, min(piece.end, float(source.lengths[piece.row])))
 
 

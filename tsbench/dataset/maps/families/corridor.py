@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -54,12 +55,10 @@ def find_corridors(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
         yield _row(source, row, span)
 
 
-def corridor_pieces(source: SourceNetwork, detail: dict[str, object]) -> list[Piece]:
+def corridor_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
     """The pieces of a corridor crop: the edge's span and the same of its opposite."""
-    row = source.edge_row[str(detail["edge"])]
-    span = detail["span"]
-    assert isinstance(span, list)
-    return _pieces(source, row, (float(span[0]), float(span[1])))
+    start, end = detail["span"]
+    return _pieces(source, source.edge_row[detail["edge"]], (start, end))
 
 
 def _pieces(source: SourceNetwork, row: int, span: tuple[float, float]) -> list[Piece]:

@@ -6,6 +6,7 @@ import heapq
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from tsbench.dataset.maps.arms import arms_of
 from tsbench.dataset.maps.cut import Piece
@@ -138,15 +139,11 @@ def _way(tree: dict[int, _Reach], target: int) -> list[int]:
     return way[::-1]
 
 
-def dual_path_pieces(source: SourceNetwork, detail: dict[str, object]) -> list[Piece]:
+def dual_path_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
     """The pieces of a dual-path crop: approach, both ways, and every road at their nodes for 40 m."""
     row = source.edge_row
-    short, compliant = detail["short"], detail["compliant"]
-    assert isinstance(short, list)
-    assert isinstance(compliant, list)
-    return _pieces(
-        source, row[str(detail["signed_edge"])], [row[e] for e in short], [row[e] for e in compliant]
-    )
+    short, compliant = ([row[edge] for edge in detail[way]] for way in ("short", "compliant"))
+    return _pieces(source, row[detail["signed_edge"]], short, compliant)
 
 
 def _pieces(source: SourceNetwork, approach: int, short: list[int], compliant: list[int]) -> list[Piece]:
@@ -183,7 +180,6 @@ class _Reaches:
             self._head[row] = max(self._head.get(row, 0.0), from_head)
 
     def pieces(self) -> list[Piece]:
-        """The parts wanted, sorted by edge."""
         return [self._piece(row) for row in sorted(self._tail.keys() | self._head.keys())]
 
     def _piece(self, row: int) -> Piece:
@@ -195,14 +191,8 @@ class _Reaches:
 
 
 def _row(
-    source: SourceNetwork,
-    node: int,
-    approach: int,
-    shape: str,
-    slot: str,
-    short: list[int],
-    compliant: list[int],
-) -> PoolRow:
+    source: SourceNetwork, node: int, approach: int, shape: str, slot: str, short: list[int], compliant: list[int]
+) -> PoolRow:  # fmt: skip
     ids = source.edge_ids
     line = source.line(approach)
     extra = min(float(source.lengths[short[-1]]), DESTINATION_M)

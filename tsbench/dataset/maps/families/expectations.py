@@ -24,7 +24,6 @@ class Expectations:
 
 
 def expectations(row: PoolRow) -> Expectations:
-    """What the lint asks of a row's crop."""
     return _BY_FAMILY[row.family](row, row.fields)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -57,10 +58,7 @@ def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
             reason = "an arm is shorter than 40 m"
         elif not junction_shape(arms):
             reason = "neither T nor X (merge, fork, split carriageway, star)"
-        elif (
-            sum(arm.in_row is not None for arm in arms) < 2
-            or sum(arm.out_row is not None for arm in arms) < 2
-        ):
+        elif min(sum(a.in_row is not None for a in arms), sum(a.out_row is not None for a in arms)) < 2:
             reason = "fewer than two ways in or out"
         else:
             yield _row(source, node, arms)
@@ -68,21 +66,12 @@ def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
         rejected[f"junction: {reason}"] += 1
 
 
-def junction_pieces(source: SourceNetwork, detail: dict[str, object]) -> list[Piece]:
-    """The pieces of a junction crop from its row's detail."""
-    arms = detail["arms"]
-    assert isinstance(arms, list)
-    row = source.edge_row
-    return [
-        piece
-        for arm in arms
-        for piece in arm_pieces(
-            source,
-            row[arm["in_edge"]] if arm["in_edge"] else None,
-            row[arm["out_edge"]] if arm["out_edge"] else None,
-            ARM_CUT_M,
-        )
-    ]
+def junction_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
+    def row(edge: str | None) -> int | None:
+        return None if edge is None else source.edge_row[edge]
+
+    arms = [(row(arm["in_edge"]), row(arm["out_edge"])) for arm in detail["arms"]]
+    return [piece for arm in arms for piece in arm_pieces(source, *arm, ARM_CUT_M)]
 
 
 def arm_detail(source: SourceNetwork, arm: Arm) -> dict[str, object]:

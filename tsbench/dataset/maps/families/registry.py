@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from tsbench.dataset.maps.cut import Piece
 from tsbench.dataset.maps.families.corridor import corridor_pieces, find_corridors
@@ -20,7 +21,7 @@ class Family:
     """`find` yields a source's maps and counts what it refused; `pieces` cuts one by its row's detail."""
 
     find: Callable[[SourceNetwork, Counter[str]], Iterator[PoolRow]]
-    pieces: Callable[[SourceNetwork, dict[str, object]], list[Piece]]
+    pieces: Callable[[SourceNetwork, dict[str, Any]], list[Piece]]
 
 
 REGISTRY: dict[str, Family] = {

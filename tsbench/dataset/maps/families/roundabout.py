@@ -6,6 +6,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -76,23 +77,17 @@ def _maps_of_entry(source: SourceNetwork, ring: list[int], entry: int) -> Iterat
             yield _row(source, cut, entry, leave, rank)
 
 
-def roundabout_pieces(source: SourceNetwork, detail: dict[str, object]) -> list[Piece]:
+def roundabout_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
     """The pieces of a roundabout crop: ring and legs; the entry may be cut further out than the rest."""
-    edges = detail["ring"]
-    assert isinstance(edges, list)
-    rows = [source.edge_row[edge] for edge in edges]
-    entry, *cuts = (detail[name] for name in ("entry", "entry_cut_m", "arm_cut_m"))
-    ring = _cut(source, rows, int(str(entry)), *(float(str(cut)) for cut in cuts))
+    rows = [source.edge_row[edge] for edge in detail["ring"]]
+    ring = _cut(source, rows, detail["entry"], detail["entry_cut_m"], detail["arm_cut_m"])
     return leg_pieces(source, ring.rows, ring.entries + ring.exits)
 
 
-def roundabout_chains(detail: dict[str, object]) -> list[tuple[list[str], str]]:
+def roundabout_chains(detail: dict[str, Any]) -> list[tuple[list[str], str]]:
     """Of each leg the edges in driving order, and the one at the ring: that is what becomes of them in the crop."""
-    entries, exits = detail["entries"], detail["exits"]
-    assert isinstance(entries, list)
-    assert isinstance(exits, list)
-    ways = [(leg["edges"], leg["edges"][-1]) for leg in entries]
-    return ways + [(leg["edges"], leg["edges"][0]) for leg in exits]
+    ways = [(leg["edges"], leg["edges"][-1]) for leg in detail["entries"]]
+    return ways + [(leg["edges"], leg["edges"][0]) for leg in detail["exits"]]
 
 
 def _cut(source: SourceNetwork, ring: list[int], entry: int, entry_cut_m: float, arm_cut_m: float) -> _Ring:

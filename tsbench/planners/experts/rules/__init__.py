@@ -1,1 +1,1 @@
-"""What an expert knows of each rule: one guard a rule, in one file."""
+"""What an expert does about each rule: one constraint, in the file of its name; other files are helpers of these."""

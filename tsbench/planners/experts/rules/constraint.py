@@ -1,4 +1,4 @@
-"""What a guard is: it says which way to go and how hard to accelerate at most. Units: m, m/s, m/s2."""
+"""What a rule's constraint is: it says which way to go and how hard to accelerate at most. Units: m, m/s, m/s2."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RuleConstraint:
     """Watches over one rule for one episode; asked once a tick, `route` first.
 
     Made of a `PlannerContext` and a `Privilege`. approach: the edge from which it looks after a junction itself, "" for
-    none. wary: edges at whose end the network's right of way is not enough.
+    none. alert_edges: those at whose end the network's right of way is not enough.
     """
 
     approach: str = ""

@@ -25,7 +25,7 @@ _BRAKE_MPS2 = 2.2
 _HARD_MPS2 = 3.5
 _SETS_OFF_MPS = 1.5
 _STANDS_MPS = 0.1
-_PATIENCE_S = 10.0
+_WAIT_LIMIT_S = 10.0
 _WAITING_MPS = 0.3
 _EARLY_S, _LATE_S = 0.6, 0.3
 _SPARE_M = 0.2
@@ -38,7 +38,7 @@ _LOOK_M = 70.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Passage:
+class _Crossing:
     """Where a route crosses: arc lengths of the crossing's edges, and the route's u."""
 
     near: float
@@ -57,15 +57,15 @@ class CrosswalkConstraint(RuleConstraint):
         self._length = math.hypot(x - self._x, y - self._y)
         self._c, self._s = (x - self._x) / self._length, (y - self._y) / self._length
         self._path: RoutePath | None = None
-        self._here: _Passage | None = None
+        self._here: _Crossing | None = None
         self._samples: PathSamples
         self._waits_since = math.inf
-        self._patient = True
+        self._waits_for_standing = True
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """What stops before the crossing while somebody is on it or comes; what leaves it briskly."""
         if route.path is not self._path:
-            self._path, self._here = route.path, self._passage(route.path)
+            self._path, self._here = route.path, self._crossed(route.path)
             self._samples = PathSamples(route.path)
         here, v = self._here, observation.ego.speed
         if here is None or route.s - HALF_LENGTH_M > here.far:
@@ -88,14 +88,20 @@ class CrosswalkConstraint(RuleConstraint):
         enters = _time(v, to_go, _QUICK_MPS2)
         leaves = _time(v, here.far - route.s + HALF_LENGTH_M, _SLOW_MPS2)
         most = math.inf
-        self._patient = self._patient and observation.time - self._waits_since < _PATIENCE_S
+        self._waits_for_standing = (
+            self._waits_for_standing and observation.time - self._waits_since < _WAIT_LIMIT_S
+        )
         for begins, ends, certain in self._taken(observation.actors, here.u):
-            if leaves + _EARLY_S < begins or enters > ends + _LATE_S or not (certain or self._patient):
+            if (
+                leaves + _EARLY_S < begins
+                or enters > ends + _LATE_S
+                or not (certain or self._waits_for_standing)
+            ):
                 continue
             most = min(most, slow_to(v, 0.0, stop, _BRAKE_MPS2 if certain else _HARD_MPS2))
         return -math.inf, most
 
-    def _passage(self, path: RoutePath) -> _Passage | None:
+    def _crossed(self, path: RoutePath) -> _Crossing | None:
         """Where the path meets the crossing's middle line; None where it does not lead over it."""
         if self._exit not in path.edges:
             return None
@@ -105,7 +111,7 @@ class CrosswalkConstraint(RuleConstraint):
             x, y = path.line.point_at(s)
             u = (x - self._x) * self._c + (y - self._y) * self._s
         half = 0.5 * self._crossing.width
-        return None if s < -half else _Passage(s - half, s + half, u)
+        return None if s < -half else _Crossing(s - half, s + half, u)
 
     def _taken(self, actors: Actors, u_ego: float) -> list[tuple[float, float, bool]]:
         """For each pedestrian that matters: from when until when it forbids to be on the crossing, in s from now.

@@ -55,7 +55,6 @@ class DetourConstraint(RuleConstraint):
         self._passed = self._done = False
 
     def route(self, observation: Observation) -> RouteView:
-        """The route to follow."""
         route = observation.route
         if self._done:
             return route

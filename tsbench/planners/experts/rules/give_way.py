@@ -16,7 +16,7 @@ class GiveWayConstraint(RuleConstraint):
     """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds.
 
     Whoever else has right of way over the ego in this junction (it turns left in front of the arm opposite) is let
-    pass too, as at any other junction. `approach`: the edge from which this guard looks after the junction.
+    pass too, as at any other junction. `approach`: the edge from which this looks after the junction.
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:

@@ -38,7 +38,6 @@ class ReservedLaneConstraint(RuleConstraint):
         self._s = 0.0
 
     def route(self, observation: Observation) -> RouteView:
-        """The route to follow."""
         route = observation.route
         if route.path is not self._path:
             self._look(route.path)

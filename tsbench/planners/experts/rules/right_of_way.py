@@ -31,15 +31,15 @@ class _Junction:
 
 
 class RightOfWay:
-    """Bounds the acceleration before each such junction; `but`: an approach that a guard looks after.
+    """Bounds the acceleration before each such junction; `but`: an approach that a constraint looks after.
 
-    wary: edges at whose end the ego has right of way, and looks out all the same for who is in the junction.
+    alert_edges: those at whose end the ego has right of way, and looks out all the same for who is in the junction.
     """
 
     def __init__(
         self, context: PlannerContext, but: str = "", alert_edges: AbstractSet[str] = frozenset()
     ) -> None:
-        self._network, self._but, self._wary = context.network, but, alert_edges
+        self._network, self._but, self._alert = context.network, but, alert_edges
         self._path: RoutePath | None = None
         self._junctions: list[_Junction] = []
         self._near: list[Yielding] = []
@@ -48,7 +48,7 @@ class RightOfWay:
         """What the junctions ahead ask for, each until the ego has left it."""
         if route.path is not self._path:
             self._path, self._near = route.path, []
-            self._junctions = _minor(self._network, route.path, self._but, self._wary)
+            self._junctions = _minor(self._network, route.path, self._but, self._alert)
             while self._junctions and self._junctions[0].line_s < route.s:
                 del self._junctions[0]
         while self._junctions and self._junctions[0].line_s - route.s <= _LOOK_M:

@@ -1,0 +1,32 @@
+"""No stopping (3.27): goes on inside the zone, unless somebody is in the way. Units: m, m/s, m/s2."""
+
+from __future__ import annotations
+
+import math
+
+from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.common.speed_profile import PathSamples
+from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
+from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint
+from tsbench.planners.experts.rules.speed import line_place
+from tsbench.sim.navigation import RouteView
+
+_LEAST_MPS = 2.0
+_SPEEDS_UP_MPS2 = 1.0
+_ROOM_M = 15.0
+
+
+class NoStoppingConstraint(RuleConstraint):
+    """Keeps a base planner that would stand still at a walk."""
+
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+        self._context, self._sign = context, privilege.sign
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        line_s = line_place(self._context, route.path, self._sign.edge, self._sign.position_m)
+        inside = route.s + HALF_LENGTH_M > line_s and route.remaining > _ROOM_M
+        if not inside or observation.ego.speed >= _LEAST_MPS:
+            return FREE
+        if moving_ahead(PathSamples(route.path), route.s, _ROOM_M, observation.actors):
+            return FREE
+        return _SPEEDS_UP_MPS2, math.inf

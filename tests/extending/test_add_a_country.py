@@ -1,0 +1,67 @@
+"""A country: one YAML, as far as somebody knows its signs. docs/signs.md, "Country equivalents"."""
+
+from __future__ import annotations
+
+import pytest
+from command_line import in_process
+from own_copy import Copy
+from PIL import Image, ImageChops
+
+from tsbench.core.paths import data_root
+
+POLAND = """
+schema: 1
+country: pl
+names: {en: Poland, own: Polska}
+numbering: "Rozporządzenie w sprawie znaków i sygnałów drogowych, 2002"
+signs:
+  "2.5": {code: "B-20", checked: true}
+  "4.2.3": {code: none, reason: no sign leaves both sides open, checked: false}
+"""
+
+
+def test_a_country_is_one_file_that_may_leave_signs_out(clone: Copy) -> None:
+    clone.write("sign_catalog/countries/pl.yaml", POLAND)
+    line = next(one for one in clone.tsbench("signs", "equivalents").splitlines() if one.startswith("pl"))
+    assert line.split()[-4:] == ["1/2", "50", "%", "1"], line  # no published share
+    told = {
+        one.split()[0]: one
+        for one in clone.tsbench("signs", "equivalents", "--country", "pl", "--csv", "pl.csv").splitlines()
+        if one[:1].isdigit()
+    }
+    assert "B-20" in told["2.5"]
+    assert "none" in told["4.2.3"]
+    assert "unknown" in told["3.24"]
+    rows = (clone.root / "pl.csv").read_text(encoding="utf-8").splitlines()
+    assert (len(rows), sum(",unknown," in row for row in rows)) == (35, 32)
+    clone.tsbench("signs", "equivalents", "--country", "pl", "--out", "tables")
+    assert "unknown" in (clone.root / "tables" / "country-pl.csv").read_text(encoding="utf-8")
+
+
+def test_pictures_say_what_is_unknown(clone: Copy) -> None:
+    clone.write("sign_catalog/countries/pl.yaml", POLAND)
+    clone.tsbench("signs", "sheet", "--out", "own.png")
+    clone.tsbench("signs", "sheet", "--country", "pl", "--out", "pl.png")
+    with Image.open(clone.root / "own.png") as own, Image.open(clone.root / "pl.png") as other:
+        assert own.size == other.size
+        assert ImageChops.difference(own, other).getbbox() is not None
+    captions = (
+        "from tsbench.signs.countries import load_country, shown_code; pl = load_country('pl'); "
+        "print(*(shown_code(code, pl) for code in ('2.5', '4.2.3', '3.24')), sep='|')"
+    )
+    assert clone.python("-c", captions).strip() == "PL B-20|4.2.3 (PL: none)|3.24 (PL: unknown)"
+
+
+def test_a_data_folder_of_one_s_own_is_named_by_the_environment(
+    clone: Copy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clone.write("sign_catalog/countries/pl.yaml", POLAND)
+    signs = in_process("signs", capsys)
+    assert "Poland" not in signs("equivalents")[0]
+    monkeypatch.setenv("TSBENCH_DATA", str(clone.root))
+    data_root.cache_clear()
+    try:
+        assert "Poland" in signs("equivalents")[0]
+    finally:
+        monkeypatch.undo()
+        data_root.cache_clear()

@@ -1,0 +1,58 @@
+"""A scenario type: a recipe, and signs that name it; no code where its placement is there. docs/scenarios.md."""
+
+from __future__ import annotations
+
+import shutil
+
+from own_copy import ROOT, Copy, records
+
+from tsbench.scenarios.table import read_table, table_path
+
+TYPE = "tunnel_speed"
+# The road of three lanes that other tests build on stands for a map of the pool (argument: its name).
+BUILD = """
+import sys
+from pathlib import Path
+from pool_builders import corridor
+from simworld import LIMIT, road_plain, simulation, store_scenes
+from tsbench.dataset.scenes import map_scenarios
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.scenarios.table import write_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+LENGTH_M = 240.0
+map_scenarios.plain_crop = lambda *_: road_plain(LENGTH_M)
+every = map_scenarios.variants_of
+map_scenarios.variants_of = lambda *of: tuple(v for v in every(*of) if v.number < 2)
+recipe = load_recipe("tunnel_speed", load_catalog())
+built = map_scenarios.SiteBuilder(recipe, Path("built"), simulation()).build(
+    corridor(sys.argv[1], length=LENGTH_M, speed=LIMIT), None, "test"
+)
+assert not built.reason, built.reason
+store_scenes(built.rows, Path("built"), Path("scenarios"))
+write_table(built.rows, table_path("test", Path("scenarios")))
+"""
+
+
+def test_a_scenario_type_is_a_recipe(clone: Copy) -> None:
+    sign = clone.like(
+        "sign_catalog/signs/4.6.yaml",
+        ('"4.6"', '"4.6.1"'), ("id: min_speed\n  row: 8", f"id: {TYPE}\n  row: 30"),
+    )  # fmt: skip
+    clone.write("sign_catalog/signs/4.6.1.yaml", sign)
+    recipe = clone.like("scenarios/recipes/min_speed.yaml", ("type: min_speed", f"type: {TYPE}"))
+    clone.write(f"scenarios/recipes/{TYPE}.yaml", recipe)
+    assert "35 signs, 30 scenario types" in clone.tsbench("signs", "list")
+
+    shutil.copytree(ROOT / "tests/helpers", clone.root / "tests/helpers")
+    map_id = next(row.map_id for row in read_table(table_path("test")) if row.scenario_type == "min_speed")
+    clone.python("-c", BUILD, map_id)
+    assert clone.tsbench("scenarios", "list", "--split", "test").split() == [
+        f"{TYPE}-{map_id}-v{number}" for number in range(2)
+    ]
+    clone.tsbench("run", "--planner", "idm-e", "--planner", "idm-s1", "--split", "test", "--types", TYPE, "--variants",
+                  "0", "--out", "run")  # fmt: skip
+    found = records(clone.root / "run")
+    assert (found["idm-e"]["sign_code"], found["idm-e"]["scd"]) == ("4.6.1", True)
+    assert found["idm-s1"]["violation_clause"] == "under_minimum"
+    assert "1 of 30 types, 2 episodes asked" in (clone.root / "run" / "summary.json").read_text()

@@ -1,0 +1,46 @@
+"""Dataclasses from the plain values (numbers, text, lists, dictionaries) that files and lines of JSON hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from functools import cache
+from types import NoneType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+T = TypeVar("T")
+
+# JSON has no such numbers, so some files hold them as text.
+_NOT_FINITE = ("nan", "inf", "-inf")
+
+
+def from_plain(kind: type[T], value: Any) -> T:
+    """A value of a type: a dataclass with exactly its fields, or what such fields may be. ValueError for others."""
+    made: T = _made(kind, value)
+    return made
+
+
+def _made(kind: Any, value: Any) -> Any:
+    if isinstance(kind, type) and is_dataclass(kind):
+        fields = _fields(kind)
+        if not isinstance(value, Mapping) or value.keys() != fields.keys():
+            raise ValueError(f"{kind} has the fields {sorted(fields)}, not {value!r:.80}")
+        return kind(**{name: _made(of, value[name]) for name, of in fields.items()})
+    origin, parts = get_origin(kind) or kind, get_args(kind)
+    if NoneType in parts:
+        return None if value is None else _made(parts[0], value)
+    if origin is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"a list was expected, not {value!r:.80}")
+        return tuple(_made(parts[0], one) for one in value)
+    if origin is float and (type(value) is int or value in _NOT_FINITE):
+        return float(value)
+    # A truth value is no number, though Python takes it for one.
+    if origin is not Any and not (isinstance(value, origin) and isinstance(value, bool) is (origin is bool)):
+        raise ValueError(f"{origin.__name__} was expected, not {value!r:.80}")
+    return value
+
+
+@cache
+def _fields(kind: Any) -> Mapping[str, Any]:
+    return get_type_hints(kind)

@@ -1,0 +1,28 @@
+"""What a process that runs episodes is doing, for whoever watches over it."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Phase(IntEnum):
+    """Told at each change; PLANNING is the planner's own time, making it and `reset` included."""
+
+    IDLE = 0
+    LOADING = 1
+    SIMULATING = 2
+    PLANNING = 3
+    SCORING = 4
+
+    @property
+    def words(self) -> str:
+        return _WORDS[self]
+
+
+_WORDS = (
+    "between episodes",
+    "loading the scene",
+    "in the simulation",
+    "in the planner",
+    "in the monitors",
+)

@@ -1,0 +1,158 @@
+"""What the page of the data set holds: places for its map, scenes of each type and map, and the table of scenarios."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tsbench.core.parallel import worker_processes
+from tsbench.core.parquet import open_table
+from tsbench.report.drawing.roads import road_shapes
+from tsbench.report.drawing.scene import scene_shapes
+from tsbench.report.page.drawing import drawing
+from tsbench.report.page.packing import pack, pack_table
+from tsbench.scenarios.certificates import Certificate
+from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+
+_COLUMNS = ("map_id", "source", "east", "north", "lat", "lon", "road_class")
+
+
+def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
+    """Header: unit (m), east0, north0 (UTM 37 north), sources [name, x, y], used maps; arrays x, y of the whole pool.
+
+    A used map: id, x, y, lat, lon, road class, source, split, types.
+    """
+    table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", _COLUMNS)
+    column: dict[str, list[Any]] = {name: table[name].to_pylist() for name in _COLUMNS}
+    east, north = np.array(column["east"]), np.array(column["north"])
+    middle = (float(np.median(east)), float(np.median(north)))
+    reach = max(float(np.abs(east - middle[0]).max()), float(np.abs(north - middle[1]).max()))
+    unit = max(round(reach / 32_000 + 0.5), 1)
+    x, y = (np.rint((a - m) / unit).astype(np.int16) for a, m in zip((east, north), middle, strict=True))
+    place = {name: k for k, name in enumerate(column["map_id"])}
+    types: dict[str, set[str]] = defaultdict(set)
+    splits: dict[str, str] = {}
+    for row in rows:
+        types[row.map_id].add(row.scenario_type)
+        splits[row.map_id] = row.split
+    used = [
+        {
+            "id": name, "x": int(x[k]), "y": int(y[k]), "lat": round(column["lat"][k], 5),
+            "lon": round(column["lon"][k], 5), "road": column["road_class"][k], "source": column["source"][k],
+            "split": splits[name], "types": sorted(types[name]),
+        }
+        for name, k in ((name, place[name]) for name in sorted(types))
+    ]  # fmt: skip
+    header = {"unit": unit, "sources": _sources(column["source"], x, y), "used": used}
+    order = np.lexsort((y, x))
+    return pack(header, {"x": x[order], "y": y[order]})
+
+
+def _sources(names: Sequence[str], x: Any, y: Any) -> list[list[Any]]:
+    by_name = defaultdict(list)
+    for k, name in enumerate(names):
+        by_name[name].append(k)
+    ordered = sorted(by_name.items(), key=lambda item: (-len(item[1]), item[0]))
+    return [[name, int(np.median(x[ks])), int(np.median(y[ks])), len(ks)] for name, ks in ordered]
+
+
+# Scenario type and map.
+Group = tuple[str, str]
+# Code and value.
+Plate = tuple[str, float | None]
+
+
+def scene_blob(type_id: str, map_id: str) -> str:
+    return f"scene/{type_id}/{map_id}"
+
+
+def pack_scenes(
+    groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
+) -> Iterator[tuple[Group, bytes, set[Plate]]]:
+    """Blobs in the groups' order (`roads`, and `scenes` by variant), and the plates in them."""
+    with worker_processes(min(workers, len(groups)), "packing scenes") as pool:
+        packed = pool.ordered(_pack, ((rows,) for rows in groups.values()))
+        for done, (key, (content, plates)) in enumerate(zip(groups, packed, strict=True), start=1):
+            progress(done, len(groups))
+            yield key, content, plates
+
+
+@cache
+def _loader() -> SceneLoader:
+    return SceneLoader()
+
+
+def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[Plate]]:
+    scenes = {}
+    plates: set[Plate] = set()
+    for row in rows:
+        scene, roads = _loader().load(row)
+        scenes[str(row.variant)] = drawing(scene_shapes(scene, roads.graph, start=True))
+        plates |= {(sign.code, sign.value) for sign in scene.signs}
+    return pack({"roads": drawing(road_shapes(scene.network)), "scenes": scenes}), plates
+
+
+_YES = ["no", "yes", "–"]
+_GOOD, _BAD = {"yes": "good", "no": "bad"}, {"no": "bad"}
+COLUMNS: tuple[dict[str, Any], ...] = (
+    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
+    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "split", "label": "split", "kind": "text", "filter": "choice"},
+    {"name": "map_id", "label": "map", "kind": "text", "filter": "text"},
+    {"name": "variant", "label": "variant", "kind": "number", "digits": 0},
+    {"name": "expert", "label": "solved by", "kind": "text", "filter": "choice", "marks": {"nobody": "bad"},
+     "title": "the expert that obeyed the sign and arrived"},
+    {"name": "expert_time_s", "label": "after", "kind": "number", "unit": "s", "minor": True},
+    {"name": "tempting", "label": "tempting", "kind": "flag", "words": _YES, "filter": "choice", "marks": _GOOD,
+     "title": "a driver who does not see signs failed"},
+    {"name": "tempted_outcome", "label": "tempted driver", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "engaged", "label": "engaged", "kind": "flag", "words": _YES, "minor": True,
+     "title": "the rule bound the tempted driver"},
+    {"name": "sane", "label": "sane", "kind": "flag", "words": _YES, "filter": "choice", "marks": _BAD,
+     "title": "traffic as asked, nobody inside another, both episodes came to an end"},
+    {"name": "reproduced", "label": "again", "kind": "flag", "words": _YES, "minor": True, "marks": _BAD,
+     "title": "a second process drove it to the same bytes"},
+    {"name": "asked_density", "label": "asked", "kind": "number", "unit": "cars/lane-km",
+     "title": "density of moving cars that the scene asks for"},
+    {"name": "realised_density", "label": "realised", "kind": "number", "unit": "cars/lane-km"},
+    {"name": "arrival_gap_s", "label": "gap", "kind": "number", "unit": "s", "minor": True,
+     "title": "the convoy's unhindered arrival at the conflict zone less the ego's"},
+    {"name": "scenario_id", "label": "scenario", "kind": "text", "minor": True},
+)  # fmt: skip
+_DETAILS = (
+    ("sign_code", "text"), ("sign_value", "number"), ("initial_speed", "number"), ("route_length", "number"),
+    ("horizon", "number"), ("density", "number"), ("drivers", "number"), ("layout", "number"), ("seed", "text"),
+    ("shape", "text"), ("family", "text"), ("attempt", "number"), ("road_users", "number"), ("tempted", "text"),
+)  # fmt: skip
+
+
+def pack_rows(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> bytes:
+    values = {column["name"]: _column(column["name"], rows, proofs) for column in COLUMNS}
+    values["expert"] = [name or "nobody" for name in values["expert"]]
+    return pack_table(COLUMNS, values)
+
+
+def pack_details(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> bytes:
+    columns = [{"name": name, "label": name.replace("_", " "), "kind": kind} for name, kind in _DETAILS]
+    values = {name: _column(name, rows, proofs) for name, _ in _DETAILS}
+    values["seed"] = [str(seed) for seed in values["seed"]]
+    return pack_table(columns, values)
+
+
+def _column(name: str, rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> list[Any]:
+    source: Sequence[Any] = rows if hasattr(rows[0], name) else proofs
+    return [_plain(getattr(item, name)) for item in source]
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN; two digits are enough to look at."""
+    if isinstance(value, float):
+        return round(value, 2) if math.isfinite(value) else None
+    return value
