@@ -15,14 +15,12 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
-# In parts, each with workers of its own, or every one would hold what draws and what learns beside all else: they stay
-# below 700 MB (tests/helpers/memory_guard.py).
-LARGE := $(addprefix tests/,cli dataset envs planners report run)
-LEARN := $(filter-out %__pycache__/,$(wildcard tests/learn/*/)) $(wildcard tests/learn/test_*.py)
+# A part for each folder, with workers of its own, or every one would hold what draws and what learns beside all else:
+# they stay below 700 MB (tests/helpers/memory_guard.py).
+TESTS := $(filter-out %/__pycache__/ %/cases/ %/helpers/ %/learn/,$(wildcard tests/*/ tests/learn/*/))
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
-	$(PYTEST) $(addprefix --ignore=,$(LARGE) tests/learn)
-	for part in $(LARGE) $(LEARN); do $(PYTEST) $$part || exit; done
+	for part in $(TESTS) "$(wildcard tests/test_*.py tests/learn/test_*.py)"; do $(PYTEST) $$part || exit; done
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
 # in docs/results.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes,
