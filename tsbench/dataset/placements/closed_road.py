@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     UnfitMapError,
     before_line,
@@ -37,7 +38,7 @@ class _Way:
     back: str
 
 
-class ClosedRoadPlacement:
+class ClosedRoadPlacement(Placement):
     """`blocked_road`: the ego comes on the main road, so that it is the plate that stops it and not the traffic."""
 
     def __init__(self, recipe: Recipe) -> None:

@@ -6,7 +6,7 @@ Source: docs/spec/scenes.md, "Detour". Units: m.
 from __future__ import annotations
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, require
+from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, passenger_lanes, require
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
@@ -22,7 +22,7 @@ from tsbench.sim.world import EGO_LENGTH_M
 _LONGEST_CAR_M = max(length for length, _ in BODIES.values())
 
 
-class DetourPlacement:
+class DetourPlacement(Placement):
     """`detour_*`: an obstacle on a lane that has a neighbour on each side that the plate allows."""
 
     def __init__(self, recipe: Recipe) -> None:

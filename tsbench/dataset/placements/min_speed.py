@@ -8,7 +8,14 @@ import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
 from tsbench.dataset.placements.speed_zone import KMH, obeying_drivers, task_limit
 from tsbench.dataset.scenes.drivers import BODIES, Driver
 from tsbench.dataset.scenes.elements import moving_car
@@ -22,7 +29,7 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class MinSpeedPlacement:
+class MinSpeedPlacement(Placement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
     The leader is faster than the slow style whom the scene tempts, and so out of its reach where the rule binds.

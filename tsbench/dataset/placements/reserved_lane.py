@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainLane, PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, plate_beside, require
+from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, plate_beside, require
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
 from tsbench.dataset.scenes.recipe import Recipe
@@ -20,7 +20,7 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class ReservedLanePlacement:
+class ReservedLanePlacement(Placement):
     """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone."""
 
     def __init__(self, recipe: Recipe) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 
 from tsbench.core.seeds import seed_of
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.scenes.elements import obey_element
 from tsbench.dataset.scenes.recipe import Recipe
@@ -34,7 +41,7 @@ def task_limit(row: PoolRow, recipe: Recipe) -> int:
     return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
 
 
-class SpeedZonePlacement:
+class SpeedZonePlacement(Placement):
     """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
 
     The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does.
