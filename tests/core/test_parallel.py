@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -80,9 +79,8 @@ def test_a_kept_result_that_has_lost_what_belongs_to_it_is_made_again(tmp_path: 
     assert done(tmp_path) == [2]
 
 
-AGAIN_S = 10.0
 SLOW = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from tsbench.core.parallel import Kept, worker_processes
 
@@ -93,6 +91,8 @@ def nap(number, log):
     return [number]
 
 if __name__ == "__main__":
+    # Who runs the suite in the background may have it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(sys.argv[1])
     jobs = ((number, folder / "log") for number in range(10_000))
     with worker_processes(2, "napping") as pool:
@@ -109,17 +109,11 @@ def test_ctrl_c_ends_it_with_what_is_finished_kept_and_nobody_at_work(tmp_path: 
     while not (tmp_path / "kept" / "3.json").exists():
         assert time.monotonic() - began < HANG_S
         time.sleep(0.05)
-    # Python drops a signal that comes while it destroys an object, and says so: one presses again.
-    while child.poll() is None:
-        assert time.monotonic() - began < HANG_S
-        os.killpg(child.pid, signal.SIGINT)
-        with suppress(subprocess.TimeoutExpired):
-            child.wait(timeout=AGAIN_S)
-    told = child.communicate()[1]
+    os.killpg(child.pid, signal.SIGINT)
+    told = child.communicate(timeout=HANG_S)[1]
     assert child.returncode != 0
-    # The workers leave Ctrl-C to their parent: the traceback is its own.
-    assert told.rstrip().endswith("KeyboardInterrupt")
-    assert "Process" not in told
+    # The workers leave Ctrl-C to their parent: one traceback, its own.
+    assert told.count("KeyboardInterrupt") == 1
     before = done(tmp_path)
     time.sleep(0.3)
     assert done(tmp_path) == before
