@@ -41,6 +41,10 @@ class RuleKind:
     thresholds: str
     clauses: str
 
+    def binds(self, params: PlateParams | None) -> bool:
+        """Does a plate with these params bind the ego? In a contrast scene the target may bind others, and has none."""
+        return params is not None or self.params is None
+
     def __post_init__(self) -> None:
         for key in self.thresholds.split():
             if key.rpartition("_")[2] not in _UNITS:

@@ -15,13 +15,18 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
 class ReservedLanePlacement(Placement):
-    """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone."""
+    """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
+
+    In the contrast half it is the lane beside it. In both its users are on both lanes, and other traffic is on neither:
+    which one is theirs, only the plate says.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -37,12 +42,12 @@ class ReservedLanePlacement(Placement):
         return plate, min(plate + recipe.number("zone_most_m"), length - after)
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The corridor in three parts; in the middle one the rightmost lane is for its users only."""
+        """The corridor in three parts; in the middle one no car of others uses the two rightmost lanes."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
         plate, end = self._zone(row, recipe)
         run_up_room(plate, recipe)
         net, (_, zone, _) = split_edge(plain, row.fields["edge"], (plate, end))
-        lanes = (PlainLane(0, allow=self.users),)
+        lanes = tuple(PlainLane(k, allow=self.users) for k in range(2))
         return replace(net, edges=tuple(replace(e, lanes=lanes) if e.id == zone else e for e in net.edges))
 
     def place(self, task: SceneTask) -> Arrangement:
@@ -64,6 +69,18 @@ class ReservedLanePlacement(Placement):
             convoy=lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
             blocked=((lane.id, start.s, lane.line.length),),
         )  # fmt: skip
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The plate speaks of the lane beside the ego's."""
+        (sign,) = signed.signs
+        params = sign.params_as(ReservedLaneParams)
+        beside = task.network.edge_lanes(sign.edge)[1].id
+        stay = WayParams(params.approach, lanes=params.lanes)
+        return replace(
+            signed,
+            signs=(replace(sign, lane=1, params=replace(params, lanes=(beside,))),),
+            contrast=(ContrastClause("needless_detour", stay),),
+        )
 
 
 def run_up_room(plate: float, recipe: Recipe) -> float:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from tsbench.core.seeds import seed_of
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
@@ -18,10 +16,10 @@ from tsbench.dataset.placements.base import (
     require,
 )
 from tsbench.dataset.placements.corridor import split_edge
-from tsbench.dataset.scenes.elements import obey_element
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -29,27 +27,26 @@ from tsbench.sim.world import EGO_LENGTH_M
 KMH = 1.0 / 3.6
 
 
-def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margin_kmh: float) -> int:
-    """One of the values that the road allows, in equal shares by a stable hash of the map."""
-    usable = [v for v in choices if v + margin_kmh <= row.speed_mps * 3.6 + 0.5]
-    require(bool(usable), f"the road's own limit is {row.speed_mps * 3.6:.0f} km/h")
-    return usable[seed_of("limit", scenario_type, row.map_id) % len(usable)]
-
-
-def task_limit(row: PoolRow, recipe: Recipe) -> int:
-    """The number on a map's plate, km/h."""
-    return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
+def task_limit(task: SceneTask) -> int:
+    """The number on a variant's plate, km/h: round the values that the road allows, so that each is there as often."""
+    recipe, road = task.recipe, task.row.speed_mps / KMH
+    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
+    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
+    return int(usable[task.variant.value % len(usable)])
 
 
 class SpeedZonePlacement(Placement):
     """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
 
-    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does.
+    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the
+    contrast half a higher value is posted, to which the road's own traffic keeps. Others drive alike in both halves,
+    as the road's limit allows: from them nobody learns what is posted.
     """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
         self.end_code = recipe.type.end_codes[0]
+        self.other_codes = recipe.choices.get("contrast_plates", [self.code, self.end_code])
 
     def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
         """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
@@ -61,13 +58,12 @@ class SpeedZonePlacement(Placement):
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The zone on edges of its own, so that other traffic can be bound there."""
-        task_limit(row, recipe)
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        limit = float(task_limit(row, recipe))
+        limit = float(task_limit(task))
         v = limit * KMH
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
@@ -86,16 +82,25 @@ class SpeedZonePlacement(Placement):
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
             plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
         )
-        obeying = obeying_drivers(task)
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
-            extra=(obey_element(zone, network, v),),
-            speed_factors=tuple(1.0 if k < obeying else row.speed_mps / v for k in range(len(task.drivers))),
         )  # fmt: skip
 
-
-def obeying_drivers(task: SceneTask) -> int:
-    """How many of the background drivers, from the first on, keep to the plate."""
-    least, most = task.recipe.number("obey_least"), task.recipe.number("obey_most")
-    return math.ceil(float(task.rng.uniform(least, most)) * len(task.drivers))
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """A value of at least 1.6 times as much, and of no less than the road's own."""
+        first, end = signed.signs
+        recipe, road = task.recipe, task.row.speed_mps / KMH
+        least = max(recipe.number("contrast_ratio") * first.posted, road)
+        values = [v for v in recipe.choices["contrast_kmh"] if v >= least - 0.5]
+        require(bool(values), f"no value for a road of {road:.0f} km/h")
+        value = float(values[task.variant.plate % len(values)])
+        zone = first.params_as(ZoneParams).zone_edges[:-1]
+        length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
+        slow = SlowZoneParams(zone, 0.0, length, min(value, road))
+        code, end_code = self.other_codes
+        return replace(
+            signed,
+            signs=(replace(first, code=code, value=value), replace(end, code=end_code, value=value)),
+            contrast=(ContrastClause("needless_slow", slow),),
+        )

@@ -20,7 +20,7 @@ _MAY = {"tempted", "breaker", "paired"}
 _RANGES = {
     "_m": (0.0, 1000.0, "m"), "_mps": (0.1, 60.0, "m/s"), "_kmh": (1.0, 200.0, "km/h"), "_mps2": (0.1, 10.0, "m/s2"),
     "_s": (0.0, 600.0, "s"), "_deg": (0.0, 180.0, "degrees"), "_share": (0.0, 1.0, "as a share"),
-    "obey_least": (0.0, 1.0, "as a share"), "obey_most": (0.0, 1.0, "as a share"),
+    "_ratio": (0.0, 10.0, "as a ratio"),
 }  # fmt: skip
 _COUNT = (0, 100, "as a whole number")
 _TICKS = (10, 10_000, "ticks")
@@ -33,7 +33,8 @@ _PARTS: dict[str, Any] = {
     "alternate": bool, "shape": str, "length_m": (0.1, 100.0, "m"), "width_m": (0.1, 20.0, "m"),
 }  # fmt: skip
 _CHOICES: dict[str, Any] = {
-    "users": (1, 20, "as a whole number"), "limits_kmh": _RANGES["_kmh"], "tracks_m": _TRACK,
+    "users": (1, 20, "as a whole number"), "limits_kmh": _RANGES["_kmh"], "contrast_kmh": _RANGES["_kmh"],
+    "tracks_m": _TRACK,
     "obstacles": dict, "presets": dict,
 }  # fmt: skip
 
