@@ -8,7 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainLane, PlainNet
-from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, plate_beside, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    ConvoySetup,
+    Placement,
+    SceneTask,
+    plate_beside,
+    require,
+)
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
 from tsbench.dataset.scenes.recipe import Recipe
@@ -66,7 +73,10 @@ class ReservedLanePlacement(Placement):
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, zone, last), route_length=reserved.line.length + end_s,
-            convoy=lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
+            convoy=_side_by_side(
+                lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
+                network.edge_lanes(zone)[1].id,
+            ),
             blocked=((lane.id, start.s, lane.line.length),),
         )  # fmt: skip
 
@@ -81,6 +91,16 @@ class ReservedLanePlacement(Placement):
             signs=(replace(sign, lane=1, params=replace(params, lanes=(beside,))),),
             contrast=(ContrastClause("needless_detour", stay),),
         )
+
+
+def _side_by_side(convoy: ConvoySetup, beside: str) -> ConvoySetup:
+    """Each user with another one on the lane beside its own."""
+    return replace(
+        convoy,
+        drivers=tuple(d for d in convoy.drivers for _ in range(2)),
+        places=tuple(p for p in convoy.places for _ in range(2)),
+        lanes=(convoy.lane, beside) * len(convoy.places),
+    )
 
 
 def run_up_room(plate: float, recipe: Recipe) -> float:
