@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from tsbench.core.modules import import_all
 from tsbench.rules.base import Monitor
+from tsbench.rules.needless import ContrastTarget
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
@@ -43,4 +44,5 @@ def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monito
         for sign in scene.signs
         if sign.role == "context" and sign.id != scene.target and sign.params is not None
     )
-    return make_monitor(scene.target_sign, catalog, scene), others
+    target = make_monitor(scene.target_sign, catalog, scene)
+    return ContrastTarget(target, catalog) if scene.contrast else target, others
