@@ -16,7 +16,7 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH, task_limit
+from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.elements import moving_car
 from tsbench.dataset.scenes.recipe import Recipe
@@ -27,6 +27,14 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
+
+
+def task_minimum(task: SceneTask) -> float:
+    """The number on a variant's plate, km/h: round those that the road allows, so that each is there as often."""
+    recipe, road = task.recipe, task.row.speed_mps / KMH
+    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
+    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
+    return float(usable[task.variant.value % len(usable)])
 
 
 class MinSpeedPlacement(Placement):
@@ -47,7 +55,7 @@ class MinSpeedPlacement(Placement):
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 30 m before the plate, 12 to 18 km/h too slow."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        minimum = float(task_limit(task))
+        minimum = task_minimum(task)
         edge = row.fields["edge"]
         lanes = passenger_lanes(network, edge)
         require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,22 +18,16 @@ from tsbench.dataset.placements.base import (
 )
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 1.0 / 3.6
-
-
-def task_limit(task: SceneTask) -> int:
-    """The number on a variant's plate, km/h: round the values that the road allows, so that each is there as often."""
-    recipe, road = task.recipe, task.row.speed_mps / KMH
-    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
-    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
-    return int(usable[task.variant.value % len(usable)])
 
 
 class SpeedZonePlacement(Placement):
@@ -63,10 +58,12 @@ class SpeedZonePlacement(Placement):
     def place(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        limit = float(task_limit(task))
-        v = limit * KMH
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
+        limits, most = recipe.choices["limits_kmh"], self._most(task, zone)
+        require(max(limits) <= most, f"the road takes a plate of at most {most:.0f} km/h")
+        limit = float(limits[variant.value % len(limits)])
+        v = limit * KMH
         lanes = passenger_lanes(network, first)
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
@@ -86,6 +83,20 @@ class SpeedZonePlacement(Placement):
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
         )  # fmt: skip
+
+    @staticmethod
+    def _most(task: SceneTask, zone: Sequence[str]) -> float:
+        """The highest limit, km/h, of a signed half.
+
+        It slows the road's traffic, and who keeps to it would drive needlessly slowly in the contrast half.
+        """
+        catalog, road = load_catalog(), task.row.speed_mps
+        needless, speed = catalog.needless.thresholds, catalog.rule("speed").thresholds
+        line = join([task.network.edge_lanes(e)[0].line for e in zone])
+        judged = line.slice(0.0, min(needless["slow_zone_m"], line.length))
+        bend = bend_speed(judged, needless["lateral_mps2"])
+        apart = needless["slow_speed_ratio"] * min(road, bend) / KMH - speed["tolerance_kmh"]
+        return min(road / KMH + 0.5 - task.recipe.number("below_road_kmh"), apart)
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """A value of at least 1.6 times as much, and of no less than the road's own."""
