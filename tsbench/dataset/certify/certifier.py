@@ -4,24 +4,44 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
+from tsbench.dataset.certify.pair import (
+    Recorder,
+    Replay,
+    braking_before,
+    first_difference,
+    seen_without_plates,
+)
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.registry import resolve
+from tsbench.planners.base import Control, Observation, Trajectory
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
 EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
+
+
+@dataclass(frozen=True)
+class _Proof:
+    """One half as it was proven: the expert's answers, the tempted driver's episode, and what it was first shown."""
+
+    spec: ScenarioSpec
+    answers: Sequence[Control | Trajectory]
+    blind: EpisodeResult
+    first: Observation | None
 
 
 class Certifier:
@@ -30,14 +50,18 @@ class Certifier:
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
         self._catalog = load_catalog()
-        self._runners: dict[str, EpisodeRunner] = {}
+        self._runners: dict[str, tuple[EpisodeRunner, list[Recorder]]] = {}
+        self._proofs: dict[str, _Proof] = {}
+        self._last = Recorder(Replay(()))
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         """The certificate of a row. tempted: the sign-blind driver's name. asked, realised: cars per lane-km."""
         solver, solved = self._solve(spec)
+        answers = self._last.answers
         blind = self._drive(tempted, spec)
+        self._proofs[spec.half] = _Proof(spec, answers, blind, self._last.first)
         facts, calm = blind.facts, solved.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
@@ -51,6 +75,23 @@ class Certifier:
             code=driving_fingerprint(), reproduced=None,
         )  # fmt: skip
 
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        """Both with what is known of the pair. Raises ValueError unless its rows were the last two that were proven."""
+        a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
+        if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
+            raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
+        passed = [_scd(self._replay(one.answers, other.spec)) for one, other in ((a, b), (b, a))]
+        views = [None if one.first is None else seen_without_plates(one.first) for one in (a, b)]
+        tick = brake = None
+        if a.blind.facts is not None and b.blind.facts is not None:
+            tick = first_difference(a.blind.facts, b.blind.facts)
+            brake = None if tick is None else braking_before(a.blind.facts.scene.target_sign, tick)
+        pair = partial(
+            replace, exclusive=not any(passed), blind_equal=None not in views and views[0] == views[1],
+            differs_s=None if brake is None or tick is None else tick.time, brake_mps2=brake,
+        )  # fmt: skip
+        return pair(signed), pair(contrast)
+
     def again(self, spec: ScenarioSpec, old: Certificate) -> Certificate:
         """The row driven once more; `reproduced` where it shows the same, whatever code drove it before, and where.
 
@@ -61,23 +102,35 @@ class Certifier:
 
     def _solve(self, spec: ScenarioSpec) -> tuple[str, EpisodeResult]:
         """The first expert that gets SCD and its episode; "" and the first expert's episode if none does."""
-        first: EpisodeResult | None = None
+        results = []
         for name in EXPERTS:
-            result = self._drive(name, spec)
-            if _scd(result):
-                return name, result
-            first = first or result
-        assert first is not None
-        return "", first
+            results.append(self._drive(name, spec))
+            if _scd(results[-1]):
+                return name, results[-1]
+        return "", results[0]
 
     def _drive(self, planner: str, spec: ScenarioSpec) -> EpisodeResult:
-        runner = self._runners.get(planner)
-        if runner is None:
+        if planner not in self._runners:
+            loaded, made = resolve(planner), list[Recorder]()
+
+            def factory() -> Recorder:
+                made.append(Recorder(loaded.factory()))
+                return made[-1]
+
             runner = EpisodeRunner(
-                replace(resolve(planner), name=planner), simulation=self._simulation, loader=self._loader
+                replace(loaded, name=planner, factory=factory),
+                simulation=self._simulation,
+                loader=self._loader,
             )
-            self._runners[planner] = runner
-        return runner.run(spec)
+            self._runners[planner] = runner, made
+        runner, made = self._runners[planner]
+        result = runner.run(spec)
+        self._last = made[-1] if made else Recorder(Replay(()))
+        return result
+
+    def _replay(self, answers: Sequence[Control | Trajectory], spec: ScenarioSpec) -> EpisodeResult:
+        planner = LoadedPlanner("replay", lambda: Replay(answers), False)
+        return EpisodeRunner(planner, simulation=self._simulation, loader=self._loader).run(spec)
 
 
 def _scd(result: EpisodeResult) -> bool:
