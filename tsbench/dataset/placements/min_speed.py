@@ -16,7 +16,7 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH
+from tsbench.dataset.placements.speed_zone import KMH, no_slower
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.elements import moving_car
 from tsbench.dataset.scenes.recipe import Recipe
@@ -40,8 +40,8 @@ def task_minimum(task: SceneTask) -> float:
 class MinSpeedPlacement(Placement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
-    In the contrast half hangs a plate there that allows no more than the slow style drives. The leader is faster than
-    this style, whom the scene tempts, and so out of its reach where the rule binds.
+    In the contrast half the plate there allows no more than the slow style drives, whom the scene tempts. The leader is
+    faster than this style, and so out of its reach where the rule binds; so is everybody else.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -78,7 +78,7 @@ class MinSpeedPlacement(Placement):
         return Arrangement(
             signs=(sign,), target=sign.id,
             start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
-            extra=leader,
+            extra=leader, drivers=no_slower(task.drivers, minimum + recipe.number("others_above_kmh")),
             blocked=((lane.id, start.s, front + recipe.number("leader_clear_m")),) if leader else (),
         )  # fmt: skip
 
