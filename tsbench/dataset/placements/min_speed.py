@@ -72,6 +72,8 @@ class MinSpeedPlacement(Placement):
         require(latest >= front, f"the corridor is {lane.line.length:.0f} m long")
         front += float(task.rng.uniform(0.0, min(latest - front, recipe.number("jitter_m"))))
         plate_s = front + recipe.number("plate_after_start_m")
+        # No farther than the slow style gets within the horizon.
+        end_s = min(end_s, plate_s + max(recipe.number("zone_m"), variant.route_length))
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         leader = self._leader(task, lane, front, minimum)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
