@@ -151,7 +151,9 @@ class TypeBuilder:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
         share = 1 if split == "train" else TEST_PER_TRAIN
         quota = {k: v // share for k, v in self.recipe.maps.items()}
-        wanted = DEV_MAPS if split == "dev" else sum(quota.values())
+        if split == "dev":
+            quota = {max(quota, key=lambda k: (quota[k], k)): DEV_MAPS}
+        wanted = sum(quota.values())
         taken: list[MapScenarios] = []
         places: list[tuple[float, float]] = []
         counts: Counter[str] = Counter()
@@ -159,7 +161,7 @@ class TypeBuilder:
         tried: set[str] = set()
         ordered = self.candidates(rows, split)
         for strict in (True, False):
-            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in quota]
+            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in self.recipe.maps]
             accept = quota if strict else {}
             for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
                 tried.add(row.map_id)
