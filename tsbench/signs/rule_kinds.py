@@ -86,7 +86,7 @@ _KINDS = (
     RuleKind(
         "reserved_lane",
         ReservedLaneParams,
-        f"engage_distance_m duration_s {_ROAD}",
+        f"engage_distance_m duration_s share_ratio share_s {_ROAD}",
         "in_reserved_lane contact",
     ),
 )

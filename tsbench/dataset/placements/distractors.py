@@ -11,6 +11,7 @@ from tsbench.signs.catalog import load_catalog
 # Room before an arm's line and behind its start, and from post to post.
 _CLEAR_M = 15.0
 _APART_M = 8.0
+_OFF_M = 0.5
 
 
 def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance, ...]:
@@ -33,7 +34,11 @@ def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance
         plate = plate_beside(
             task.network, code, edge, s, number=100 + len(found), role=DISTRACTOR, value=shown
         )
-        if all((plate.x - p.x) ** 2 + (plate.y - p.y) ** 2 > _APART_M**2 for p in found):
+        # In a bend the post may stand beside another place of its road than it is meant for.
+        line = task.network.edge_lanes(edge)[0].line
+        if abs(line.project(plate.x, plate.y)[0] - s) < _OFF_M and all(
+            (plate.x - p.x) ** 2 + (plate.y - p.y) ** 2 > _APART_M**2 for p in found
+        ):
             found.append(plate)
     return tuple(found[len(arrangement.signs) :])
 

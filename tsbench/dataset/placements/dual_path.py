@@ -44,8 +44,8 @@ from tsbench.sim.scene import EgoStart
 class ManoeuvrePlacement(Placement):
     """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
 
-    In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Each half
-    has its obedient way for main road. Others are the same in both, so they do nothing that either plate prohibits.
+    In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Who comes
+    on either way goes first, and others do nothing that either plate prohibits: from them nobody learns which it is.
     """
 
     # Rules of the plates that may hang in the contrast half.
@@ -61,7 +61,7 @@ class ManoeuvrePlacement(Placement):
         ]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The roads stay; the obedient way becomes the main road. Other traffic is routed as the plates say."""
+        """The roads stay; who comes on either way goes first. Other traffic is routed as the plates say."""
         ways = (row.fields["signed_edge"], *row.fields["compliant"])
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
@@ -70,12 +70,8 @@ class ManoeuvrePlacement(Placement):
             bend <= recipe.number("sharpest_bend_deg"),
             f"the obedient way bends by {bend:.0f} degrees in a road",
         )
-        return main_road(self.roads(row, plain), ways, int(recipe.number("main_priority")))
-
-    def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The same roads; the navigation's way becomes the main road."""
-        ways = (row.fields["signed_edge"], *row.fields["short"])
-        return main_road(self.roads(row, plain), ways, int(recipe.number("main_priority")))
+        both = (*ways, *row.fields["short"])
+        return main_road(self.roads(row, plain), both, int(recipe.number("main_priority")))
 
     def roads(self, row: PoolRow, plain: PlainNet) -> PlainNet:
         """The crop as both halves have it."""
@@ -97,7 +93,6 @@ class ManoeuvrePlacement(Placement):
         assert compliant is not None
         self.check_exits(graph, signed, self.code)
         _check_turns(task.row, graph, short, compliant)
-        check_way(graph, compliant)
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
@@ -108,10 +103,13 @@ class ManoeuvrePlacement(Placement):
         plates = self.plates(task, short, compliant)
         banned |= self.banned(graph, short, self._allowed(self.other_code(graph, variant, short, compliant)))
         closed |= self.closed(graph, compliant)
+        avoided = _avoided(graph, (short, compliant), banned, closed)
+        for way in (short, compliant):
+            check_way(graph, way, avoided)
         return Arrangement(
             signs=plates, target=plates[0].id, start=start, destination=Destination(target, end_s),
             route_hint=short, compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
-            avoid_turns=_avoided(graph, compliant, banned, closed), closed_edges=closed,
+            avoid_turns=avoided, closed_edges=closed,
             quiet_edges=frozenset({signed}), platoons=frozenset(network.edges),
             blocked=keep_clear(passenger_lanes(network, signed), start),
         )  # fmt: skip
@@ -119,7 +117,6 @@ class ManoeuvrePlacement(Placement):
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The navigation's way, permitted."""
         short, compliant = signed.route_hint, signed.compliant_hint
-        check_way(task.graph, short)
         code = self.other_code(task.graph, task.variant, short, compliant)
         plates = self.other_plates(signed.signs, code)
         way = WayParams(short[0], exits=(short[1],))
@@ -267,16 +264,19 @@ class NoEntryPlacement(ManoeuvrePlacement):
 
 
 def _avoided(
-    graph: LaneGraph, compliant: Sequence[str], banned: frozenset[Turn], closed: frozenset[str]
+    graph: LaneGraph, ways: Sequence[Sequence[str]], banned: frozenset[Turn], closed: frozenset[str]
 ) -> frozenset[Turn]:
-    """Turns that other cars leave alone: prohibited ones, those into closed edges, and on the obedient way, where
-    there is another, those for which they would have to wait: the ego would queue behind them until the time is over.
+    """Turns that other cars leave alone: prohibited ones, those into closed edges, where the ways meet again those of
+    both, and on each way, where there is another, those for which they would have to wait: the ego would queue behind
+    them until the time is over.
     """
     into = {(edge, e) for e in closed for edge in graph.network.edges if e in graph.successors(edge)}
-    avoided = banned | into
-    for edge in compliant[:-1]:
+    shared = set(ways[0][1:]) & set(ways[1][1:])
+    meeting = {(a, b) for way in ways for a, b in pairwise(way[1:]) if b in shared and a not in shared}
+    avoided = banned | into | meeting
+    for edge in sorted({e for way in ways for e in way[:-1]}):
         turns = {(edge, e) for e in graph.successors(edge)} - avoided
-        waiting = {t for t in turns if waits(graph, *t)}
+        waiting = {t for t in turns if waits(graph, *t, avoided)}
         avoided |= waiting if waiting != turns else set()
     return avoided
 
