@@ -44,7 +44,7 @@ def scenarios() -> None:
 
 @scenarios.command()
 @options.types
-@click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: both.")
+@click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: all.")
 @options.osm
 @options.workers
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:

@@ -14,7 +14,8 @@ from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table
 from tsbench.core.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
-SPLITS = ("train", "test")
+# In this order they are less and less to be looked at in daily work but for the last, which is the benchmark.
+SPLITS = ("train", "dev", "holdout", "test")
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(

@@ -40,6 +40,9 @@ from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
+# Codes of prohibitory plates begin so.
+_PROHIBITORY = "3."
+
 
 class ManoeuvrePlacement(Placement):
     """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
@@ -159,10 +162,18 @@ class ManoeuvrePlacement(Placement):
         require(not missing, f"plate {code} shows {' and '.join(missing)}, which is not there")
 
     def _shown_in_vain(self, graph: LaneGraph, approach: str, code: str) -> list[str]:
-        """Manoeuvres on the plate for which there is no exit; a plate that prohibits shows what it prohibits."""
+        """Manoeuvres on the plate for which there is no exit.
+
+        A prohibitory plate shows what it prohibits, 5.7.x where the one-way road goes, others what they allow.
+        """
         there = {graph.turn(approach, exit_) for exit_ in graph.successors(approach)}
         allowed = set(self._allowed(code))
-        shown = allowed - {U_TURN} if len(allowed) < len(TURNS) - 1 else set(TURNS) - allowed
+        if code.startswith(_PROHIBITORY):
+            shown = set(TURNS) - allowed
+        elif self.catalog.sign(code).rule.name == "one_way_exit":
+            shown = allowed & {LEFT, RIGHT}
+        else:
+            shown = allowed - {U_TURN}
         return sorted(shown - there)
 
     def _allowed(self, code: str) -> Sequence[str]:

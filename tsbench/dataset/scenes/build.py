@@ -43,6 +43,7 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
+DEV_MAPS = 1
 AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
@@ -150,6 +151,8 @@ class TypeBuilder:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
         share = 1 if split == "train" else TEST_PER_TRAIN
         quota = {k: v // share for k, v in self.recipe.maps.items()}
+        if split == "dev":
+            quota = {max(quota, key=lambda k: (quota[k], k)): DEV_MAPS}
         wanted = sum(quota.values())
         taken: list[MapScenarios] = []
         places: list[tuple[float, float]] = []
@@ -158,7 +161,7 @@ class TypeBuilder:
         tried: set[str] = set()
         ordered = self.candidates(rows, split)
         for strict in (True, False):
-            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in quota]
+            pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in self.recipe.maps]
             accept = quota if strict else {}
             for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
                 tried.add(row.map_id)
@@ -243,7 +246,7 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
-        # Test first: with it alone planners can be compared already.
+        # Test first: with it alone planners can be compared already. Train, the largest, last.
         for split in [s for s in reversed(SPLITS) if s in request.splits]:
             for recipe in recipes:
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
@@ -263,7 +266,8 @@ def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenar
     kept = certificates_path(root)
     old = read_certificates(kept) if kept.is_file() else []
     new = [c for s in sites for c in s.certificates]
-    write_certificates([*(c for c in old if (c.scenario_type, c.split) != (type_id, split)), *new], kept)
+    remaining = (c for c in old if c.split != split or c.scenario_id.partition("-")[0] != type_id)
+    write_certificates([*remaining, *new], kept)
 
 
 def _contents(built: SceneFolder, site: MapScenarios) -> dict[str, bytes]:
