@@ -82,7 +82,7 @@ class CrossingPeople:
             # Where the ego's middle line passes this pedestrian's track.
             ego_u += (w - ego_w) * along / across
         half = EGO_WIDTH_M / 2 / max(abs(across), self._across)
-        return direction * (u - ego_u) - half - float(actors.table.length[row]) / 2
+        return float(direction * (u - ego_u) - half - actors.table.length[row] / 2)
 
     def _place(self, actors: Actors, at: int) -> Place:
         x, y, heading = actors.pose[at].tolist()
