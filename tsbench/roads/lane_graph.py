@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
+from tsbench.core.frozen import Frozen
 from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
+from tsbench.roads.network import RoadNetwork
+from tsbench.roads.reserved_lanes import TurnedLane, open_lanes, turned_lanes
+from tsbench.roads.road_map import MapConnection, RoadMap
 
 Turn = tuple[str, str]
 _BLEND_STEP_M = 2.0
 
 
-def heading_change(network: RoadNetwork, source: str, target: str) -> float:
+def heading_change(network: RoadMap, source: str, target: str) -> float:
     """Change of heading (rad, left positive) from the end of one edge to the start of the next."""
     a = network.lanes[network.edges[source].lanes[0]].line
     b = network.lanes[network.edges[target].lanes[0]].line
@@ -61,25 +65,43 @@ class RoutePath:
         return self.pieces[-1].lane
 
 
-class LaneGraph:
+class LaneGraph(Frozen):
     """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (roads.reserved_lanes).
 
-    closed: lanes (indices) not to use all the same.
+    network: SUMO's, or a map, on which every lane is for cars. closed: lanes (indices) not to use all the same.
     """
 
+    network: RoadMap
+    vclass: str
+    _open: frozenset[int]
+    _turned: Mapping[int, TurnedLane]
+    _next: Mapping[str, Mapping[str, tuple[MapConnection, ...]]]
+
+    __slots__ = ("_next", "_open", "_turned", "network", "vclass")
+
     def __init__(
-        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
+        self, network: RoadMap, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
     ) -> None:
-        self.network = network
-        self.vclass = vclass
-        self._open = open_lanes(network, vclass) - closed
-        self._turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
-        self._next: dict[str, dict[str, list[Connection]]] = {}
+        if isinstance(network, RoadNetwork):
+            opened, turned = open_lanes(network, vclass), turned_lanes(network, vclass)
+        else:
+            opened, turned = frozenset(lane.index for lane in network.lanes if not lane.internal), {}
+        opened -= closed
+        onward: dict[str, dict[str, list[MapConnection]]] = {}
         for connection in network.connections:
-            if connection.from_lane not in self._open or connection.to_lane not in self._open:
+            if connection.from_lane not in opened or connection.to_lane not in opened:
                 continue
             a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-            self._next.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+            onward.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+        filled = {
+            "network": network, "vclass": vclass, "_open": opened,
+            "_turned": MappingProxyType({i: t for i, t in turned.items() if i not in closed}),
+            "_next": MappingProxyType(
+                {a: MappingProxyType({b: tuple(c) for b, c in to.items()}) for a, to in onward.items()}
+            ),
+        }  # fmt: skip
+        for name, value in filled.items():
+            object.__setattr__(self, name, value)
 
     def edge_of(self, lane: int) -> str:
         """The edge that a lane (index) is a lane of; a contraflow lane of the one that it seems to belong to."""
@@ -99,9 +121,9 @@ class LaneGraph:
     def successors(self, edge: str) -> tuple[str, ...]:
         return tuple(self._next.get(edge, ()))
 
-    def connections(self, source: str, target: str) -> tuple[Connection, ...]:
+    def connections(self, source: str, target: str) -> tuple[MapConnection, ...]:
         """Connections from one edge to the next, in file order; empty where there are none."""
-        return tuple(self._next.get(source, {}).get(target, ()))
+        return self._next[source].get(target, ()) if source in self._next else ()
 
     def turn(self, source: str, target: str) -> str:
         """Manoeuvre class from one edge to the next, by their headings at the junction."""
@@ -272,7 +294,13 @@ class _PathBuilder:
             edges=edges,
             line=line,
             pieces=tuple(pieces),
-            limit_s=np.array([p.s0 for p in pieces]),
-            limit=np.array([self.network.lanes[p.lane].speed for p in pieces]),
+            limit_s=_fixed([p.s0 for p in pieces]),
+            limit=_fixed([self.network.lanes[p.lane].speed for p in pieces]),
             destination_s=line.length - end,
         )
+
+
+def _fixed(values: list[float]) -> Array:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array

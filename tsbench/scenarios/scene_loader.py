@@ -11,6 +11,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
+from tsbench.roads.sealed import SealedRoads, seal
 from tsbench.sim.scene import Scene, SceneFile
 from tsbench.sim.scene_file import read_layout, scene_from_layout
 from tsbench.core.xmlfile import sha256
@@ -20,11 +21,12 @@ _KEPT_NETWORKS = 4
 
 @dataclass(frozen=True)
 class Roads:
-    """A network with what is derived from it once, and the file that it was read from."""
+    """A network with what is derived from it once, and the file that it was read from. view: what planners see."""
 
     network: RoadNetwork
     graph: LaneGraph
     locator: LaneLocator
+    view: SealedRoads
     file: SceneFile
 
 
@@ -50,7 +52,7 @@ class SceneLoader:
         if roads is None:
             file = self._read(spec, spec.net, spec.net_sha256)
             network = read_network(file.path, file.content)
-            roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
+            roads = Roads(network, LaneGraph(network), LaneLocator(network), seal(network), file)
             self._roads[key] = roads
             if len(self._roads) > _KEPT_NETWORKS:
                 self._roads.popitem(last=False)

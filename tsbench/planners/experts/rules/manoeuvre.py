@@ -49,9 +49,13 @@ class ManoeuvreConstraint(RuleConstraint):
 class Without(LaneGraph):
     """A lane graph whose routes never take the given turns."""
 
+    _banned: frozenset[Turn]
+
+    __slots__ = ("_banned",)
+
     def __init__(self, graph: LaneGraph, banned: AbstractSet[Turn]) -> None:
         super().__init__(graph.network, graph.vclass)
-        self._banned = frozenset(banned)
+        object.__setattr__(self, "_banned", frozenset(banned))
 
     def route(
         self,
