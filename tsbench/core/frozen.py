@@ -7,7 +7,7 @@ from typing import NoReturn
 
 
 class Frozen:
-    """A base of classes with `__slots__`: their `__init__` fills the slots by `object.__setattr__`, once and for all."""
+    """A base of classes with `__slots__`: their `__init__` fills the slots by `object.__setattr__`, once for all."""
 
     __slots__ = ()
 

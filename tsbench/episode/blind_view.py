@@ -87,7 +87,7 @@ class _Writer:
                 for part in ((f".key{k}", key), (f"[{key!r}]", value))
             ]
             self._all(iter(pairs), len(pairs), where)
-        elif isinstance(thing, Frozen) or (is_dataclass(thing) and thing.__dataclass_params__.frozen):
+        elif isinstance(thing, Frozen) or _is_frozen(thing):
             names = _attributes(thing)
             self._all(((f".{name}", getattr(thing, name)) for name in names), len(names), where)
         else:
@@ -99,6 +99,11 @@ class _Writer:
         self.out.append(b"%d(" % count)
         for name, part in parts:
             self.write(part, where + name)
+
+
+def _is_frozen(thing: Any) -> bool:
+    parameters = getattr(type(thing), "__dataclass_params__", None)
+    return parameters is not None and bool(parameters.frozen)
 
 
 def _check_array(array: Any, where: str) -> None:

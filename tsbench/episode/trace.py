@@ -25,10 +25,10 @@ from tsbench.core.files import replacing
 from tsbench.core.parquet import check_size, columns, fields_of
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
+from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
-from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.roads.sealed import SealedRoads
 from tsbench.rules.base import Verdict
 from tsbench.scenarios.spec import ScenarioSpec

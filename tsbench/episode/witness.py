@@ -6,8 +6,11 @@ Their ids count them as they come into sight, the nearest first; of their routes
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from tsbench.geometry.angles import RIGHT, STRAIGHT, turn_class
 from tsbench.roads.lane_graph import heading_change
@@ -18,6 +21,7 @@ from tsbench.sim.world import Actors, Agents, EgoState, Indicator
 # Drivers signal so far before they turn, and while they turn.
 SIGNAL_M = 50.0
 
+Scalar = TypeVar("Scalar", bound=np.generic)
 # Of a road user: on which of SUMO's lanes it signals, from which arc length on.
 _Signals = dict[int, tuple[Indicator, float]]
 
@@ -73,7 +77,7 @@ class Witness:
 
     def _signalled(self, route: tuple[str, ...]) -> _Signals:
         network, found = self._network, _Signals()
-        for edge, after in zip(route, route[1:], strict=False):
+        for edge, after in pairwise(route):
             turn = turn_class(math.degrees(heading_change(network, edge, after)))
             if turn == STRAIGHT:
                 continue
@@ -87,6 +91,6 @@ class Witness:
         return found
 
 
-def _fixed(array: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _fixed(array: npt.NDArray[Scalar]) -> npt.NDArray[Scalar]:
     array.setflags(write=False)
     return array

@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.road_map import RoadMap
 from tsbench.roads.sealed import SealedRoads
@@ -116,10 +117,17 @@ class PlannerContext:
 
     seed: int
     network: RoadMap
-    graph: LaneGraph
+    graph: MapGraph
     destination: Destination
     dt: float
     privilege: Privilege | None = None
+
+
+def true_world(observation: Observation) -> WorldSnapshot:
+    """The world as an expert is told of it. Raises InputError where a planner that is none asks."""
+    if observation.truth is None:
+        raise InputError("Observation.truth is for planners with privileged = True")
+    return observation.truth
 
 
 @runtime_checkable

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from tsbench.core.frozen import Frozen
 from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import TurnedLane, open_lanes, turned_lanes
 from tsbench.roads.road_map import MapConnection, RoadMap
 
@@ -65,28 +66,21 @@ class RoutePath:
         return self.pieces[-1].lane
 
 
-class LaneGraph(Frozen):
-    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (roads.reserved_lanes).
-
-    network: SUMO's, or a map, on which every lane is for cars. closed: lanes (indices) not to use all the same.
-    """
+class MapGraph(Frozen):
+    """Routes and paths over a map, on which every lane is for cars. closed: lanes (indices) not to use all the same."""
 
     network: RoadMap
-    vclass: str
     _open: frozenset[int]
     _turned: Mapping[int, TurnedLane]
     _next: Mapping[str, Mapping[str, tuple[MapConnection, ...]]]
 
-    __slots__ = ("_next", "_open", "_turned", "network", "vclass")
+    __slots__ = ("_next", "_open", "_turned", "network")
 
-    def __init__(
-        self, network: RoadMap, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
-    ) -> None:
-        if isinstance(network, RoadNetwork):
-            opened, turned = open_lanes(network, vclass), turned_lanes(network, vclass)
-        else:
-            opened, turned = frozenset(lane.index for lane in network.lanes if not lane.internal), {}
-        opened -= closed
+    def __init__(self, network: RoadMap, closed: AbstractSet[int] = frozenset()) -> None:
+        lanes = frozenset(lane.index for lane in network.lanes if not lane.internal)
+        self._fill(network, lanes - closed, {})
+
+    def _fill(self, network: RoadMap, opened: frozenset[int], turned: Mapping[int, TurnedLane]) -> None:
         onward: dict[str, dict[str, list[MapConnection]]] = {}
         for connection in network.connections:
             if connection.from_lane not in opened or connection.to_lane not in opened:
@@ -94,8 +88,7 @@ class LaneGraph(Frozen):
             a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
             onward.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
         filled = {
-            "network": network, "vclass": vclass, "_open": opened,
-            "_turned": MappingProxyType({i: t for i, t in turned.items() if i not in closed}),
+            "network": network, "_open": opened, "_turned": MappingProxyType(dict(turned)),
             "_next": MappingProxyType(
                 {a: MappingProxyType({b: tuple(c) for b, c in to.items()}) for a, to in onward.items()}
             ),
@@ -226,10 +219,30 @@ class LaneGraph(Frozen):
         return table
 
 
+class LaneGraph(MapGraph):
+    """The same over a network of SUMO's, blind to lanes that plates reserve (roads.reserved_lanes)."""
+
+    network: RoadNetwork
+    vclass: str
+
+    __slots__ = ("vclass",)
+
+    def __init__(
+        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
+    ) -> None:
+        object.__setattr__(self, "vclass", vclass)
+        turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
+        self._fill(network, open_lanes(network, vclass) - closed, turned)
+
+    def connections(self, source: str, target: str) -> tuple[Connection, ...]:
+        """Connections from one edge to the next, in file order; empty where there are none."""
+        return cast(tuple[Connection, ...], super().connections(source, target))
+
+
 class _PathBuilder:
     """Collects stretches of lanes into one line."""
 
-    def __init__(self, graph: LaneGraph) -> None:
+    def __init__(self, graph: MapGraph) -> None:
         self.graph, self.network = graph, graph.network
         self.chunks: list[Array] = []
         self.lanes: list[int] = []

@@ -1,6 +1,6 @@
 """The limit that a road has by its class alone, m/s: what a driver expects of it where no plate says otherwise.
 
-Source: sumo_nets/netconvert/moscow.typ.xml, of which this is the column of speeds (60 km/h in town, Traffic Rules 10.2).
+Source: sumo_nets/netconvert/moscow.typ.xml, its column of speeds (60 km/h in town, Traffic Rules 10.2).
 """
 
 from __future__ import annotations

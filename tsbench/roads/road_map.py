@@ -35,7 +35,7 @@ class MapLane:
 
 @dataclass(frozen=True, slots=True)
 class MapEdge:
-    """A road in one direction with its lanes (indices, rightmost first), from one junction (id) to the next. length: m."""
+    """A road in one direction, from one junction (id) to the next. lanes: indices, rightmost first. length: m."""
 
     id: str
     source: str

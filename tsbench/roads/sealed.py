@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.reserved_lanes import TurnedLane, open_lanes, turned_lanes
+from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
 from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
 from tsbench.roads.smooth import joined
@@ -46,7 +47,7 @@ class SealedRoads:
     """
 
     map: RoadMap
-    graph: LaneGraph
+    graph: MapGraph
     places: tuple[Place, ...]
     edges: Mapping[str, Place]
     chains: Mapping[str, tuple[str, ...]]
@@ -120,7 +121,7 @@ class _Sealing:
         lane_of = np.array([place.lane for place in (*self.places, _NOWHERE)], dtype=np.int32)
         lane_of.setflags(write=False)
         return SealedRoads(
-            roads, LaneGraph(roads), tuple(self.places),
+            roads, MapGraph(roads), tuple(self.places),
             MappingProxyType({edge: self.places[lanes[0]] for edge, lanes in self.parts.items()}),
             MappingProxyType(self.chains), MappingProxyType(self.crossed), lane_of,
         )  # fmt: skip
@@ -229,7 +230,7 @@ class _Sealing:
         return found
 
     def _cuts(self, chain: Sequence[str]) -> Iterator[tuple[int, int]]:
-        for a, b in zip(chain, chain[1:], strict=False):
+        for a, b in pairwise(chain):
             yield from zip(self.parts[a], self.parts[b], strict=True)
 
     def _path(self, a: int, b: int, link: Connection | None) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 
 from tsbench.core.errors import InputError
 from tsbench.roads.network import RoadNetwork, read_network
@@ -21,13 +22,17 @@ _KEPT_NETWORKS = 4
 
 @dataclass(frozen=True)
 class Roads:
-    """A network with what is derived from it once, and the file that it was read from. view: what planners see."""
+    """A network with what is derived from it once, and the file that it was read from."""
 
     network: RoadNetwork
     graph: LaneGraph
     locator: LaneLocator
-    view: SealedRoads
     file: SceneFile
+
+    @cached_property
+    def view(self) -> SealedRoads:
+        """What planners see of it."""
+        return seal(self.network)
 
 
 class SceneLoader:
@@ -52,7 +57,7 @@ class SceneLoader:
         if roads is None:
             file = self._read(spec, spec.net, spec.net_sha256)
             network = read_network(file.path, file.content)
-            roads = Roads(network, LaneGraph(network), LaneLocator(network), seal(network), file)
+            roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
             self._roads[key] = roads
             if len(self._roads) > _KEPT_NETWORKS:
                 self._roads.popitem(last=False)

@@ -159,6 +159,12 @@ class Agents:
     def __len__(self) -> int:
         return len(self.ids)
 
+    @classmethod
+    def none(cls) -> Agents:
+        """Nobody in sight."""
+        whole, small, real = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int8), np.zeros(0)
+        return cls(whole, np.zeros((0, 3)), real, real, real, small, whole, small, ())
+
 
 @dataclass(frozen=True, slots=True)
 class WorldSnapshot:

@@ -20,7 +20,8 @@ from tsbench.report.drawing.paint import paint, paint_outline
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import ego_body, furniture_shapes, tick_shapes
 from tsbench.report.drawing.style import STYLE
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.sealed import seal
 from tsbench.rules.base import Violation
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
