@@ -124,7 +124,8 @@ class Doubter:
 
     def act(self, observation: Observation) -> Control:
         command, (x, y) = self._driver.act(observation), observation.ego.front
-        near = any((s.x - x) ** 2 + (s.y - y) ** 2 < 12.0**2 for s in observation.signs)
+        reach = 4.0 + observation.ego.speed**2 / 12.0
+        near = any((s.x - x) ** 2 + (s.y - y) ** 2 < reach**2 for s in observation.signs)
         if not near or self._stood >= 3.5:
             return command
         self._stood += 0.1 * (observation.ego.speed < 0.1)
