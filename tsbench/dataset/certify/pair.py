@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.sim.scene import Scene
@@ -20,23 +22,26 @@ _SAME = 1e-6
 
 
 class Recorder:
-    """A planner, what it was told and first shown, and all its answers of its last episode."""
+    """A planner, and of its last episode what it was told, its answers, and the digest of what it was first shown.
+
+    view: SHA-256 (hex) of that with plates masked; "" of an expert, who is shown more, and where nothing was shown.
+    """
 
     def __init__(self, planner: Planner) -> None:
         self._planner = planner
         self.context: PlannerContext | None = None
-        self.first: Observation | None = None
+        self.view = ""
         self.answers: list[Control | Trajectory] = []
 
     def reset(self, context: PlannerContext) -> None:
         """Begin anew."""
-        self.context, self.first, self.answers = context, None, []
+        self.context, self.view, self.answers = context, "", []
         self._planner.reset(context)
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """The planner's answer."""
-        if self.first is None:
-            self.first = observation
+        if not self.answers and self.context is not None and self.context.privilege is None:
+            self.view = hashlib.sha256(blind_bytes(self.context, observation)).hexdigest()
         self.answers.append(self._planner.act(observation))
         return self.answers[-1]
 
@@ -56,27 +61,20 @@ class Replay:
 
 
 class Prejudiced:
-    """An expert that obeys another scene's plate, whatever stands here: as who always obeys what it once learned."""
+    """An expert that obeys the plate of the other half, whatever stands here: as who always drives by one habit."""
 
-    def __init__(self, expert: Planner, plate: Privilege) -> None:
-        self._expert, self._plate = expert, plate
+    def __init__(self, expert: Planner, other: Privilege) -> None:
+        self._expert, self._other = expert, other
 
     def reset(self, context: PlannerContext) -> None:
-        """Begin anew, told the other plate."""
-        self._expert.reset(replace(context, privilege=self._plate))
+        """Begin anew, on this half's network but told the other one's plate."""
+        assert context.privilege is not None
+        told = replace(context.privilege, sign=self._other.sign, rule=self._other.rule)
+        self._expert.reset(replace(context, privilege=told))
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """The expert's answer."""
         return self._expert.act(observation)
-
-
-def seen_without_plates(o: Observation) -> tuple[object, ...]:
-    """All that a first observation shows of ego, way, others, obstacles and posts, but for what hangs on these."""
-    a = o.actors
-    others = (a.pose, a.speed, a.lane, a.lane_s, a.length, a.width, a.kind)
-    posts = sorted((s.x, s.y, s.heading) for s in o.signs)
-    way = (o.route.path.edges, o.route.s, o.route.d, o.route.remaining)
-    return (o.ego, way, o.history.tobytes(), *(array.tobytes() for array in others), posts, o.obstacles)
 
 
 def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
