@@ -171,7 +171,7 @@ class SceneMaker:
             (sign,), sign.id, tuple(obstacles), start, destination, convoy, tuple(route), ()
         )  # fmt: skip
         elements = layout_elements(layout, network) + obstacle_elements(obstacles, network)
-        elements += driver_types(drivers, [1.0] * len(drivers)) + ego_elements(start, network, route)
+        elements += driver_types(drivers) + ego_elements(start, network, route)
         if convoy_at is not None:
             lane, fronts, edges = convoy_at
             order = network.lane(lane).order

@@ -16,13 +16,12 @@ from tsbench.dataset.certify.pair import (
     Replay,
     braking_before,
     first_difference,
-    seen_without_plates,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.base import Control, Observation, Trajectory
+from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -36,12 +35,12 @@ EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
 
 @dataclass(frozen=True)
 class _Proof:
-    """One half as it was proven: the expert's answers, the tempted driver's episode, and what it was first shown."""
+    """One half as it was proven: the expert's answers, the tempted driver's episode, and its first view's digest."""
 
     spec: ScenarioSpec
     answers: Sequence[Control | Trajectory]
     blind: EpisodeResult
-    first: Observation | None
+    view: str
 
 
 class Certifier:
@@ -52,7 +51,7 @@ class Certifier:
         self._catalog = load_catalog()
         self._runners: dict[str, tuple[EpisodeRunner, list[Recorder]]] = {}
         self._proofs: dict[str, _Proof] = {}
-        self._last = Recorder(Replay(()))
+        self._last = Recorder(Replay(()), True)
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
@@ -61,7 +60,7 @@ class Certifier:
         solver, solved = self._solve(spec)
         answers = self._last.answers
         blind = self._drive(tempted, spec)
-        self._proofs[spec.half] = _Proof(spec, answers, blind, self._last.first)
+        self._proofs[spec.half] = _Proof(spec, answers, blind, self._last.view)
         facts, calm = blind.facts, solved.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
@@ -81,13 +80,12 @@ class Certifier:
         if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
             raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
         passed = [_scd(self._replay(one.answers, other.spec)) for one, other in ((a, b), (b, a))]
-        views = [None if one.first is None else seen_without_plates(one.first) for one in (a, b)]
         tick = brake = None
         if a.blind.facts is not None and b.blind.facts is not None:
             tick = first_difference(a.blind.facts, b.blind.facts)
             brake = None if tick is None else braking_before(a.blind.facts.scene.target_sign, tick)
         pair = partial(
-            replace, exclusive=not any(passed), blind_equal=None not in views and views[0] == views[1],
+            replace, exclusive=not any(passed), blind_equal=a.view == b.view != "",
             differs_s=None if brake is None or tick is None else tick.time, brake_mps2=brake,
         )  # fmt: skip
         return pair(signed), pair(contrast)
@@ -114,7 +112,7 @@ class Certifier:
             loaded, made = resolve(planner), list[Recorder]()
 
             def factory() -> Recorder:
-                made.append(Recorder(loaded.factory()))
+                made.append(Recorder(loaded.factory(), not loaded.privileged))
                 return made[-1]
 
             runner = EpisodeRunner(
@@ -125,7 +123,7 @@ class Certifier:
             self._runners[planner] = runner, made
         runner, made = self._runners[planner]
         result = runner.run(spec)
-        self._last = made[-1] if made else Recorder(Replay(()))
+        self._last = made[-1] if made else Recorder(Replay(()), True)
         return result
 
     def _replay(self, answers: Sequence[Control | Trajectory], spec: ScenarioSpec) -> EpisodeResult:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Sequence
 from itertools import zip_longest
 
 import numpy as np
 
+from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.signs.annotations import SignInstance
@@ -19,22 +21,26 @@ _SAME = 1e-6
 
 
 class Recorder:
-    """A planner, what it was first shown, and all its answers of its last episode."""
+    """A planner, and of its last episode its answers and the digest of its first view with plates masked, "" if none.
 
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
-        self.first: Observation | None = None
+    blind: is the planner shown no more than others are? An expert's view has no such digest.
+    """
+
+    def __init__(self, planner: Planner, blind: bool) -> None:
+        self._planner, self._blind = planner, blind
+        self._context: PlannerContext | None = None
+        self.view = ""
         self.answers: list[Control | Trajectory] = []
 
     def reset(self, context: PlannerContext) -> None:
         """Begin anew."""
-        self.first, self.answers = None, []
+        self._context, self.view, self.answers = context, "", []
         self._planner.reset(context)
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """The planner's answer."""
-        if self.first is None:
-            self.first = observation
+        if self._blind and not self.answers and self._context is not None:
+            self.view = hashlib.sha256(blind_bytes(self._context, observation)).hexdigest()
         self.answers.append(self._planner.act(observation))
         return self.answers[-1]
 
@@ -51,14 +57,6 @@ class Replay:
     def act(self, observation: Observation) -> Control | Trajectory:
         """The answer of this tick."""
         return self._answers[observation.step] if observation.step < len(self._answers) else _STOP
-
-
-def seen_without_plates(o: Observation) -> tuple[object, ...]:
-    """All that a first observation shows of ego, others, obstacles and posts, but for what hangs on these."""
-    a = o.actors
-    others = (a.pose, a.speed, a.lane, a.lane_s, a.length, a.width, a.kind)
-    posts = sorted((s.x, s.y, s.heading) for s in o.signs)
-    return (o.ego, o.history.tobytes(), *(array.tobytes() for array in others), posts, o.obstacles)
 
 
 def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
