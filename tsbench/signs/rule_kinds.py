@@ -85,7 +85,7 @@ _KINDS = (
     RuleKind(
         "reserved_lane",
         ReservedLaneParams,
-        f"engage_distance_m duration_s {_ROAD}",
+        f"engage_distance_m duration_s footprint_ratio footprint_s {_ROAD}",
         "in_reserved_lane contact",
     ),
 )
