@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from tsbench.roads.network import Crossing
+from tsbench.roads.road_map import Crossing
 from tsbench.sim.world import EGO_WIDTH_M, Actors
 
 

@@ -37,9 +37,9 @@ class ReservedLane(Monitor):
         self._plate = self._road.starts[sign.edge] + sign.position_m
         self._kind = int(_KINDS[rule.option("users")])
         t = rule.thresholds
-        self._share = t["footprint_ratio"]
+        self._share = t["share_ratio"]
         self._by_centre = _Stay(Excursion(self._log, "in_reserved_lane"), t["duration_s"])
-        self._by_share = _Stay(Excursion(self._log, "in_reserved_lane"), t["footprint_s"])
+        self._by_share = _Stay(Excursion(self._log, "in_reserved_lane"), t["share_s"])
         self._contact = Excursion(self._log, "contact")
         self._engaged = False
 

@@ -41,6 +41,10 @@ class RuleKind:
     thresholds: str
     clauses: str
 
+    def binds(self, params: PlateParams | None) -> bool:
+        """Does a plate with these params bind the ego? In a contrast scene the target may bind others, and has none."""
+        return params is not None or self.params is None
+
     def __post_init__(self) -> None:
         for key in self.thresholds.split():
             if key.rpartition("_")[2] not in _UNITS:
@@ -85,7 +89,7 @@ _KINDS = (
     RuleKind(
         "reserved_lane",
         ReservedLaneParams,
-        f"engage_distance_m duration_s footprint_ratio footprint_s {_ROAD}",
+        f"engage_distance_m duration_s share_ratio share_s {_ROAD}",
         "in_reserved_lane contact",
     ),
 )

@@ -13,6 +13,7 @@ from lxml import etree
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     keep_clear,
     passenger_lanes,
@@ -31,7 +32,8 @@ from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import Crossing, Lane
+from tsbench.roads.network import Lane
+from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.convoy import predicted_arrival
@@ -48,7 +50,7 @@ class _Walker:
     from_kerb: float
 
 
-class CrosswalkPlacement:
+class CrosswalkPlacement(Placement):
     """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
 
     def __init__(self, recipe: Recipe) -> None:
