@@ -18,9 +18,9 @@ from tsbench.dataset.certify.pair import (
     first_difference,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
-from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.metrics.episode import passed
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
@@ -132,8 +132,7 @@ class Certifier:
 
 
 def _scd(result: EpisodeResult) -> bool:
-    facts = result.facts
-    return facts is not None and result.outcome is Outcome.ARRIVED and facts.target.compliant
+    return result.facts is not None and passed(result.facts)
 
 
 def _time(result: EpisodeResult) -> float:
@@ -151,6 +150,6 @@ def _digest(*results: EpisodeResult) -> str:
         digest.update(np.array(egos, dtype=np.float64).tobytes())
         for snapshot in result.facts.snapshots:
             digest.update(snapshot.actors.pose.tobytes())
-        for violation in result.facts.target.violations:
+        for violation in (*result.facts.target.violations, *result.facts.needless):
             digest.update(violation.sentence.encode())
     return digest.hexdigest()
