@@ -138,13 +138,12 @@ class Judge:
                     yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
 
     def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
-        target, others = make_monitors(self._catalog, scene)
-        ending = TerminationCheck(scene, target)
+        monitors = make_monitors(self._catalog, scene)
+        ending = TerminationCheck(scene, monitors.target)
         outcome, seen = None, []
         for snapshot in trace.snapshots:
             seen.append(snapshot)
-            for monitor in (target, *others):
-                monitor.update(snapshot)
+            monitors.update(snapshot)
             outcome = ending.at(snapshot)
             if outcome is not None:
                 break
@@ -154,8 +153,7 @@ class Judge:
             snapshots=seen,
             outcome=outcome or Outcome.OFF_ROAD,
             contact=ending.contact,
-            target=target.finish(),
-            others=tuple(monitor.finish() for monitor in others),
+            **monitors.finish()._asdict(),
         )
 
 

@@ -55,7 +55,8 @@ def failures(pool: Pool) -> Analysis:
     notes = (
         "Shares of n episodes, %, with 95 % intervals (cluster bootstrap over maps; Wilson where maps do not differ). "
         "The first five are all there is; collision, off road and timeout say what ended those that did not arrive",
-        "complied: no violation of the target sign's rule up to the end of the episode. strict: all episodes; "
+        "complied: no violation of the target sign's rule up to the end of the episode, and where it arrived in a "
+        "contrast scene, no needless obedience. strict: all episodes; "
         "completed: those without an error outcome",
     )
     title = pool.title("Failure split")
@@ -79,6 +80,8 @@ def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask,
     # NaN of an error compares as False with both.
     complied, violated = (records.values["sign_compliant"] == k for k in (1.0, 0.0))
     arrived, ended = (records.values["destination"] == k for k in (1.0, 0.0))
+    needless = complied & arrived & (records.values["scd"] == 0.0)
+    complied, violated = complied & ~needless, violated | needless
     outcomes = np.array(records.outcomes)
     classes: dict[str, Mask] = {
         "complied_arrived": complied & arrived,
