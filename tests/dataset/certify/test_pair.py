@@ -75,7 +75,13 @@ def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:
 def test_a_pair_that_no_one_drive_passes(maker: SceneMaker) -> None:
     halves = pair(maker, "sound")
     for row, c in zip(halves, prove(maker, halves), strict=True):
-        assert (c.exclusive, c.passed_by, c.blind_equal, c.differs_s, c.brake_mps2) == (True, "", True, None, None)
+        assert (c.exclusive, c.passed_by, c.blind_equal, c.differs_s, c.brake_mps2) == (
+            True,
+            "",
+            True,
+            None,
+            None,
+        )
         assert c.unpaired_because(row) == ""
 
 

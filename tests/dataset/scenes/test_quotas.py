@@ -28,7 +28,7 @@ from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}
@@ -247,7 +247,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
 
     first = build(tmp_path / "a")
     assert {name for name in first if name.startswith("scenes")} == {
-        f"scenes/{split}/detour_right.parquet" for split in ("train", "test")
+        f"scenes/{split}/detour_right.parquet" for split in SPLITS
     }
     store = SceneStore(tmp_path / "a")
     assert read_table(table_path("dev", tmp_path / "a")) == []
