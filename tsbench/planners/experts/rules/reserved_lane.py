@@ -72,7 +72,8 @@ class ReservedLaneConstraint(RuleConstraint):
         if beside is None or beside.edge not in edges or not gap_free(observation, beside):
             return False
         ahead = edges[edges.index(beside.edge) :]
-        path = self._graph.path(ahead, ego.lane, ego.s, self._destination)
+        room = max(self._near - observation.route.s, 0.0)
+        path = self._graph.path(ahead, ego.lane, ego.s, self._destination, room)
         if path is None:
             return False
         # No lanes: nobody needs to ask again whether it may change them.
