@@ -269,7 +269,7 @@ class _PathBuilder:
         return -1
 
     def along(self, lane: int, target: int, s: float, room: float) -> None:
-        """Along an edge from arc length s of `lane`, changing to `target` (same edge) where it differs, in some room."""
+        """Along an edge from arc length s of `lane`, changing to `target` (same edge), if another, in some room."""
         if lane == target:
             self.add(lane, s)
             return

@@ -18,6 +18,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.roads.priority import PriorityVehicle
 from tsbench.roads.sealed import seal
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
