@@ -15,25 +15,12 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
-# In parts, or every worker would hold what draws and what learns beside all else: they stay below 700 MB
-# (tests/helpers/memory_guard.py).
-WITHOUT := $(wildcard tests/learn/oracle/test_oracle_*.py) tests/learn/oracle/test_trajectories.py
-RUNNING := tests/run tests/episode tests/extending
-MAKING := tests/dataset tests/scenarios
-DRIVING := tests/envs tests/planners
-WITH_TORCH := tests/cli/test_missing_data.py tests/cli/test_train_cli.py \
-	$(filter-out $(WITHOUT),$(wildcard tests/learn/test_*.py tests/learn/*/test_*.py))
-WITH_RL := $(wildcard tests/learn/rl/test_*.py)
-WITH_PICTURES := tests/report tests/cli
+# A part for each folder, with workers of its own, or every one would hold what draws and what learns beside all else:
+# they stay below 700 MB (tests/helpers/memory_guard.py).
+TESTS := $(filter-out %/__pycache__/ %/cases/ %/helpers/ %/learn/,$(wildcard tests/*/ tests/learn/*/))
 PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: setup
-	$(PYTEST) $(addprefix --ignore=,$(RUNNING) $(MAKING) $(DRIVING) $(WITHOUT) $(WITH_TORCH) $(WITH_PICTURES))
-	$(PYTEST) $(RUNNING)
-	$(PYTEST) $(MAKING)
-	$(PYTEST) $(WITH_PICTURES) $(addprefix --ignore=,$(WITH_TORCH))
-	$(PYTEST) $(DRIVING) $(WITHOUT)
-	$(PYTEST) $(filter-out $(WITH_RL),$(WITH_TORCH))
-	$(PYTEST) $(WITH_RL)
+	for part in $(TESTS) "$(wildcard tests/test_*.py tests/learn/test_*.py)"; do $(PYTEST) $$part || exit; done
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
 # in docs/results.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes,

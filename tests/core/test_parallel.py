@@ -80,7 +80,7 @@ def test_a_kept_result_that_has_lost_what_belongs_to_it_is_made_again(tmp_path: 
 
 
 SLOW = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from tsbench.core.parallel import Kept, worker_processes
 
@@ -91,6 +91,8 @@ def nap(number, log):
     return [number]
 
 if __name__ == "__main__":
+    # Who runs the suite in the background may have it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(sys.argv[1])
     jobs = ((number, folder / "log") for number in range(10_000))
     with worker_processes(2, "napping") as pool:

@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -22,6 +23,7 @@ MOST_MB = 700.0
 # Given back after a module, and after a test that leaves so much more than there was.
 GROWTH_MB = 20.0
 _STATUS = Path("/proc/self/status")
+_PEAK = "peak_mb"
 
 
 class TooLarge(Exception):
@@ -83,6 +85,30 @@ class MemoryGuard:
         self.look(item.nodeid)
 
 
+class Largest:
+    """What the workers have held at most: a line at the end of the suite, so that one sees what is nearly too large."""
+
+    def __init__(self) -> None:
+        self._peaks: list[float] = []
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        """A worker has stopped, and said what it held."""
+        self._peaks.append(node.workeroutput.get(_PEAK, 0.0) if hasattr(node, "workeroutput") else 0.0)
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """The line."""
+        if self._peaks:
+            terminalreporter.write_line(f"largest worker: {max(self._peaks):.0f} MB of {MOST_MB:.0f}")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """In a worker: what is told to who started it."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput[_PEAK] = peak_mb()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Called by pytest."""
     config.pluginmanager.register(MemoryGuard(), "memory-guard-of-this-process")
+    config.pluginmanager.register(Largest(), "largest-worker")

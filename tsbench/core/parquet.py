@@ -50,9 +50,11 @@ def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:
     save_table(pa.Table.from_pylist(plain, schema=schema), path)
 
 
-def read_rows(row: type[Row], path: Path, schema: pa.Schema, hint: str) -> list[Row]:
-    """The dataclasses that `save_rows` wrote. Raises InputError as `open_table` does."""
-    table = open_table(path, schema, hint)
+def read_rows(
+    row: type[Row], path: Path, schema: pa.Schema, hint: str, later: Sequence[str] = ()
+) -> list[Row]:
+    """The dataclasses that `save_rows` wrote. later: fields that older files lack. InputError as of `open_table`."""
+    table = open_table(path, schema, hint, later=later)
     found = {field.name: table[field.name].to_pylist() for field in table.schema}
     for field in table.schema:
         if pa.types.is_list(field.type):

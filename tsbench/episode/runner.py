@@ -20,6 +20,7 @@ from tsbench.planners.registry import LoadedPlanner
 from tsbench.rules.registry import make_monitors
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.convoy import ConvoyRelease
 from tsbench.sim.ego import advance, start_motion
@@ -74,7 +75,9 @@ class EpisodeLoop:
         try:
             self._beat(Phase.LOADING)
             scene, roads = self._loader.load(spec)
-            self._catalog.check_plates(spec.sign_code, {s.id: s.code for s in scene.signs}, spec.scenario_id)
+            self._catalog.check_plates(
+                spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
+            )
             episode = Episode(
                 self.simulation, scene, roads, self._catalog, self._mask, privileged, self._beat
             )

@@ -158,3 +158,12 @@ class Polyline(Frozen):
 
 def join(lines: Sequence[Polyline]) -> Polyline:
     return Polyline(np.vstack([line.points for line in lines]))
+
+
+def bend_speed(line: Polyline, lateral: float) -> float:
+    """Speed (m/s) on a line's tightest stretch of 4 m with `lateral` m/s2 sideways; inf where it does not bend."""
+    headings = np.unwrap([line.heading_at(s) for s in np.arange(0.0, line.length, 2.0)])
+    if len(headings) < 3:
+        return math.inf
+    curvature = float(np.max(np.abs(headings[2:] - headings[:-2])) / 4.0)
+    return math.sqrt(lateral / curvature) if curvature else math.inf

@@ -8,7 +8,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, WorldSnapshot
 
 _TICK_SHARE_S = 1e-6
 
@@ -21,7 +21,9 @@ class ClosedRoad(Monitor):
         self._log = EventLog(sign, rule)
         approach = sign.params_as(ApproachParams).approach
         self._road = self.road((approach, sign.edge))
-        self._line = self._road.starts[sign.edge] + sign.position_m
+        self._exit = self._road.starts[sign.edge]
+        self._line = self._exit + sign.position_m
+        self._entry = scene.network.edge_lanes(approach)[0].line.length
         self._past = rule.thresholds["past_line_m"]
         self._engage = rule.thresholds["engage_distance_m"]
         self._within = rule.thresholds["held_within_m"]
@@ -47,11 +49,15 @@ class ClosedRoad(Monitor):
             self._entered.broken(snapshot, past, self._past)
         else:
             self._entered.close()
-        if -self._within <= past <= 0.0 and snapshot.ego.speed <= self._still:
+        if -self._within <= past <= 0.0 and snapshot.ego.speed <= self._still and self._clear(front):
             self._since = snapshot.time if self._since is None else self._since
             self._completed = self._completed or snapshot.time - self._since >= self._held_s
         else:
             self._since = None
+
+    def _clear(self, front: float | None) -> bool:
+        """Is the whole body out of the junction? Who stands in it has blocked it."""
+        return front is not None and (front <= self._entry or front - EGO_LENGTH_M >= self._exit)
 
     def finish(self) -> Verdict:
         """An excursion that is still open ends with the episode."""

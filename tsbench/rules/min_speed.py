@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from tsbench.rules.base import Monitor
+from tsbench.rules.leaders import Leaders
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import EGO_LENGTH_M, WorldSnapshot
+from tsbench.sim.world import WorldSnapshot
 
 
 class MinSpeed(Monitor):
@@ -22,7 +23,7 @@ class MinSpeed(Monitor):
         self._zone = Zone(self)
         self._minimum = sign.posted
         self._under = self.excursion("under_minimum", smaller_is_worse=True)
-        self._next: dict[int, dict[int, float]] = {}
+        self._leaders = Leaders(scene.network)
         self._slow: list[WorldSnapshot] = []
 
     def step(self, snapshot: WorldSnapshot) -> None:
@@ -47,25 +48,7 @@ class MinSpeed(Monitor):
 
     def _held_up(self, snapshot: WorldSnapshot) -> bool:
         """Does a leader slower than the minimum drive on the ego's lane within the distance of the rule?"""
-        t, ego, actors = self.rule.thresholds, snapshot.ego, snapshot.actors
+        t, ego = self.rule.thresholds, snapshot.ego
         reach = max(t["leader_min_m"], ego.speed**2 / t["leader_divisor_mps2"] + t["leader_margin_m"])
-        ahead = self._ahead(ego.lane)
-        for k, lane in enumerate(actors.lane.tolist()):
-            if lane in ahead and float(actors.speed[k]) * KMH_PER_MPS < self._minimum:
-                rear = ahead[lane] + float(actors.lane_s[k]) - float(actors.length[k])
-                if -EGO_LENGTH_M <= rear - ego.s - EGO_LENGTH_M / 2 <= reach:
-                    return True
-        return False
-
-    def _ahead(self, lane: int) -> dict[int, float]:
-        """The ego's lane and those that it leads into: where each starts, m from the first one's start."""
-        found = self._next.get(lane)
-        if found is None:
-            found = self._next[lane] = {lane: 0.0}
-            network = self.scene.network
-            for connection in network.outgoing[lane] if lane >= 0 else ():
-                at = network.lanes[lane].length
-                for i in (*connection.via, connection.to_lane):
-                    found.setdefault(i, at)
-                    at += network.lanes[i].length
-        return found
+        ahead = self._leaders.within(snapshot, reach)
+        return any(speed * KMH_PER_MPS < self._minimum for _, speed in ahead)

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 from tsbench.core.modules import import_all
 from tsbench.rules.base import Monitor
+from tsbench.rules.needless import ContrastTarget
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
-from tsbench.signs.rule_kinds import class_of_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
 from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
 
 MONITORS: Mapping[str, type[Monitor]] = class_of_every_kind(
     import_all("tsbench.rules"),
@@ -17,9 +19,18 @@ MONITORS: Mapping[str, type[Monitor]] = class_of_every_kind(
 )
 
 
+class Unbound(Monitor):
+    """Of a contrast scene's plate that binds others: it never engages."""
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """Nothing to see."""
+
+
 def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
+    """The monitor of a plate's rule. Only a contrast scene's plate may lack the params that its rule reads."""
     rule = catalog.sign(sign.code).rule
-    return MONITORS[rule.name](sign, rule, scene)
+    unbound = scene.contrast and not RULE_KINDS[rule.name].binds(sign.params)
+    return (Unbound if unbound else MONITORS[rule.name])(sign, rule, scene)
 
 
 def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monitor, ...]]:
@@ -33,4 +44,5 @@ def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monito
         for sign in scene.signs
         if sign.role == "context" and sign.id != scene.target and sign.params is not None
     )
-    return make_monitor(scene.target_sign, catalog, scene), others
+    target = make_monitor(scene.target_sign, catalog, scene)
+    return ContrastTarget(target, catalog) if scene.contrast else target, others

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,11 +15,13 @@ import pyarrow as pa
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
 from tsbench.core.paths import data_file
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
 SCHEMA_VERSION = 2
 DENSITY_TOLERANCE = 0.25
+# What others do differs so late that no car which came at its speed can change what it does.
+LEAST_BRAKE_MPS2 = 6.0
 # Times are sums of ticks.
 _TIME_TOLERANCE_S = 1e-6
 
@@ -37,6 +39,11 @@ class Certificate:
     broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`): a certificate of another basis
     says nothing. code: SHA-256 of the code that drove them last; other code voids nothing, it may be asked to prove them
     again. reproduced: another process, maybe with other code or on another machine, found the same (None = not tried).
+    Of a pair, in both its rows, None where there is none: exclusive: neither half's certified commands pass in the
+    other half. passed_by: who passes both halves without reading a plate, "" = nobody who was tried. blind_equal: the
+    first view of the halves is the same bytes but for what the plates say. differs_s: time from which on others do
+    something else than in the other half, None where they never do before the ego is past its line. brake_mps2: the
+    deceleration that would still stop the ego before that line then, None likewise.
     """
 
     scenario_id: str
@@ -59,6 +66,29 @@ class Certificate:
     basis: str
     code: str
     reproduced: bool | None
+    exclusive: bool | None = None
+    passed_by: str | None = None
+    blind_equal: bool | None = None
+    differs_s: float | None = None
+    brake_mps2: float | None = None
+
+    def unpaired_because(self, row: ScenarioSpec) -> str:
+        """Why the row's pair measures nothing, "" where it does, where it was not looked at, or there is none."""
+        if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
+            return (
+                f"{self.tempted} keeps the rule of the signed half"
+                if self.engaged
+                else "the rule binds nobody"
+            )
+        if self.exclusive is False:
+            return "one drive passes both halves"
+        if self.passed_by:
+            return f"{self.passed_by} passes both halves"
+        if self.blind_equal is False:
+            return "the halves differ in more than what the plates say"
+        if self.brake_mps2 is not None and self.brake_mps2 < LEAST_BRAKE_MPS2:
+            return f"who watches the others can still stop with {self.brake_mps2:.1f} m/s2"
+        return ""
 
     @property
     def solvable(self) -> bool:
@@ -87,9 +117,10 @@ class Certificate:
         return close and self.road_users > 0
 
 
+_OF_PAIRS = ("exclusive", "passed_by", "blind_equal", "differs_s", "brake_mps2")
 _PROVEN = (
     "expert", "expert_time_s", "tempted", "tempted_outcome", "tempting", "engaged", "road_users", "overlaps",
-    "arrival_gap_s", "error",
+    "arrival_gap_s", "error", *_OF_PAIRS,
 )  # fmt: skip
 
 
@@ -113,11 +144,22 @@ def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
 
 def read_certificates(path: Path) -> list[Certificate]:
     """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
-    return read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it")
+    return read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
 
 
 def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:
-    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO."""
+    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO.
+
+    Not its place: that is a matter of the maps beside it in the table.
+    """
     sumo = versions(["libsumo"])
-    signs = {code: data_hash((), catalog.judged([code])) for code in {row.sign_code for row in rows}}
-    return {row.scenario_id: digest([data_hash([row], ()), signs[row.sign_code], sumo])[:16] for row in rows}
+    signs = {
+        (code, half): data_hash((), catalog.judged([code], half == CONTRAST))
+        for code, half in {(row.sign_code, row.half) for row in rows}
+    }
+
+    def basis(row: ScenarioSpec) -> str:
+        told = data_hash([replace(row, place="")], ())
+        return digest([told, signs[row.sign_code, row.half], sumo])[:16]
+
+    return {row.scenario_id: basis(row) for row in rows}

@@ -18,9 +18,10 @@ from tsbench.signs.plate_params import Params, PlateParams, read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
 
 ALL_LANES = -1
-ROLES = ("target", "end", "context")
+DISTRACTOR = "distractor"
+ROLES = ("target", "end", "context", DISTRACTOR)
 
-_COLORS = {"target": "red", "end": "grey", "context": "orange"}
+_COLORS = {"target": "red", "end": "grey", "context": "orange", DISTRACTOR: "orange"}
 _LAYER = "100"
 _RESERVED = frozenset({"code", "value", "edge", "lane", "position_m", "heading", "role", "ends"})
 _ANGLE_TOLERANCE_DEG = 0.01
@@ -34,9 +35,9 @@ class SignInstance:
     unit (km/h). edge, lane: whose traffic it addresses, the lane by SUMO's index (0 = rightmost). position_m: where
     its line crosses the edge, metres from the start of its lanes. x, y: where the post stands, metres in the
     network's frame. heading: direction of travel of the traffic that it faces, rad, counter-clockwise from +x. role:
-    "target" (the scene's watched sign), "end" (closes the target's zone) or "context". ends: id of the plate that it
-    ends. params: what its kind of rule needs to know beside; None on a plate that binds nobody who is watched, and
-    where the rule needs nothing.
+    "target" (the scene's watched sign), "end" (closes the target's zone), "context" (belongs to the target's scenes) or
+    "distractor" (any plate, where it does not bind the ego). ends: id of the plate that it ends. params: what its kind
+    of rule needs to know beside; None on a plate that binds nobody who is watched, and where the rule needs nothing.
     """
 
     id: str

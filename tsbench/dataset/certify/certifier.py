@@ -4,24 +4,57 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
+from tsbench.dataset.certify.pair import (
+    Prejudiced,
+    Recorder,
+    Replay,
+    braking_before,
+    first_difference,
+    line_point,
+)
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
-from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.registry import resolve
+from tsbench.metrics.episode import SCD, Episode
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
 EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """An episode, and what its driver was told, first shown and answered."""
+
+    result: EpisodeResult
+    seen: Recorder
+
+    @property
+    def passed(self) -> bool:
+        """Did it get SCD?"""
+        return self.result.facts is not None and bool(SCD.of(Episode(self.result.facts)))
+
+
+@dataclass(frozen=True)
+class _Proof:
+    """One half as it was proven: the expert's drive (the first's where none passes) and the tempted driver's."""
+
+    spec: ScenarioSpec
+    solver: str
+    solved: _Drive
+    blind: _Drive
 
 
 class Certifier:
@@ -30,7 +63,8 @@ class Certifier:
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
         self._catalog = load_catalog()
-        self._runners: dict[str, EpisodeRunner] = {}
+        self._loaded: dict[str, LoadedPlanner] = {}
+        self._proofs: dict[str, _Proof] = {}
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
@@ -38,51 +72,102 @@ class Certifier:
         """The certificate of a row. tempted: the sign-blind driver's name. asked, realised: cars per lane-km."""
         solver, solved = self._solve(spec)
         blind = self._drive(tempted, spec)
-        facts, calm = blind.facts, solved.facts
+        self._proofs[spec.half] = _Proof(spec, solver, solved, blind)
+        facts, calm = blind.result.facts, solved.result.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
-            expert=solver, expert_time_s=_time(solved) if solver else math.nan, tempted=tempted,
-            tempted_outcome=blind.outcome.value, tempting=not _scd(blind),
+            expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, tempted=tempted,
+            tempted_outcome=blind.result.outcome.value, tempting=not blind.passed,
             engaged=facts is not None and facts.target.engaged, asked_density=asked, realised_density=realised,
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
-            arrival_gap_s=math.nan if facts is None else arrival_gap(facts), error=solved.error or blind.error,
-            digest=_digest(solved, blind), basis=bases([spec], self._catalog)[spec.scenario_id],
-            code=driving_fingerprint(), reproduced=None,
+            arrival_gap_s=math.nan if facts is None else arrival_gap(facts),
+            error=solved.result.error or blind.result.error, digest=_digest(solved.result, blind.result),
+            basis=bases([spec], self._catalog)[spec.scenario_id], code=driving_fingerprint(), reproduced=None,
         )  # fmt: skip
 
-    def again(self, spec: ScenarioSpec, old: Certificate) -> Certificate:
-        """The row driven once more; `reproduced` where it shows the same, whatever code drove it before, and where.
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        """Both with what is known of the pair. Raises ValueError unless its rows were the last two that were proven."""
+        a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
+        if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
+            raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
+        replayed = (self._replay(one.solved, other.spec).passed for one, other in ((a, b), (b, a)))
+        differs_s, brake = self._reaction(a, b)
+        pair = partial(
+            replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
+            blind_equal=a.blind.seen.view == b.blind.seen.view != "", differs_s=differs_s, brake_mps2=brake,
+        )  # fmt: skip
+        return pair(signed), pair(contrast)
 
-        What only the builder measures (attempt, densities) is kept.
+    def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
+        """A row, or the two of a pair, driven once more.
+
+        `reproduced` where it shows the same, whatever code drove it before, and where. What only the builder measures
+        (attempt, densities) is kept.
         """
-        new = self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
-        return replace(new, reproduced=not old.differences(new))
+        new = [
+            self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
+            for spec, old in rows
+        ]
+        if len(new) > 1 and all(c.solvable for c in new):
+            new = list(self.prove_pair(*new))
+        return [
+            replace(fresh, reproduced=not old.differences(fresh))
+            for (_, old), fresh in zip(rows, new, strict=True)
+        ]
 
-    def _solve(self, spec: ScenarioSpec) -> tuple[str, EpisodeResult]:
+    def _solve(self, spec: ScenarioSpec) -> tuple[str, _Drive]:
         """The first expert that gets SCD and its episode; "" and the first expert's episode if none does."""
-        first: EpisodeResult | None = None
+        drives = []
         for name in EXPERTS:
-            result = self._drive(name, spec)
-            if _scd(result):
-                return name, result
-            first = first or result
-        assert first is not None
-        return "", first
+            drives.append(self._drive(name, spec))
+            if drives[-1].passed:
+                return name, drives[-1]
+        return "", drives[0]
 
-    def _drive(self, planner: str, spec: ScenarioSpec) -> EpisodeResult:
-        runner = self._runners.get(planner)
-        if runner is None:
-            runner = EpisodeRunner(
-                replace(resolve(planner), name=planner), simulation=self._simulation, loader=self._loader
-            )
-            self._runners[planner] = runner
-        return runner.run(spec)
+    def _passed_by(self, a: _Proof, b: _Proof) -> str:
+        """Who passes both halves and reads no plate: the tempted driver, or who always obeys one half's; "" if none."""
+        if a.blind.passed and b.blind.passed:
+            return a.blind.result.planner
+        always = (
+            one.spec.half for one, other in ((a, b), (b, a)) if self._obeys_everywhere(one, other.spec).passed
+        )
+        return next((f"who always obeys the {half} plate" for half in always), "")
 
+    def _obeys_everywhere(self, one: _Proof, other: ScenarioSpec) -> _Drive:
+        """The expert of a half driving the other one, told the first one's plate."""
+        expert, told = self._planner(one.solver), one.solved.seen.context
+        assert told is not None
+        assert told.privilege is not None
+        plate = told.privilege
+        return self._run(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
 
-def _scd(result: EpisodeResult) -> bool:
-    facts = result.facts
-    return facts is not None and result.outcome is Outcome.ARRIVED and facts.target.compliant
+    def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
+        """When others first do something else, under the tempted driver's commands of the signed half, and the braking
+        that would still stop it before its line then; None, None where they never do before the line.
+        """
+        facts, same = a.blind.result.facts, self._replay(a.blind, b.spec).result.facts
+        tick = None if facts is None or same is None else first_difference(facts, same)
+        brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
+        return (None, None) if tick is None or brake is None else (tick.time, brake)
+
+    def _planner(self, name: str) -> LoadedPlanner:
+        if name not in self._loaded:
+            self._loaded[name] = replace(resolve(name), name=name)
+        return self._loaded[name]
+
+    def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
+        return self._run(self._planner(planner), spec)
+
+    def _replay(self, drive: _Drive, spec: ScenarioSpec) -> _Drive:
+        return self._run(LoadedPlanner("replay", lambda: Replay(drive.seen.answers)), spec)
+
+    def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
+        seen = Recorder(planner.factory())
+        runner = EpisodeRunner(
+            replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader
+        )
+        return _Drive(runner.run(spec), seen)
 
 
 def _time(result: EpisodeResult) -> float:

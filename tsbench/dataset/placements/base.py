@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from lxml import etree
@@ -19,6 +19,7 @@ from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.contrast import ContrastClause
 from tsbench.signs.plate_params import PlateParams
 from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
@@ -58,12 +59,12 @@ class ConvoySetup:
 class Arrangement:
     """One scene, decided but not yet written.
 
-    extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
+    extra: further SUMO elements. avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
     closed_edges: where nobody else drives at all; no length of theirs counts for the density.
-    speed_factors: of the background drivers, () = all 1. drivers: the background drivers where the plate makes others
-    of them, () = the task's. platoons: edges where cars enter in
-    platoons. walkers: the plan of pedestrians who stand in `extra`.
+    drivers: the background drivers where the scene needs others, () = the task's. platoons: edges where cars enter in
+    platoons. walkers: the plan of pedestrians who stand in `extra`. contrast: in a contrast half, what is asked beside
+    the target's rule.
     """
 
     signs: tuple[SignInstance, ...]
@@ -79,11 +80,11 @@ class Arrangement:
     avoid_turns: AbstractSet[Turn] = frozenset()
     quiet_edges: AbstractSet[str] = frozenset()
     closed_edges: AbstractSet[str] = frozenset()
-    speed_factors: Sequence[float] = field(default_factory=tuple)
     drivers: tuple[Driver, ...] = ()
     blocked: tuple[tuple[str, float, float], ...] = ()
     platoons: AbstractSet[str] = frozenset()
     walkers: WalkersPlan | None = None
+    contrast: tuple[ContrastClause, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -99,14 +100,29 @@ class SceneTask:
     rng: np.random.Generator
 
 
-class Placement(Protocol):
-    """How one type is laid out: the network's edits once per map, then one arrangement per variant."""
+class Placement(ABC):
+    """How one type is laid out: the network's edits once per map, then both halves of each variant."""
 
+    @abstractmethod
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The crop with what the plates mean to other traffic. Raises UnfitMapError."""
 
+    @abstractmethod
     def place(self, task: SceneTask) -> Arrangement:
         """One variant's scene. Raises UnfitMapError."""
+
+    def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crop with what the contrast half's plates mean to other traffic: by default the same. UnfitMapError."""
+        return self.prepare(row, plain, recipe)
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
+        """The other half of a variant's pair on its own network, None where the type has no pairs. UnfitMapError.
+
+        Start, destination, hint, obstacles and who else is there stay those of `signed`, and so do the posts, of
+        which only the plates differ: a planner that is not told the plates cannot tell the halves apart.
+        """
+        del task, signed
+        return None
 
 
 def plate_beside(

@@ -13,6 +13,7 @@ from lxml import etree
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     keep_clear,
     passenger_lanes,
@@ -49,7 +50,7 @@ class _Walker:
     from_kerb: float
 
 
-class CrosswalkPlacement:
+class CrosswalkPlacement(Placement):
     """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
 
     def __init__(self, recipe: Recipe) -> None:

@@ -5,15 +5,15 @@ Source: docs/spec/scenes.md, "Detour". Units: m.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, require
+from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, passenger_lanes, require
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.scene import EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
@@ -22,12 +22,11 @@ from tsbench.sim.world import EGO_LENGTH_M
 _LONGEST_CAR_M = max(length for length, _ in BODIES.values())
 
 
-class DetourPlacement:
-    """`detour_*`: an obstacle on a lane that has a neighbour on each side that the plate allows."""
+class DetourPlacement(Placement):
+    """`detour_*`: an obstacle on a lane with one on each side; in the contrast half it is passed on the other."""
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.sides = frozenset(load_catalog().sign(self.code).rule.options["allowed_sides"])
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road stays as it is: other traffic sees the obstacle itself."""
@@ -40,7 +39,8 @@ class DetourPlacement:
         edge = row.fields["edge"]
         lanes = passenger_lanes(network, edge)
         require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")
-        lane = self._lane(lanes, variant.layout)
+        between = lanes[1:-1]
+        lane = between[variant.layout // 2 % len(between)]
         shapes = recipe.choices["obstacles"]
         shape = shapes[variant.layout % len(shapes)]
         length, width = float(shape["length_m"]), float(shape["width_m"])
@@ -69,11 +69,9 @@ class DetourPlacement:
             obstacles=(obstacle,), blocked=((lane.id, start_s, beyond),),
         )  # fmt: skip
 
-    def _lane(self, lanes: tuple[Lane, ...], layout: int) -> Lane:
-        """The outermost lane with a neighbour on the one side allowed; where both are, one in between by layout."""
-        if self.sides == {"right"}:
-            return lanes[-1]
-        if self.sides == {"left"}:
-            return lanes[0]
-        middle = lanes[1:-1]
-        return middle[layout // 2 % len(middle)]
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
+        """The plate of the other side; where both are allowed, none contradicts it."""
+        others = task.recipe.choices.get("contrast_plates")
+        if others is None:
+            return None
+        return replace(signed, signs=(replace(signed.signs[0], code=others[0]),))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import ClassVar
 
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     UnfitMapError,
     before_line,
@@ -26,26 +28,43 @@ from tsbench.dataset.placements.obedient_way import (
     waits,
 )
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
+from tsbench.dataset.scenes.variants import Variant
+from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS, TURNS, U_TURN
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
+# Codes of prohibitory plates begin so.
+_PROHIBITORY = "3."
 
-class ManoeuvrePlacement:
-    """One plate on the approach; navigation leads through a manoeuvre that it prohibits."""
+
+class ManoeuvrePlacement(Placement):
+    """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
+
+    In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Who comes
+    on either way goes first, and others do nothing that either plate prohibits: from them nobody learns which it is.
+    """
+
+    # Rules of the plates that may hang in the contrast half.
+    others_by: ClassVar[tuple[str, ...]] = ("manoeuvre",)
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.allowed = load_catalog().sign(self.code).rule.options.get("allowed", ())
+        self.catalog = load_catalog()
+        self.allowed = self._allowed(self.code)
+        rules = {"manoeuvre", "one_way_exit"}
+        self._family = [
+            c for c, sign in self.catalog.signs.items() if sign.rule.name in rules and not sign.is_end
+        ]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The roads stay; the obedient way becomes the main road. Other traffic is routed as the plate says."""
+        """The roads stay; who comes on either way goes first. Other traffic is routed as the plates say."""
         ways = (row.fields["signed_edge"], *row.fields["compliant"])
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
@@ -54,7 +73,13 @@ class ManoeuvrePlacement:
             bend <= recipe.number("sharpest_bend_deg"),
             f"the obedient way bends by {bend:.0f} degrees in a road",
         )
-        return main_road(plain, ways, int(recipe.number("main_priority")))
+        both = (*ways, *row.fields["short"])
+        return main_road(self.roads(row, plain), both, int(recipe.number("main_priority")))
+
+    def roads(self, row: PoolRow, plain: PlainNet) -> PlainNet:
+        """The crop as both halves have it."""
+        del row
+        return plain
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 40 to 60 m before the signed junction, in a lane that leads into the prohibited manoeuvre."""
@@ -65,13 +90,12 @@ class ManoeuvrePlacement:
         short = graph.route(signed, target)
         require(short is not None and len(short) > 2, "no way to the destination")
         assert short is not None
-        banned = self.banned(graph, short)
-        closed = self.closed(graph, short)
+        banned, closed = self.banned(graph, short, self.allowed), self.closed(graph, short)
         compliant = graph.route(signed, target, banned, closed)
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
+        self.check_exits(graph, signed, self.code)
         _check_turns(task.row, graph, short, compliant)
-        check_way(graph, compliant)
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
@@ -79,63 +103,119 @@ class ManoeuvrePlacement:
         goal = network.edge_lanes(target)[0].line.length
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
-        sign = self.plate(task, short)
+        plates = self.plates(task, short, compliant)
+        banned |= self.banned(graph, short, self._allowed(self.other_code(graph, variant, short, compliant)))
+        closed |= self.closed(graph, compliant)
+        avoided = _avoided(graph, (short, compliant), banned, closed)
+        for way in (short, compliant):
+            check_way(graph, way, avoided)
         return Arrangement(
-            signs=(sign,), target=sign.id, start=start, destination=Destination(target, end_s), route_hint=short,
-            compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
-            avoid_turns=_avoided(graph, compliant, banned, closed), closed_edges=closed,
-            platoons=frozenset(network.edges), blocked=keep_clear(passenger_lanes(network, signed), start),
+            signs=plates, target=plates[0].id, start=start, destination=Destination(target, end_s),
+            route_hint=short, compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
+            avoid_turns=avoided, closed_edges=closed,
+            quiet_edges=frozenset({signed}), platoons=frozenset(network.edges),
+            blocked=keep_clear(passenger_lanes(network, signed), start),
         )  # fmt: skip
 
-    def banned(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[Turn]:
-        """Turns out of the signed approach that nobody makes."""
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The navigation's way, permitted."""
+        short, compliant = signed.route_hint, signed.compliant_hint
+        code = self.other_code(task.graph, task.variant, short, compliant)
+        plates = self.other_plates(signed.signs, code)
+        way = WayParams(short[0], exits=(short[1],))
+        return replace(
+            signed, signs=plates, target=next(p.id for p in plates if p.role == "target"), compliant_hint=(),
+            contrast=(ContrastClause("needless_detour", way),),
+        )  # fmt: skip
+
+    def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
+        """Turns out of the signed approach that a plate with these manoeuvres prohibits."""
         return frozenset(
             (short[0], exit_)
             for exit_ in graph.successors(short[0])
-            if graph.turn(short[0], exit_) not in self.allowed
+            if graph.turn(short[0], exit_) not in allowed
         )
 
-    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
-        """Edges that nobody enters, wherever from."""
-        del graph, short
+    def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
+        """Edges that nobody enters, wherever from, where `way` is prohibited."""
+        del graph, way
         return frozenset()
 
-    def plate(self, task: SceneTask, short: Sequence[str]) -> SignInstance:
-        """The target's plate: on the approach, for all its lanes."""
+    def other_code(
+        self, graph: LaneGraph, variant: Variant, short: Sequence[str], compliant: Sequence[str]
+    ) -> str:
+        """A plate that permits the navigation's manoeuvre, prohibits the other way's and shows no exit in vain."""
+        wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
+        fit = [
+            code
+            for code in self._family
+            if wanted in self._allowed(code)
+            and other not in self._allowed(code)
+            and not self._shown_in_vain(graph, short[0], code)
+        ]
+        require(bool(fit), f"no plate permits {wanted} and prohibits {other} here")
+        return fit[variant.plate % len(fit)]
+
+    def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
+        """Raise UnfitMapError where a plate shows an exit that is not there."""
+        missing = self._shown_in_vain(graph, approach, code)
+        require(not missing, f"plate {code} shows {' and '.join(missing)}, which is not there")
+
+    def _shown_in_vain(self, graph: LaneGraph, approach: str, code: str) -> list[str]:
+        """Manoeuvres on the plate for which there is no exit.
+
+        A prohibitory plate shows what it prohibits, 5.7.x where the one-way road goes, others what they allow.
+        """
+        there = {graph.turn(approach, exit_) for exit_ in graph.successors(approach)}
+        allowed = set(self._allowed(code))
+        if code.startswith(_PROHIBITORY):
+            shown = set(TURNS) - allowed
+        elif self.catalog.sign(code).rule.name == "one_way_exit":
+            shown = allowed & {LEFT, RIGHT}
+        else:
+            shown = allowed - {U_TURN}
+        return sorted(shown - there)
+
+    def _allowed(self, code: str) -> Sequence[str]:
+        return self.catalog.sign(code).rule.options.get("allowed", ())
+
+    def plates(
+        self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]
+    ) -> tuple[SignInstance, ...]:
+        """The target's plate first: on the approach, for all its lanes."""
+        del compliant
         lane = task.network.edge_lanes(short[0])[0]
         params = JunctionParams(short[0], task.row.fields["junction"])
         at = lane.line.length - task.recipe.number("plate_before_line_m")
-        return plate_beside(task.network, self.code, short[0], at, params)
+        return (plate_beside(task.network, self.code, short[0], at, params),)
+
+    def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:
+        """What hangs on the same posts in the contrast half."""
+        return tuple(replace(plate, code=code) for plate in plates)
 
 
 class OneWayPlacement(ManoeuvrePlacement):
-    """5.7.x: the crossing road runs one way. What contradicts the plate is taken out, or closed to others.
+    """5.7.x: the crossing road runs one way, away from the junction on the arm where the plate points.
 
-    The arm that may be entered loses its lanes towards the junction. The lanes of the other arm that lead away
-    from it stay, because navigation leads into them, but no other car uses them.
+    On either arm only the lanes that lead away stay: on one of them they are the one-way road, on the other what
+    navigation leads into and no car uses. Which is which, only the plate says.
     """
 
-    def __init__(self, recipe: Recipe) -> None:
-        super().__init__(recipe)
-        self.way = RIGHT if RIGHT in self.allowed else LEFT
+    others_by = ("manoeuvre", "one_way_exit")
 
-    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The crop without the lanes that come from where the one-way road leads to."""
-        plain = super().prepare(row, plain, recipe)
+    def roads(self, row: PoolRow, plain: PlainNet) -> PlainNet:
+        """The crop without the lanes that come to the junction from the crossing road's arms."""
         signed, junction = row.fields["signed_edge"], row.fields["junction"]
         approach = next(e for e in plain.edges if e.id == signed)
-        exits = [e for e in plain.edges if e.source == junction]
-        require(
-            any(turn_between(approach, e) == self.way for e in exits),
-            "the crossing road does not go on where the plate points",
-        )
+        exits = {turn_between(approach, e) for e in plain.edges if e.source == junction}
+        require({LEFT, RIGHT} <= exits, "the crossing road does not go on where the plate points")
         # An edge into the junction belongs to the arm that the reversed edge would leave by.
         gone = {
             e.id
             for e in plain.edges
             if e.target == junction
             and e.id not in (signed, *row.fields["short"], *row.fields["compliant"])
-            and turn_between(approach, replace(e, shape=e.shape[::-1])) == self.way
+            and turn_between(approach, replace(e, shape=e.shape[::-1])) in (LEFT, RIGHT)
         }
         return replace(
             plain,
@@ -143,43 +223,71 @@ class OneWayPlacement(ManoeuvrePlacement):
             connections=tuple(c for c in plain.connections if not {c.source, c.target} & gone),
         )
 
-    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
-        """The exits against the one-way road."""
-        return frozenset(e for _, e in self.banned(graph, short))
+    def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
+        """The exit against the one-way road."""
+        return frozenset({way[1]}) if graph.turn(way[0], way[1]) in (LEFT, RIGHT) else frozenset()
 
 
 class NoEntryPlacement(ManoeuvrePlacement):
-    """3.1 on the exit edge that navigation leads into; nobody enters it from anywhere."""
+    """3.1 on the exit edge that navigation leads into, a plate that prohibits nothing on that of the other way.
 
-    def banned(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[Turn]:
+    In the contrast half they change places. Nobody enters either from anywhere.
+    """
+
+    def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """What binds is the edge, not the turn."""
-        del graph, short
+        del graph, short, allowed
         return frozenset()
 
-    def closed(self, graph: LaneGraph, short: Sequence[str]) -> frozenset[str]:
+    def other_code(
+        self, graph: LaneGraph, variant: Variant, short: Sequence[str], compliant: Sequence[str]
+    ) -> str:
+        """3.1 on the other exit."""
+        del graph, variant, short, compliant
+        return self.code
+
+    def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
+        """It stands on an exit."""
+
+    def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
         """The signed edge."""
         del graph
-        return frozenset({short[1]})
+        return frozenset({way[1]})
 
-    def plate(self, task: SceneTask, short: Sequence[str]) -> SignInstance:
-        """The plate a few metres into the closed edge, facing who would enter it."""
+    def plates(
+        self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]
+    ) -> tuple[SignInstance, ...]:
+        """A few metres into each exit, facing who would enter it."""
         at = task.recipe.number("plate_after_start_m")
-        length = task.network.edge_lanes(short[1])[0].line.length
-        require(length >= 2.0 * at, f"the closed edge is {length:.0f} m long")
-        return plate_beside(task.network, self.code, short[1], at)
+        for edge in (short[1], compliant[1]):
+            length = task.network.edge_lanes(edge)[0].line.length
+            require(length >= 2.0 * at, f"edge {edge} is {length:.0f} m long")
+        harmless = task.recipe.choices["harmless"][0]
+        return (
+            plate_beside(task.network, self.code, short[1], at),
+            plate_beside(task.network, harmless, compliant[1], at, number=1, role=DISTRACTOR),
+        )
+
+    def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:
+        """The two exchanged."""
+        first, second = plates
+        return replace(first, code=second.code, role=DISTRACTOR), replace(second, code=code, role="target")
 
 
 def _avoided(
-    graph: LaneGraph, compliant: Sequence[str], banned: frozenset[Turn], closed: frozenset[str]
+    graph: LaneGraph, ways: Sequence[Sequence[str]], banned: frozenset[Turn], closed: frozenset[str]
 ) -> frozenset[Turn]:
-    """Turns that other cars leave alone: prohibited ones, those into closed edges, and on the obedient way, where
-    there is another, those for which they would have to wait: the ego would queue behind them until the time is over.
+    """Turns that other cars leave alone: prohibited ones, those into closed edges, where the ways meet again those of
+    both, and on each way, where there is another, those for which they would have to wait: the ego would queue behind
+    them until the time is over.
     """
     into = {(edge, e) for e in closed for edge in graph.network.edges if e in graph.successors(edge)}
-    avoided = banned | into
-    for edge in compliant[:-1]:
+    shared = set(ways[0][1:]) & set(ways[1][1:])
+    meeting = {(a, b) for way in ways for a, b in pairwise(way[1:]) if b in shared and a not in shared}
+    avoided = banned | into | meeting
+    for edge in sorted({e for way in ways for e in way[:-1]}):
         turns = {(edge, e) for e in graph.successors(edge)} - avoided
-        waiting = {t for t in turns if waits(graph, *t)}
+        waiting = {t for t in turns if waits(graph, *t, avoided)}
         avoided |= waiting if waiting != turns else set()
     return avoided
 

@@ -14,6 +14,7 @@ from lxml import etree
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     before_line,
     keep_clear,
@@ -43,7 +44,7 @@ _FIRST_PLATE_M = 2.0
 _ROOM_M = 14.0
 
 
-class GiveWayPlacement:
+class GiveWayPlacement(Placement):
     """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe."""
 
     def __init__(self, recipe: Recipe) -> None:

@@ -5,16 +5,13 @@ Source: docs/spec/scenes.md, "Junction".
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from tsbench.dataset.placements.base import ConvoySetup, SceneTask, UnfitMapError, passenger_lanes
 from tsbench.dataset.placements.junction_arms import Arms
 from tsbench.geometry.angles import U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
-from tsbench.geometry.polyline import Polyline
+from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
@@ -47,11 +44,7 @@ def meeting(network: RoadNetwork, ego: Connection, foe: Connection) -> ConflictZ
 def turn_speed(network: RoadNetwork, c: Connection) -> float:
     """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
     line = swept_line(network, c)
-    if line.length < 4.0:
-        return 8.0
-    headings = np.unwrap([line.heading_at(s) for s in np.arange(0.0, line.length, 2.0)])
-    curvature = float(np.max(np.abs(headings[2:] - headings[:-2])) / 4.0) if len(headings) > 2 else 0.0
-    return min(math.sqrt(2.0 / max(curvature, 1e-3)), 14.0)
+    return 8.0 if line.length < 4.0 else min(bend_speed(line, 2.0), 14.0)
 
 
 def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:

@@ -8,9 +8,16 @@ import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
-from tsbench.dataset.placements.speed_zone import KMH, obeying_drivers, task_limit
-from tsbench.dataset.scenes.drivers import BODIES, Driver
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
+from tsbench.dataset.placements.speed_zone import KMH, no_slower
+from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.elements import moving_car
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
@@ -22,10 +29,19 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class MinSpeedPlacement:
+def task_minimum(task: SceneTask) -> float:
+    """The number on a variant's plate, km/h: round those that the road allows, so that each is there as often."""
+    recipe, road = task.recipe, task.row.speed_mps / KMH
+    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
+    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
+    return float(usable[task.variant.value % len(usable)])
+
+
+class MinSpeedPlacement(Placement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
-    The leader is faster than the slow style whom the scene tempts, and so out of its reach where the rule binds.
+    In the contrast half the plate there allows no more than the slow style drives, whom the scene tempts. The leader is
+    faster than this style, and so out of its reach where the rule binds; so is everybody else.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -33,13 +49,13 @@ class MinSpeedPlacement:
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road stays as it is: who obeys drives faster of itself."""
-        task_limit(row, recipe)
+        del row, recipe
         return plain
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 30 m before the plate, 12 to 18 km/h too slow."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        minimum = float(task_limit(row, recipe))
+        minimum = task_minimum(task)
         edge = row.fields["edge"]
         lanes = passenger_lanes(network, edge)
         require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")
@@ -56,23 +72,25 @@ class MinSpeedPlacement:
         require(latest >= front, f"the corridor is {lane.line.length:.0f} m long")
         front += float(task.rng.uniform(0.0, min(latest - front, recipe.number("jitter_m"))))
         plate_s = front + recipe.number("plate_after_start_m")
+        # No farther than the slow style gets within the horizon.
+        end_s = min(end_s, plate_s + max(recipe.number("zone_m"), variant.route_length))
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         leader = self._leader(task, lane, front, minimum)
-        obeying = obeying_drivers(task)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
             signs=(sign,), target=sign.id,
             start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
-            extra=leader, drivers=tuple(
-                self._faster(d, minimum, recipe) if k < obeying else d for k, d in enumerate(task.drivers)
-            ),
+            extra=leader, drivers=no_slower(task.drivers, minimum + recipe.number("others_above_kmh")),
             blocked=((lane.id, start.s, front + recipe.number("leader_clear_m")),) if leader else (),
         )  # fmt: skip
 
-    @staticmethod
-    def _faster(driver: Driver, minimum: float, recipe: Recipe) -> Driver:
-        """A driver who keeps to the minimum."""
-        return replace(driver, speed=max(driver.speed, (minimum + recipe.number("obey_above_kmh")) * KMH))
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """3.24 on the same post: the minimum less 10 km/h and more is the most that is allowed."""
+        (sign,) = signed.signs
+        recipe = task.recipe
+        value = sign.posted - recipe.number("contrast_below_kmh")
+        other = replace(sign, code=recipe.choices["contrast_plates"][0], value=value)
+        return replace(signed, signs=(other,))
 
     @staticmethod
     def _leader(task: SceneTask, lane: Lane, front: float, minimum: float) -> tuple[etree._Element, ...]:

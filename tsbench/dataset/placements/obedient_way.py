@@ -6,6 +6,7 @@ Units: m, s, degrees.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,7 +19,7 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import STRAIGHT, turn_class
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.junction_paths import junction_path, path_zones
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Connection, RoadNetwork
 
 # SUMO's state of a connection with right of way.
@@ -57,31 +58,43 @@ def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
 
 
 def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
-    """The crop with priority for some edges and those beside them in the opposite direction.
+    """The crop with priority for who comes on some edges, whatever way it goes on.
 
     What traffic at junctions without a plate of the scene costs is not what the scene is about.
     """
-    ends = {(e.source, e.target) for e in plain.edges if e.id in ways}
-    main = {e.id for e in plain.edges if e.id in ways or (e.target, e.source) in ends}
+    ends = {e.target for e in plain.edges if e.id in ways}
     return replace(
-        plain, edges=tuple(replace(e, priority=priority) if e.id in main else e for e in plain.edges)
+        plain,
+        nodes=tuple(replace(n, right_of_way="edgePriority") if n.id in ends else n for n in plain.nodes),
+        edges=tuple(replace(e, priority=priority) if e.id in ways else e for e in plain.edges),
     )
 
 
-def waits(graph: LaneGraph, edge: str, following: str) -> bool:
+def waits(graph: LaneGraph, edge: str, following: str, absent: AbstractSet[Turn] = frozenset()) -> bool:
     """Does who goes from one edge to the next let those go first who need not wait themselves?
+
+    absent: turns that nobody makes.
 
     Where a main road bends at crossroads, SUMO has its left turn yield to the left turn of a side road too ("m"):
     that one yields to all others in its turn, and holds nobody up.
     """
-    first = {v for c in graph.network.connections if c.state == _MAJOR for v in c.via}
+    lanes = graph.network.lanes
+    first = {
+        v
+        for c in graph.network.connections
+        if c.state == _MAJOR and (lanes[c.from_lane].edge, lanes[c.to_lane].edge) not in absent
+        for v in c.via
+    }
     return any(c.yields_to & first for c in graph.connections(edge, following))
 
 
-def check_way(graph: LaneGraph, way: Sequence[str]) -> None:
-    """Raise UnfitMapError where others go first on the finished way, or get in its way without SUMO's knowing."""
+def check_way(graph: LaneGraph, way: Sequence[str], absent: AbstractSet[Turn]) -> None:
+    """Raise UnfitMapError where others go first on the finished way, or get in its way without SUMO's knowing.
+
+    absent: turns that nobody makes.
+    """
     for a, b in pairwise(way):
-        require(not waits(graph, a, b), f"others go first on the obedient way at the end of {a}")
+        require(not waits(graph, a, b, absent), f"others go first on the obedient way at the end of {a}")
         require(
             not any(_unseen_conflicts(graph.network, graph.connections(a, b))),
             f"vehicles with right of way graze the obedient way at the end of {a}",

@@ -8,20 +8,32 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainLane, PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, plate_beside, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    ConvoySetup,
+    Placement,
+    SceneTask,
+    plate_beside,
+    require,
+)
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class ReservedLanePlacement:
-    """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone."""
+class ReservedLanePlacement(Placement):
+    """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
+
+    In the contrast half it is the lane beside it. In both its users are on both lanes, and other traffic is on neither:
+    which one is theirs, only the plate says.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -37,12 +49,12 @@ class ReservedLanePlacement:
         return plate, min(plate + recipe.number("zone_most_m"), length - after)
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The corridor in three parts; in the middle one the rightmost lane is for its users only."""
+        """The corridor in three parts; in the middle one no car of others uses the two rightmost lanes."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
         plate, end = self._zone(row, recipe)
         run_up_room(plate, recipe)
         net, (_, zone, _) = split_edge(plain, row.fields["edge"], (plate, end))
-        lanes = (PlainLane(0, allow=self.users),)
+        lanes = tuple(PlainLane(k, allow=self.users) for k in range(2))
         return replace(net, edges=tuple(replace(e, lanes=lanes) if e.id == zone else e for e in net.edges))
 
     def place(self, task: SceneTask) -> Arrangement:
@@ -61,9 +73,34 @@ class ReservedLanePlacement:
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, zone, last), route_length=reserved.line.length + end_s,
-            convoy=lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
+            convoy=_side_by_side(
+                lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
+                network.edge_lanes(zone)[1].id,
+            ),
             blocked=((lane.id, start.s, lane.line.length),),
         )  # fmt: skip
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The plate speaks of the lane beside the ego's."""
+        (sign,) = signed.signs
+        params = sign.params_as(ReservedLaneParams)
+        beside = task.network.edge_lanes(sign.edge)[1].id
+        stay = WayParams(params.approach, lanes=params.lanes)
+        return replace(
+            signed,
+            signs=(replace(sign, lane=1, params=replace(params, lanes=(beside,))),),
+            contrast=(ContrastClause("needless_detour", stay),),
+        )
+
+
+def _side_by_side(convoy: ConvoySetup, beside: str) -> ConvoySetup:
+    """Each user with another one on the lane beside its own."""
+    return replace(
+        convoy,
+        drivers=tuple(d for d in convoy.drivers for _ in range(2)),
+        places=tuple(p for p in convoy.places for _ in range(2)),
+        lanes=(convoy.lane, beside) * len(convoy.places),
+    )
 
 
 def run_up_room(plate: float, recipe: Recipe) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
+    Placement,
     SceneTask,
     before_line,
     keep_clear,
@@ -35,7 +36,7 @@ _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
 
 
-class RoundaboutPlacement:
+class RoundaboutPlacement(Placement):
     """`roundabout`: 4.3 at the entry of the map; who is on the ring goes first."""
 
     def __init__(self, recipe: Recipe) -> None:

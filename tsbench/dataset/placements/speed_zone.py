@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from tsbench.core.seeds import seed_of
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
 from tsbench.dataset.placements.corridor import split_edge
-from tsbench.dataset.scenes.elements import obey_element
+from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -22,27 +32,38 @@ from tsbench.sim.world import EGO_LENGTH_M
 KMH = 1.0 / 3.6
 
 
-def posted_limit(row: PoolRow, scenario_type: str, choices: Sequence[int], margin_kmh: float) -> int:
-    """One of the values that the road allows, in equal shares by a stable hash of the map."""
-    usable = [v for v in choices if v + margin_kmh <= row.speed_mps * 3.6 + 0.5]
-    require(bool(usable), f"the road's own limit is {row.speed_mps * 3.6:.0f} km/h")
-    return usable[seed_of("limit", scenario_type, row.map_id) % len(usable)]
+def needed_kmh(limit: float) -> float:
+    """The speed that traffic and bends have to allow, km/h: who keeps to `limit` is needlessly slow there."""
+    catalog = load_catalog()
+    tolerated = limit + catalog.rule("speed").thresholds["tolerance_kmh"]
+    return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
 
 
-def task_limit(row: PoolRow, recipe: Recipe) -> int:
-    """The number on a map's plate, km/h."""
-    return posted_limit(row, recipe.type.id, recipe.choices["limits_kmh"], recipe.number("below_road_kmh"))
+def no_slower(drivers: Sequence[Driver], least_kmh: float) -> tuple[Driver, ...]:
+    """Drivers behind whom nobody has an excuse to be slower: they are the same in both halves."""
+    return tuple(replace(d, speed=max(d.speed, least_kmh * KMH)) for d in drivers)
 
 
-class SpeedZonePlacement:
+def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
+    """The speed that the bends of a zone allow where it is judged how fast the ego is."""
+    t = load_catalog().needless.thresholds
+    line = join([network.edge_lanes(e)[0].line for e in zone])
+    judged = line.slice(0.0, min(t["slow_zone_m"], line.length))
+    return bend_speed(judged, t["lateral_mps2"]) / KMH
+
+
+class SpeedZonePlacement(Placement):
     """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
 
-    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does.
+    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the
+    contrast half a higher value is posted, to which the road's own traffic keeps. Others drive alike in both halves,
+    as the road's limit allows: from them nobody learns what is posted.
     """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
         self.end_code = recipe.type.end_codes[0]
+        self.other_codes = recipe.choices.get("contrast_plates", [self.code, self.end_code])
 
     def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
         """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
@@ -53,17 +74,21 @@ class SpeedZonePlacement:
         return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The zone on edges of its own, so that other traffic can be bound there."""
-        task_limit(row, recipe)
+        """The zone on edges of its own."""
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        limit = float(task_limit(row, recipe))
-        v = limit * KMH
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
+        limits, bend = recipe.choices["limits_kmh"], _bend_kmh(network, zone)
+        most = row.speed_mps / KMH + 0.5 - recipe.number("below_road_kmh")
+        # All or none: so each value is there as often.
+        require(max(limits) <= most, f"the road's own limit is {row.speed_mps / KMH:.0f} km/h")
+        require(needed_kmh(max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
+        limit = float(limits[variant.value % len(limits)])
+        v = limit * KMH
         lanes = passenger_lanes(network, first)
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
@@ -79,16 +104,26 @@ class SpeedZonePlacement:
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
             plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
         )
-        obeying = obeying_drivers(task)
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
-            extra=(obey_element(zone, network, v),),
-            speed_factors=tuple(1.0 if k < obeying else row.speed_mps / v for k in range(len(task.drivers))),
+            drivers=no_slower(task.drivers, needed_kmh(limit)),
         )  # fmt: skip
 
-
-def obeying_drivers(task: SceneTask) -> int:
-    """How many of the background drivers, from the first on, keep to the plate."""
-    least, most = task.recipe.number("obey_least"), task.recipe.number("obey_most")
-    return math.ceil(float(task.rng.uniform(least, most)) * len(task.drivers))
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """A value of at least 1.6 times as much, and of no less than the road's own."""
+        first, end = signed.signs
+        recipe, road = task.recipe, task.row.speed_mps / KMH
+        least = max(recipe.number("contrast_ratio") * first.posted, road)
+        values = [v for v in recipe.choices["contrast_kmh"] if v >= least - 0.5]
+        require(bool(values), f"no value for a road of {road:.0f} km/h")
+        value = float(values[task.variant.plate % len(values)])
+        zone = first.params_as(ZoneParams).zone_edges[:-1]
+        length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
+        slow = SlowZoneParams(zone, 0.0, length, min(value, road))
+        code, end_code = self.other_codes
+        return replace(
+            signed,
+            signs=(replace(first, code=code, value=value), replace(end, code=end_code, value=value)),
+            contrast=(ContrastClause("needless_slow", slow),),
+        )

@@ -78,15 +78,16 @@ def _lint_ways(scene: Scene, graph: LaneGraph) -> Iterator[str]:
 def _lint_plates(scene: Scene) -> Iterator[str]:
     for sign in scene.signs:
         lane = scene.network.edge_lanes(sign.edge)[0 if sign.lane < 0 else sign.lane]
-        s, d = lane.line.project(sign.x, sign.y)
+        s, _ = lane.line.project(sign.x, sign.y)
         if abs(s - sign.position_m) > 1.0:
             yield f"plate {sign.id} stands {s:.1f} m along its lane, not {sign.position_m:.1f} m"
         if abs(wrap(sign.heading - lane.line.heading_at(s))) > PLATE_TURN_RAD:
             yield f"plate {sign.id} does not face its lane"
-        beside = -d - lane.width / 2
+        right = scene.network.edge_lanes(sign.edge)[0]
+        beside = -right.line.project(sign.x, sign.y)[1] - right.width / 2
         on_obstacle = any(math.hypot(o.x - sign.x, o.y - sign.y) <= o.length for o in scene.obstacles)
         if not on_obstacle and not PLATE_SIDE_M[0] <= beside <= PLATE_SIDE_M[1]:
-            yield f"plate {sign.id} stands {beside:.1f} m right of its lane's edge"
+            yield f"plate {sign.id} stands {beside:.1f} m right of its road's edge"
 
 
 def _lint_obstacles(scene: Scene) -> Iterator[str]:

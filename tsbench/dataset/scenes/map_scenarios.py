@@ -1,71 +1,58 @@
-"""One map made ready for one type: its network, and the scene files and rows of its ten variants."""
+"""One map made ready for one type: its networks, and the scene files and rows of its ten variants, in both halves."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from lxml import etree
-
+from tsbench.core.benchmark import VARIANTS_OF
 from tsbench.core.errors import SimulationError
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.crop import plain_crop
+from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.dataset.placements.base import Arrangement, ConvoySetup, SceneTask, UnfitMapError
+from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.distractors import distractors
 from tsbench.dataset.placements.registry import placement_of
-from tsbench.dataset.scenes.demand_calibration import DemandCalibration
-from tsbench.dataset.scenes.drivers import Driver, draw_drivers
-from tsbench.dataset.scenes.dry_run import lead_time
-from tsbench.dataset.scenes.elements import (
-    background,
-    convoy_elements,
-    driver_types,
-    ego_elements,
-    obstacle_elements,
-    write_additional,
-)  # fmt: skip
-from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
+from tsbench.dataset.scenes.scene_files import Others, SceneFiles, UnluckyDrawError
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import read_network
-from tsbench.scenarios.certificates import DENSITY_TOLERANCE, Certificate
+from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import Roads
-from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.ego import start_motion
-from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
-from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene import SceneFile
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-NET_NAME = "net.net.xml.gz"
-DENSITY_GOAL = 0.1
-REHEARSALS = 4
+NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
+_ENDS = {SIGNED: "", CONTRAST: "c"}
 
-
-# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; how many of ten may not
-# tempt.
+# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; which share of a map's may
+# not tempt.
 ATTEMPTS = 4
-UNTEMPTING_MOST = 1
-
-
-class UnluckyDrawError(UnfitMapError):
-    """This draw of a variant came to nothing; another one may."""
+UNTEMPTING_MOST = 0.1
 
 
 class Certifier(Protocol):
-    """Who drives a row to prove it (certify.prover)."""
+    """Who drives rows to prove them (certify.prover)."""
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         """The certificate of a row. asked, realised: cars per lane-km."""
+
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        """Both with what is known of the pair; their rows were the last that `prove` drove."""
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         """Does `planner` (as `tsbench run` names it) break the rule of the row's sign?"""
@@ -75,13 +62,22 @@ class Certifier(Protocol):
 class MapScenarios:
     """What building one map for one type gave: rows with certificates, or the reason why it is unfit.
 
-    certificates: one per row, () where nobody proved them.
+    certificates: one per row, () where nobody proved them. rejected: why draws of variants were not kept.
     """
 
     map_id: str
     rows: tuple[ScenarioSpec, ...]
     certificates: tuple[Certificate, ...]
     reason: str
+    rejected: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """One draw of a variant: its row, or its pair's two. density: realised cars per lane-km."""
+
+    rows: tuple[ScenarioSpec, ...]
+    density: float
 
 
 class SiteBuilder:
@@ -94,93 +90,151 @@ class SiteBuilder:
         self.recipe, self.root = recipe, root
         self.placement = placement_of(recipe)
         self.sim, self.prover = sim, prover
+        self._rejected: list[str] = []
+        self._type_of = {code: kind for kind in load_catalog().types for code in kind.codes}
 
     def build(self, row: PoolRow, source: SourceNetwork, split: str) -> MapScenarios:
         """All variants of a map, or the reason that it can't carry the type."""
         folder = self.root / "scenes" / self.recipe.type.id / row.map_id
+        self._rejected = []
         try:
-            plain = self.placement.prepare(row, plain_crop(row, source), self.recipe)
-            net = folder / NET_NAME
-            build_net(plain, net)
-            file = SceneFile(net, read_plain(net, "network"))
-            network = read_network(net, file.content)
-            roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
+            crop = plain_crop(row, source)
+            plain = self.placement.prepare(row, crop, self.recipe)
+            roads = {SIGNED: _roads(plain, folder / NET_NAMES[SIGNED])}
+            if self.recipe.paired:
+                other = self.placement.prepare_contrast(row, crop, self.recipe)
+                same = other == plain
+                roads[CONTRAST] = roads[SIGNED] if same else _roads(other, folder / NET_NAMES[CONTRAST])
             built = self._variants(row, roads, folder, split)
         except (UnfitMapError, SimulationError) as error:
-            return MapScenarios(row.map_id, (), (), " ".join(str(error).split()))
-        rows, certificates = tuple(b[0] for b in built), tuple(b[1] for b in built if b[1] is not None)
-        return MapScenarios(row.map_id, rows, certificates, "")
+            return MapScenarios(row.map_id, (), (), " ".join(str(error).split()), tuple(self._rejected))
+        rows = tuple(spec for drawn, _ in built for spec in drawn.rows)
+        certificates = tuple(c for _, found in built for c in found)
+        return MapScenarios(row.map_id, rows, certificates, "", tuple(self._rejected))
 
     def _variants(
-        self, row: PoolRow, roads: Roads, folder: Path, split: str
-    ) -> list[tuple[ScenarioSpec, Certificate | None]]:
-        """All ten; gives up as soon as too few of them can be what the type promises."""
-        built: list[tuple[ScenarioSpec, Certificate | None]] = []
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, split: str
+    ) -> list[tuple[_Drawn, tuple[Certificate, ...]]]:
+        """All that the split has; gives up as soon as too few of them can be what the type promises."""
+        built: list[tuple[_Drawn, tuple[Certificate, ...]]] = []
         untempting = 0
-        for variant in variants_of(self.recipe.type.id, row.map_id):
+        variants = variants_of(self.recipe.type.id, row.map_id)[: VARIANTS_OF[split]]
+        for variant in variants:
             built.append(self._proven(row, roads, folder, variant, split))
-            certificate = built[-1][1]
-            untempting += certificate is not None and not certificate.tempting
-            if untempting > UNTEMPTING_MOST:
+            untempting += any(not c.tempting for c in built[-1][1][:1])
+            if untempting > UNTEMPTING_MOST * len(variants):
                 raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.tempted}")
         return built
 
     def _proven(
-        self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str
-    ) -> tuple[ScenarioSpec, Certificate | None]:
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str
+    ) -> tuple[_Drawn, tuple[Certificate, ...]]:
         """The first draw that is solved, tempts and shows its breaker; else the first that lacks least."""
-        spare: Certificate | None = None
+        spare: tuple[Certificate, ...] = ()
         reason = "no draw"
         for attempt in range(ATTEMPTS):
             try:
-                spec, density = self._variant(row, roads, folder, variant, split, attempt)
+                drawn = self._draw(row, roads, folder, variant, split, attempt)
             except UnluckyDrawError as error:
                 reason = str(error)
+                self._rejected.append(reason)
                 continue
             if self.prover is None:
-                return spec, None
-            found = self.prover.prove(spec, self.recipe.tempted, attempt, variant.cars_per_lane_km, density)
-            if found.solvable and found.sane:
-                breaker = self.recipe.breaker
-                if found.tempting and (not breaker or self.prover.breaks(breaker, spec)):
-                    return spec, found
-                if spare is None or (found.tempting and not spare.tempting):
-                    spare = found
-            else:
-                reason = _why_not(found)
-        if spare is None:
+                return drawn, ()
+            found = self._prove(self.prover, drawn, attempt, variant)
+            reason = next(filter(None, map(_why_not, drawn.rows, found)), "")
+            if reason:
+                self._rejected.append(reason)
+                continue
+            breaker = self.recipe.breaker
+            if found[0].tempting and (not breaker or self.prover.breaks(breaker, drawn.rows[0])):
+                return drawn, found
+            if not spare or (found[0].tempting and not spare[0].tempting):
+                spare = found
+        if not spare:
             raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {reason}")
-        return self._variant(row, roads, folder, variant, split, spare.attempt)[0], spare
+        return self._draw(row, roads, folder, variant, split, spare[0].attempt), spare
 
-    def _variant(
-        self, row: PoolRow, roads: Roads, folder: Path, variant: Variant, split: str, attempt: int
-    ) -> tuple[ScenarioSpec, float]:
+    def _prove(
+        self, prover: Certifier, drawn: _Drawn, attempt: int, variant: Variant
+    ) -> tuple[Certificate, ...]:
+        """One certificate a row; a contrast half is looked at only where the signed one is what it should be."""
+        found: list[Certificate] = []
+        for spec in drawn.rows:
+            asked = variant.cars_per_lane_km
+            found.append(prover.prove(spec, self.recipe.tempted, attempt, asked, drawn.density))
+            if _why_not(spec, found[-1]):
+                return tuple(found)
+        return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)
+
+    def _draw(
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str, attempt: int
+    ) -> _Drawn:
         recipe, kind = self.recipe, self.recipe.type
-        scenario_id = f"{kind.id}-{row.map_id}-v{variant.number}"
-        draw = f"{scenario_id}~{attempt}"
+        pair = f"{kind.id}-{row.map_id}-v{variant.number}"
+        draw = f"{pair}~{attempt}"
         seed = seed_of("scenario", draw)
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
-        a = self.placement.place(
-            SceneTask(row, roads.network, roads.graph, recipe, variant, drivers, rng_of("arrange", draw))
-        )
-        files = _SceneFiles(self.sim, roads, folder, variant, a, a.drivers or drivers, seed, draw)
-        density = files.write(recipe.horizon * DT_S)
-        files.check_start()
+
+        def task(half: str) -> SceneTask:
+            there = roads[half]
+            rng = rng_of("arrange", draw)
+            return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
+
+        def write(half: str, a: Arrangement, others: Others | None) -> tuple[ScenarioSpec, Others]:
+            path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
+            files = SceneFiles(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+            if others is None:
+                others = files.measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
+            files.write(others)
+            return self._row(row, roads[half], variant, split, seed, a, files), others
+
+        there = task(SIGNED)
+        signed = self.placement.place(there)
+        others_plates = distractors(there, signed)
+        spec, others = write(SIGNED, _with_plates(signed, others_plates), None)
+        if not self.recipe.paired:
+            return _Drawn((spec,), others.density)
+        a = self.placement.contrast(task(CONTRAST), signed)
+        if a is None:
+            raise UnfitMapError("there is no contrast half")
+        spec = replace(spec, pair_id=spec.scenario_id)
+        other, _ = write(CONTRAST, _with_plates(a, others_plates), others)
+        other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
+        return _Drawn((spec, other), others.density)
+
+    def _row(
+        self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement, files: SceneFiles
+    ) -> ScenarioSpec:  # fmt: skip
         target = next(s for s in a.signs if s.id == a.target)
-        relative = files.path.relative_to(self.root).as_posix()
-        spec = ScenarioSpec(
-            scenario_id=scenario_id, scenario_type=kind.id, group=kind.group, sign_code=target.code,
-            sign_value=target.value, map_id=row.map_id, family=row.family, shape=row.shape, slot=row.slot,
-            variant=variant.number, split=split, seed=seed, initial_speed=a.start.speed,
-            route_length=a.route_length, density=variant.density, drivers=variant.drivers, layout=variant.layout,
-            horizon=recipe.horizon, net=roads.file.path.relative_to(self.root).as_posix(), additional=relative,
-            net_sha256=sha256(roads.file.content), additional_sha256=files.sha256,
+        kind = self._type_of[target.code]
+        return ScenarioSpec(
+            scenario_id=f"{self.recipe.type.id}-{row.map_id}-v{variant.number}", scenario_type=kind.id,
+            group=kind.group, sign_code=target.code, sign_value=target.value, map_id=row.map_id, family=row.family,
+            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=seed,
+            initial_speed=a.start.speed, route_length=a.route_length, density=variant.density,
+            drivers=variant.drivers, layout=variant.layout, horizon=self.recipe.horizon,
+            net=roads.file.path.relative_to(self.root).as_posix(),
+            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(roads.file.content),
+            additional_sha256=files.sha256,
         )  # fmt: skip
-        return spec, density
 
 
-def _why_not(certificate: Certificate) -> str:
-    """Why a proven row is not kept."""
+def _with_plates(a: Arrangement, more: tuple[SignInstance, ...]) -> Arrangement:
+    return replace(a, signs=(*a.signs, *more))
+
+
+def _roads(plain: PlainNet, path: Path) -> Roads:
+    build_net(plain, path)
+    file = SceneFile(path, read_plain(path, "network"))
+    network = read_network(path, file.content)
+    return Roads(network, LaneGraph(network), LaneLocator(network), file)
+
+
+def _why_not(spec: ScenarioSpec, certificate: Certificate) -> str:
+    """Why a proven row is not kept, "" where it is."""
+    if certificate.solvable and certificate.sane:
+        return certificate.unpaired_because(spec)
     if certificate.error:
         return certificate.error
     if not certificate.solvable:
@@ -188,126 +242,3 @@ def _why_not(certificate: Certificate) -> str:
     if certificate.overlaps:
         return "vehicles run into each other"
     return f"traffic of {certificate.asked_density:.1f} cars per lane-km is not there"
-
-
-class _SceneFiles:
-    """Writes one variant's additional file, rehearsing what has to be measured."""
-
-    def __init__(
-        self, sim: Simulation, roads: Roads, folder: Path, variant: Variant, a: Arrangement,
-        drivers: tuple[Driver, ...], seed: int, scenario_id: str,
-    ) -> None:  # fmt: skip
-        self.sim, self.roads, self.variant, self.a = sim, roads, variant, a
-        self.drivers, self.seed, self.name = drivers, seed, scenario_id
-        self.path = folder / f"v{variant.number}.add.xml.gz"
-        self.trial = folder / f"v{variant.number}.trial.xml"
-        self.sha256 = ""
-
-    def write(self, duration_s: float) -> float:
-        """Write the file; returns the realised density in cars per lane-km (0 without traffic)."""
-        network, a = self.roads.network, self.a
-        try:
-            plan = self._convoy_plan() if a.convoy else None
-            layout = SceneLayout(
-                a.signs,
-                a.target,
-                a.obstacles,
-                a.start,
-                a.destination,
-                plan,
-                a.route_hint,
-                a.compliant_hint,
-                a.walkers,
-            )
-            fixed = layout_elements(layout, network)
-            fixed += list(a.extra) + obstacle_elements(a.obstacles, network)
-            cars, density = self._traffic(fixed, duration_s)
-        finally:
-            self.trial.unlink(missing_ok=True)
-        moving = self._types() if cars else []
-        moving += ego_elements(a.start, network, a.route_hint)
-        if a.convoy:
-            moving += self._convoy_elements(a.convoy)
-        moving += background(cars)
-        content = write_additional([*fixed, *moving], self.path)
-        self.sha256 = sha256(content)
-        return density
-
-    def _types(self) -> list[etree._Element]:
-        factors = self.a.speed_factors or [1.0] * len(self.drivers)
-        return driver_types(self.drivers, factors)
-
-    def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
-        lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
-        stands = [
-            (place, lane.order, c.edges[c.edges.index(lane.edge) :])
-            for place, lane in zip(c.places, lanes, strict=True)
-        ]
-        return convoy_elements(c.drivers, stands, c.vclass)
-
-    def _convoy_plan(self) -> ConvoyPlan:
-        c = self.a.convoy
-        assert c is not None
-        write_additional(self._convoy_elements(c), self.trial)
-        seconds = lead_time(
-            self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
-        )
-        ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
-        return ConvoyPlan(c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids)
-
-    def _traffic(self, fixed: list[etree._Element], duration_s: float) -> tuple[list[Car], float]:
-        asked = self.variant.cars_per_lane_km
-        if not asked:
-            return [], 0.0
-        a, network, graph = self.a, self.roads.network, self.roads.graph
-        ask = TrafficRequest(
-            asked,
-            self.drivers,
-            a.start,
-            a.avoid_turns,
-            a.quiet_edges,
-            a.blocked,
-            a.platoons,
-            a.closed_edges,
-        )
-        length = lane_km(network, a.closed_edges)
-        goal = target = asked * length
-        best: tuple[float, list[Car]] | None = None
-        for rehearsal in range(REHEARSALS):
-            rng = rng_of("traffic", self.name)
-            standing = standing_cars(network, graph, ask, rng)
-            if not rehearsal:
-                write_additional([*fixed, *self._types(), *background(standing)], self.trial)
-            self.sim.load(self.roads.file.path, self.trial, network, self.seed)
-            inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
-            mean = inflow.drive(duration_s)
-            if best is None or abs(mean - goal) < abs(best[0] - goal):
-                best = (mean, inflow.cars)
-            if abs(mean / goal - 1.0) <= DENSITY_GOAL:
-                break
-            target *= min(max(goal / max(mean, 0.1), 0.6), 1.8)
-        assert best is not None
-        # The departures written down happen as they were driven: no second run has to count them.
-        got = best[0] / length
-        if abs(got / asked - 1.0) > DENSITY_TOLERANCE:
-            raise UnluckyDrawError(f"traffic of {asked:.1f} cars per lane-km becomes {got:.1f}")
-        return best[1], got
-
-    def check_start(self) -> None:
-        """Read the scene back and load it as an episode does: it is sound, the ego is put in, the convoy is there."""
-        a, network = self.a, self.roads.network
-        lane = network.lane(a.start.lane)
-        additional = SceneFile(self.path, read_plain(self.path, "scene file"))
-        layout = read_layout(self.path, additional.content)
-        scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
-        for problem in lint_scene(scene, self.roads.graph):
-            raise UnfitMapError(problem)
-        self.sim.load_scene(scene)
-        self.sim.start_ego(start_motion(scene), lane.edge, lane.order)
-        present = {name for name, *_ in self.sim.fleet()}
-        wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
-        missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
-        if missing:
-            raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
-        if a.walkers:
-            self.sim.hold_persons(a.walkers.persons)

@@ -15,12 +15,12 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
-_MAY = {"tempted", "breaker"}
+_MAY = {"tempted", "breaker", "paired"}
 # Least and most of a number, and its unit, by the end of its name; what has none of these ends is a count.
 _RANGES = {
     "_m": (0.0, 1000.0, "m"), "_mps": (0.1, 60.0, "m/s"), "_kmh": (1.0, 200.0, "km/h"), "_mps2": (0.1, 10.0, "m/s2"),
     "_s": (0.0, 600.0, "s"), "_deg": (0.0, 180.0, "degrees"), "_share": (0.0, 1.0, "as a share"),
-    "obey_least": (0.0, 1.0, "as a share"), "obey_most": (0.0, 1.0, "as a share"),
+    "_ratio": (0.0, 10.0, "as a ratio"),
 }  # fmt: skip
 _COUNT = (0, 100, "as a whole number")
 _TICKS = (10, 10_000, "ticks")
@@ -33,7 +33,8 @@ _PARTS: dict[str, Any] = {
     "alternate": bool, "shape": str, "length_m": (0.1, 100.0, "m"), "width_m": (0.1, 20.0, "m"),
 }  # fmt: skip
 _CHOICES: dict[str, Any] = {
-    "users": (1, 20, "as a whole number"), "limits_kmh": _RANGES["_kmh"], "tracks_m": _TRACK,
+    "users": (1, 20, "as a whole number"), "limits_kmh": _RANGES["_kmh"], "contrast_kmh": _RANGES["_kmh"],
+    "tracks_m": _TRACK,
     "obstacles": dict, "presets": dict,
 }  # fmt: skip
 
@@ -46,7 +47,7 @@ class Recipe:
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
     as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
     (docs/spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody;
-    asked for where traffic often ends that driver's episode first.
+    asked for where traffic often ends that driver's episode first. paired: have its rows a contrast half?
     """
 
     type: ScenarioType
@@ -57,6 +58,7 @@ class Recipe:
     choices: dict[str, list[Any]]
     tempted: str = "idm"
     breaker: str = ""
+    paired: bool = False
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -79,7 +81,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     for key in ("maps", "numbers", "choices"):
         if not isinstance(data[key], dict) or not all(isinstance(name, str) for name in data[key]):
             raise InputError(f"{path}: {key}: must be a mapping of names")
-    for key in ("placement", *(_MAY & set(data))):
+    if not isinstance(data.get("paired", False), bool):
+        raise InputError(f"{path}: paired: must be true or false, not {data['paired']!r:.80}")
+    for key in ("placement", *(_MAY - {"paired"} & set(data))):
         if not isinstance(data[key], str):
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["schema"] != SCHEMA_VERSION or data["type"] != type_id:
@@ -112,6 +116,7 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         choices={str(k): list(v) for k, v in data["choices"].items()},
         tempted=str(data.get("tempted", "idm")),
         breaker=str(data.get("breaker", "")),
+        paired=data.get("paired", False),
     )
 
 

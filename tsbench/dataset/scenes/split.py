@@ -1,14 +1,14 @@
 """The split of the whole pool by place, before any sign is assigned.
 
 Source: docs/spec/scenes.md, "Split". Moscow is cut into square tiles of 2 km (a common metric frame for all extracts);
-a fifth of the tiles is test. A map whose extent comes within 300 m of a test map's without being one itself belongs to
-neither split, so that no place, road or junction is in both, whatever extract it was cut from.
+a fifth of the tiles is test, some are dev, and one whole extract is holdout, of which nothing is ever learned. A map
+whose extent comes within 300 m of a map of a split that goes before its own belongs to none, so that no place, road or
+junction is in two, whatever extract it was cut from.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,7 +19,8 @@ from tsbench.scenarios.map_pool import PoolRow
 
 TILE_M = 2000.0
 APART_M = 300.0
-TEST_SHARE = 0.2
+TEST_SHARE, DEV_SHARE = 0.2, 0.06
+HOLDOUT = "nw-moscow"
 CANDIDATES = 400
 
 Tile = tuple[int, int]
@@ -35,8 +36,8 @@ def _stratum(row: PoolRow) -> str:
     return f"{row.family}/{row.shape}/{row.slot}/{lanes}/{'tagged' if row.well_tagged else 'plain'}"
 
 
-def choose_test_tiles(rows: Sequence[PoolRow]) -> frozenset[Tile]:
-    """The tiles of the test split: of 400 seeded draws, the one closest to a fifth in every stratum.
+def choose_tiles(rows: Sequence[PoolRow], wanted: float, key: int) -> frozenset[Tile]:
+    """The tiles of a split: of 400 draws seeded by `key`, the one closest to the wanted share in every stratum.
 
     Strata: family, shape, slot, lane bucket, tagging. Roundabouts have no say: one ring is many maps of one place.
     """
@@ -49,11 +50,11 @@ def choose_test_tiles(rows: Sequence[PoolRow]) -> frozenset[Tile]:
         counts[strata[_stratum(row)], column[tile_of(row)]] += 1
     share = counts / counts.sum(axis=1, keepdims=True)
     weight = np.sqrt(counts.sum(axis=1))
-    rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, 0x5917]))
+    rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, key]))
     best, best_cost = np.zeros(len(tiles), dtype=bool), math.inf
     for _ in range(CANDIDATES):
-        chosen = rng.random(len(tiles)) < TEST_SHARE
-        error = share @ chosen - TEST_SHARE
+        chosen = rng.random(len(tiles)) < wanted
+        error = share @ chosen - wanted
         cost = float(np.sum(weight * error * error))
         if cost < best_cost:
             best, best_cost = chosen, cost
@@ -68,21 +69,29 @@ def extents(rows: Sequence[PoolRow]) -> np.ndarray:
 
 
 def split_pool(rows: Sequence[PoolRow]) -> dict[str, str]:
-    """map_id -> train | test | buffer (near test, in neither split)."""
-    test_tiles = choose_test_tiles(rows)
-    is_test = np.array([tile_of(r) in test_tiles for r in rows])
+    """map_id -> holdout | test | dev | train | buffer (near a map of a split before its own, in none)."""
+    test = choose_tiles(rows, TEST_SHARE, 0x5917)
+    dev = choose_tiles([r for r in rows if tile_of(r) not in test], DEV_SHARE, 0xDE5)
+    split = [
+        "holdout"
+        if r.source == HOLDOUT
+        else "test"
+        if tile_of(r) in test
+        else "dev"
+        if tile_of(r) in dev
+        else "train"
+        for r in rows
+    ]
     # All entry arms of one ring are one place.
-    rings: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    rings: dict[tuple[str, ...], int] = {}
     for i, row in enumerate(rows):
         if row.family == "roundabout":
-            rings[(row.source, *row.junction_ids)].append(i)
-    for members in rings.values():
-        is_test[members] = is_test[members[0]]
-    boxes = extents(rows)
-    test_index = np.nonzero(is_test)[0]
-    tree = shapely.STRtree(boxes[test_index])
-    near = np.zeros(len(rows), dtype=bool)
-    near[np.unique(tree.query(boxes, predicate="dwithin", distance=APART_M)[0])] = True
-    return {
-        row.map_id: "test" if is_test[i] else "buffer" if near[i] else "train" for i, row in enumerate(rows)
-    }
+            split[i] = split[rings.setdefault((row.source, *row.junction_ids), i)]
+    boxes, names = extents(rows), np.array(split)
+    done: list[str] = []
+    for name in ("holdout", "test", "dev"):
+        done.append(name)
+        tree, later = shapely.STRtree(boxes[names == name]), np.flatnonzero(~np.isin(names, done))
+        near = tree.query(boxes[later], predicate="dwithin", distance=APART_M)[0]
+        names[later[np.unique(near)]] = "buffer"
+    return {row.map_id: str(name) for row, name in zip(rows, names, strict=True)}

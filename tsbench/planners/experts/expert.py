@@ -21,7 +21,7 @@ from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
-from tsbench.signs.rule_kinds import class_of_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
 
@@ -57,7 +57,9 @@ class Expert:
             raise InputError(
                 "an expert needs PlannerContext.privilege: run it as a planner with privileged = True"
             )
-        self._constraint = CONSTRAINTS[privilege.rule.name](context, privilege)
+        kind = privilege.rule.name
+        binds = RULE_KINDS[kind].binds(privilege.sign.params)
+        self._constraint = CONSTRAINTS[kind](context, privilege) if binds else RuleConstraint()
         self._lanes = LaneChanges(context)
         # A constraint that minds a junction itself says from which approach, and where right of way is not enough.
         self._right_of_way = RightOfWay(

@@ -1,0 +1,179 @@
+"""Writes one half of a variant: its additional file, with what has to be measured for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from tsbench.core.errors import SimulationError
+from tsbench.core.seeds import rng_of
+from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.dataset.placements.base import Arrangement, ConvoySetup, UnfitMapError
+from tsbench.dataset.scenes.demand_calibration import DemandCalibration
+from tsbench.dataset.scenes.drivers import Driver
+from tsbench.dataset.scenes.dry_run import lead_time
+from tsbench.dataset.scenes.elements import (
+    background,
+    convoy_elements,
+    driver_types,
+    ego_elements,
+    obstacle_elements,
+    write_additional,
+)  # fmt: skip
+from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
+from tsbench.scenarios.certificates import DENSITY_TOLERANCE
+from tsbench.scenarios.scene_loader import Roads
+from tsbench.sim.ego import start_motion
+from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
+from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
+from tsbench.sim.sumo import Simulation
+
+DENSITY_GOAL = 0.1
+REHEARSALS = 4
+
+
+class UnluckyDrawError(UnfitMapError):
+    """This draw of a variant came to nothing; another one may."""
+
+
+@dataclass(frozen=True)
+class Others:
+    """Who else is in a scene: the background cars, how many there are per lane-km, and when the convoy sets off.
+
+    Measured in the signed half; the contrast half has the same.
+    """
+
+    cars: tuple[Car, ...]
+    density: float
+    convoy: ConvoyPlan | None
+
+
+class SceneFiles:
+    """One half of a variant. drivers: of the background cars. name: of the draw, for what it draws."""
+
+    def __init__(
+        self, sim: Simulation, roads: Roads, path: Path, arrangement: Arrangement, drivers: tuple[Driver, ...],
+        seed: int, name: str,
+    ) -> None:  # fmt: skip
+        self.sim, self.roads, self.path, self.a = sim, roads, path, arrangement
+        self.drivers, self.seed, self.name = drivers, seed, name
+        self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
+        self.sha256 = ""
+
+    def measure(self, cars_per_lane_km: float, duration_s: float) -> Others:
+        """Rehearse the scene. Raises UnluckyDrawError where its traffic does not come about."""
+        try:
+            plan = self._convoy_plan() if self.a.convoy else None
+            cars, density = self._traffic(self._fixed(plan), cars_per_lane_km, duration_s)
+        finally:
+            self.trial.unlink(missing_ok=True)
+        return Others(tuple(cars), density, plan)
+
+    def write(self, others: Others) -> None:
+        """Write the file, and see that the scene in it is sound and can begin."""
+        a, network = self.a, self.roads.network
+        moving = self._types() if others.cars else []
+        moving += ego_elements(a.start, network, a.route_hint)
+        if a.convoy:
+            moving += self._convoy_elements(a.convoy)
+        moving += background(others.cars)
+        self.sha256 = sha256(write_additional([*self._fixed(others.convoy), *moving], self.path))
+        self._check_start()
+
+    def _fixed(self, plan: ConvoyPlan | None) -> list[etree._Element]:
+        a, network = self.a, self.roads.network
+        layout = SceneLayout(
+            a.signs,
+            a.target,
+            a.obstacles,
+            a.start,
+            a.destination,
+            plan,
+            a.route_hint,
+            a.compliant_hint,
+            a.walkers,
+            a.contrast,
+        )
+        return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
+
+    def _types(self) -> list[etree._Element]:
+        return driver_types(self.drivers)
+
+    def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
+        lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
+        stands = [
+            (place, lane.order, c.edges[c.edges.index(lane.edge) :])
+            for place, lane in zip(c.places, lanes, strict=True)
+        ]
+        return convoy_elements(c.drivers, stands, c.vclass)
+
+    def _convoy_plan(self) -> ConvoyPlan:
+        c = self.a.convoy
+        assert c is not None
+        write_additional(self._convoy_elements(c), self.trial)
+        seconds = lead_time(
+            self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
+        )
+        ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
+        return ConvoyPlan(c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids)
+
+    def _traffic(
+        self, fixed: list[etree._Element], asked: float, duration_s: float
+    ) -> tuple[list[Car], float]:
+        if not asked:
+            return [], 0.0
+        a, network, graph = self.a, self.roads.network, self.roads.graph
+        ask = TrafficRequest(
+            asked,
+            self.drivers,
+            a.start,
+            a.avoid_turns,
+            a.quiet_edges,
+            a.blocked,
+            a.platoons,
+            a.closed_edges,
+        )
+        length = lane_km(network, a.closed_edges)
+        goal = target = asked * length
+        best: tuple[float, list[Car]] | None = None
+        for rehearsal in range(REHEARSALS):
+            rng = rng_of("traffic", self.name)
+            standing = standing_cars(network, graph, ask, rng)
+            if not rehearsal:
+                write_additional([*fixed, *self._types(), *background(standing)], self.trial)
+            self.sim.load(self.roads.file.path, self.trial, network, self.seed)
+            inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
+            mean = inflow.drive(duration_s)
+            if best is None or abs(mean - goal) < abs(best[0] - goal):
+                best = (mean, inflow.cars)
+            if abs(mean / goal - 1.0) <= DENSITY_GOAL:
+                break
+            target *= min(max(goal / max(mean, 0.1), 0.6), 1.8)
+        assert best is not None
+        # The departures written down happen as they were driven: no second run has to count them.
+        got = best[0] / length
+        if abs(got / asked - 1.0) > DENSITY_TOLERANCE:
+            raise UnluckyDrawError(f"traffic of {asked:.1f} cars per lane-km becomes {got:.1f}")
+        return best[1], got
+
+    def _check_start(self) -> None:
+        """Read the scene back and load it as an episode does: it is sound, the ego is put in, the convoy is there."""
+        a, network = self.a, self.roads.network
+        lane = network.lane(a.start.lane)
+        additional = SceneFile(self.path, read_plain(self.path, "scene file"))
+        layout = read_layout(self.path, additional.content)
+        scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
+        for problem in lint_scene(scene, self.roads.graph):
+            raise UnfitMapError(problem)
+        self.sim.load_scene(scene)
+        self.sim.start_ego(start_motion(scene), lane.edge, lane.order)
+        present = {name for name, *_ in self.sim.fleet()}
+        wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
+        missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
+        if missing:
+            raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
+        if a.walkers:
+            self.sim.hold_persons(a.walkers.persons)
