@@ -183,8 +183,14 @@ def test_a_table_from_before_pairs_has_signed_rows_only(tmp_path: Path) -> None:
     write_table(rows(3), path)
     table = pq.read_table(path)
     assert table["pair_id"].null_count == 3
-    pq.write_table(table.drop_columns(["pair_id", "half"]), path)
+    pq.write_table(table.drop_columns(["pair_id", "half", "place"]), path)
     assert read_table(path) == rows(3)
+
+
+def test_the_place_of_a_map_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_table([replace(BASE, place="p-j-1")], path)
+    assert [row.place for row in read_table(path)] == ["p-j-1"]
 
 
 @pytest.mark.parametrize("wrong", [{"half": "other"}, {"half": "contrast"}, {"pair_id": "yield-j-2-v0"}])

@@ -16,7 +16,8 @@ class ScenarioSpec:
     content. initial_speed: m/s. route_length: m from decision point to destination (NaN = the map's natural length).
     density: asked moving cars per lane within 150 m (0 = none). drivers: the background-driver draw, -1 = none.
     layout: number on the scene's own layout axis. pair_id: of both rows of a contrast pair the signed one's id, "" = no
-    pair. half: SIGNED or CONTRAST; a contrast row's type, group and sign are those of its own plate.
+    pair. half: SIGNED or CONTRAST; a contrast row's type, group and sign are those of its own plate. place: id that the
+    map shares with all maps of its place, "" = not known; figures of one place hang together.
     """
 
     scenario_id: str
@@ -43,6 +44,7 @@ class ScenarioSpec:
     additional_sha256: str
     pair_id: str = ""
     half: str = SIGNED
+    place: str = ""
 
     @property
     def pair_type(self) -> str:

@@ -17,7 +17,7 @@ from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpe
 # In this order they are less and less to be looked at in daily work but for the last, which is the benchmark.
 SPLITS = ("train", "dev", "holdout", "test")
 # Tables from before contrast pairs lack them.
-_OF_PAIRS = ("pair_id", "half")
+_LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(
     [f.with_nullable(f.nullable or f.name == "pair_id") for f in fields_of(ScenarioSpec, seed=pa.int64())]
 ).with_metadata(
@@ -38,8 +38,8 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
     hint = f"{fetch_hint(path.stem)} brings the released one, tsbench scenarios build makes one"
-    rows = open_table(path, SCHEMA, hint, later=_OF_PAIRS).to_pylist()
-    specs = [ScenarioSpec(**{k: v for k, v in r.items() if v is not None or k not in _OF_PAIRS}) for r in rows]
+    rows = open_table(path, SCHEMA, hint, later=_LATER).to_pylist()
+    specs = [ScenarioSpec(**{k: v for k, v in r.items() if v is not None or k not in _LATER}) for r in rows]
     _check(specs, path)
     return specs
 
