@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.run.log.manifest import new_manifest
-from tsbench.run.log.schema import EPISODES, SCHEMA_VERSION, TABLES
+from tsbench.run.log.schema import EPISODES, LATER, SCHEMA_VERSION, TABLES
 from tsbench.run.log.tables import file_hashes
 from tsbench.run.planner_info import PlannerInfo
 
@@ -30,7 +30,7 @@ def episode(planner: str, kind: int, number: int, variant: int, **other: Any) ->
         "sign_compliant": True, "sign_engaged": True, "destination": True, "scd": True, "route_completion": 100.0,
         "driving_score": 100.0, "collision": False, "off_road": False, "comfort": 0.9, "mean_speed": 7.0,
     }  # fmt: skip
-    return dict.fromkeys(EPISODES.names) | given | other
+    return dict.fromkeys(EPISODES.names) | LATER | given | other
 
 
 def lost(clause: str = "did_not_yield") -> dict[str, Any]:
@@ -50,6 +50,16 @@ def episodes(
     rows = [
         episode(planner, k, m, v) for k in range(len(TYPES)) for m in range(maps) for v in range(variants)
     ]
+    return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
+
+
+def pairs(planner: str, **changes: dict[str, Any]) -> list[dict[str, Any]]:
+    """As `episodes`, each with a contrast half: speed limits post another value, yield's plate is a main road's."""
+    signed = [row | {"pair_id": row["scenario_id"], "place": row["map_id"]} for row in episodes(planner)]
+    other = {"half": "contrast"}
+    contrast = [row | other | {"scenario_id": f"{row['scenario_id']}-c"} for row in signed]
+    contrast = [row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast]
+    rows = signed + contrast
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
 
 

@@ -255,7 +255,7 @@ def test_errors_count_in_the_strict_figure_only() -> None:
     assert figure.strict is not None
     assert (figure.strict.value, figure.strict.n, figure.strict.lost) == (-20.0, 10, 2)
     assert (figure.completed.value, figure.completed.n) == (0.0, 8)
-    assert (c.pairs, c.completed, len(c.flips)) == (10, 8, 2)
+    assert (c.scenarios, c.completed, len(c.flips)) == (10, 8, 2)
     assert c.metrics["collision"].strict is None
     assert c.metrics["collision"].completed.n == 8
 
@@ -288,9 +288,9 @@ def test_the_contract_seeds_the_draws_and_order_does_not_matter() -> None:
     first = compared(rows)
     assert compared(rows[::-1]) == first
     other = compared(rows, seed="d")
-    assert other.primary.overall.main.value == first.overall.main.value
-    assert replace(other.primary.overall.main, low=0, high=0) == replace(first.overall.main, low=0, high=0)
-    assert other.primary.overall.main.low != first.overall.main.low
+    assert other.primary.overall.main.value == first.primary.overall.main.value
+    assert replace(other.primary.overall.main, low=0, high=0) == replace(first.primary.overall.main, low=0, high=0)
+    assert other.primary.overall.main.low != first.primary.overall.main.low
 
 
 def test_scenarios_that_are_not_the_same_are_named() -> None:

@@ -84,7 +84,7 @@ def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 8, "idm-e": 8}, allow_partial=True)
     (line,) = (line for line in to_markdown(summary).splitlines() if "| yield |" in line)
     cells = [cell.strip() for cell in line.split("|")]
-    assert (cells[5], cells[7], cells[8]) == ("8", "6", "6–8")
+    assert (cells[6], cells[8], cells[9]) == ("8", "6", "6–8")
 
 
 def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
@@ -102,7 +102,7 @@ def test_partial_figures_say_so_first() -> None:
 def test_few_maps_say_why_there_is_no_interval() -> None:
     rows = [row(map_id=f"m{k}", scd=k == 0) for k in range(3)]
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 3})
-    assert "no interval for the overall SCD: only 3 places, fewer than 5" in printed(summary)
+    assert "no interval for the overall signed SCD: only 3 places, fewer than 5" in printed(summary)
 
 
 def test_many_planners_still_fit() -> None:

@@ -47,7 +47,7 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
                 )
     columns = [*text_columns("group", "type", "score", "figure")]
     for p in planners:
-        columns += [Column(p.planner, f"{p.label}\n%"), Column(f"{p.planner}_n", "n", Kind.COUNT)]
+        columns += [Column(p.planner, f"{p.label}\n%"), Column(f"{p.planner}_count", "n", Kind.COUNT)]
     columns.append(Column("places", "places", Kind.TEXT))
     notes = (
         f"{SCD_NOTE}. n: pairs, halves. Below each figure its {INTERVAL_NOTE}",
