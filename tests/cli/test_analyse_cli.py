@@ -80,7 +80,11 @@ def test_main_has_the_published_figures_below_its_own(run, tmp_path: Path) -> No
     assert float(strict["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 23 / 24) / 2, abs=1e-6)
     assert float(completed["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 1) / 2, abs=1e-6)
     assert (strict["n"], completed["n"], completed["signed_scd_speed_n"]) == ("48", "47", "23")
-    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == ("3.2", "35.6", "")
+    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == (
+        "3.2",
+        "35.6",
+        "",
+    )
     assert {r["contract"] for r in rows} == {CONTRACT}
     assert "mine[1]_$x$" in out
     assert r"mine[1]\_\$x\$" in (tmp_path / "out" / "main.tex").read_text()

@@ -58,7 +58,9 @@ def pairs(planner: str, **changes: dict[str, Any]) -> list[dict[str, Any]]:
     signed = [row | {"pair_id": row["scenario_id"], "place": row["map_id"]} for row in episodes(planner)]
     other = {"half": "contrast"}
     contrast = [row | other | {"scenario_id": f"{row['scenario_id']}-c"} for row in signed]
-    contrast = [row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast]
+    contrast = [
+        row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast
+    ]
     rows = signed + contrast
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
 
@@ -69,15 +71,21 @@ def make_run(
     asked: int | None = None,
     contract: str = CONTRACT,
     events: list[dict[str, Any]] | None = None,
+    floors: tuple[str, ...] = (),
     **effective: Any,
 ) -> Path:
-    """Write a run folder. asked: scenarios of each planner, by default those with a record; events: violations."""
+    """Write a run folder.
+
+    asked: scenarios of each planner, by default those with a record; events: violations; floors: planners that are.
+    """
     path.mkdir(parents=True)
     names = list(dict.fromkeys(row["planner"] for row in rows))
     n = len(rows) // len(names) if asked is None else asked
     manifest = json.loads(_manifest())
     manifest["contract"] = contract
-    manifest["planners"] = [asdict(PlannerInfo(name, name, False, True, (), None, None)) for name in names]
+    manifest["planners"] = [
+        asdict(PlannerInfo(name, name, False, True, (), None, None, name in floors)) for name in names
+    ]
     manifest["effective"] |= {"scenarios": n} | effective
     rows = sorted(rows, key=lambda row: (row["planner"], row["scenario_id"]))
     for name, schema in TABLES.items():

@@ -289,7 +289,9 @@ def test_the_contract_seeds_the_draws_and_order_does_not_matter() -> None:
     assert compared(rows[::-1]) == first
     other = compared(rows, seed="d")
     assert other.primary.overall.main.value == first.primary.overall.main.value
-    assert replace(other.primary.overall.main, low=0, high=0) == replace(first.primary.overall.main, low=0, high=0)
+    assert replace(other.primary.overall.main, low=0, high=0) == replace(
+        first.primary.overall.main, low=0, high=0
+    )
     assert other.primary.overall.main.low != first.primary.overall.main.low
 
 

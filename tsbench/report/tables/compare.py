@@ -174,7 +174,7 @@ def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:
     names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
     rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
     metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)
-    titles = [NAMES[part].capitalize() for part in c.scores][1:]
+    titles = [NAMES[part][0].upper() + NAMES[part][1:] for part in c.scores][1:]
     tables += [Analysis("scd", title, "", table, ()) for title, table in zip(titles, rest, strict=True)]
     return (*tables, Analysis("metrics", "Metrics", "", metrics, (*_KEY, *_no_interval(c))))
 
