@@ -25,7 +25,7 @@ from tsbench.episode.trace import (
     verdict_to_dict,
     write_trace,
 )
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.sealed import seal
 from tsbench.rules.base import Verdict
 
 
@@ -67,7 +67,7 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
 def test_the_facts_are_found_again(tmp_path: Path) -> None:
     episode = an_episode()
     write_trace(tmp_path / "t.parquet", made.result(episode))
-    again = read_trace(tmp_path / "t.parquet").facts(LaneGraph(episode.scene.network), episode.scene)
+    again = read_trace(tmp_path / "t.parquet").facts(seal(episode.scene.network), episode.scene)
     assert (again.route.s, again.route.d, again.route.remaining) == (
         episode.route.s, episode.route.d, episode.route.remaining,
     )  # fmt: skip

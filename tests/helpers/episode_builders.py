@@ -36,11 +36,11 @@ def road() -> RoadNetwork:
             lanes.append(
                 Lane(
                     i, f"{edge}_{k}", edge, k, Polyline([(xs[0], side * y), (xs[1], side * y)]), 3.2,
-                    LIMIT_MPS, LENGTH_M, False, frozenset(), frozenset(),
-                    left=-1 if k else i + 1, right=i - 1 if k else -1,
+                    LIMIT_MPS, False, left=-1 if k else i + 1, right=i - 1 if k else -1,
+                    length=LENGTH_M, allow=frozenset(), disallow=frozenset(),
                 )
             )  # fmt: skip
-        edges[edge] = Edge(edge, "a", "b", (2 * base, 2 * base + 1), False, 1, LENGTH_M)
+        edges[edge] = Edge(edge, "a", "b", (2 * base, 2 * base + 1), False, LENGTH_M, priority=1)
     return RoadNetwork(
         tuple(lanes), {lane.id: lane.index for lane in lanes}, edges, {}, (), tuple(() for _ in lanes)
     )

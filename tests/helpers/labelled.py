@@ -9,9 +9,9 @@ A case (`tests/cases/<rule>/<case>.yaml`):
     signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params.
     obstacles: id, lane, s (centre, m along the lane), length, width; as needed d (m left), turn (deg).
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
-        order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases; the ego's
-        are the length of the case, another keeps its last). Actors: id; as needed kind, length, width, route.
-        Pedestrians go by points: they are on no lane.
+        order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases, or [seconds,
+        m/s, m/s] where it changes evenly; the ego's are the length of the case, another keeps its last).
+        Actors: id; as needed kind, length, width, route. Pedestrians go by points: they are on no lane.
     expect: engaged; events: clause, at (s), until where the clause lasts, value (to 0.01, or to `tolerance`),
         threshold, other; steps where they are not all those of the events; completes, when (s) the rule takes the
         episode for complete (null: never).
@@ -72,16 +72,17 @@ class Track:
     line: Polyline
     lanes: tuple[tuple[int, float], ...]
     start: float
-    phases: tuple[tuple[float, float], ...]
+    phases: tuple[tuple[float, float, float], ...]
 
     def at(self, time: float) -> tuple[float, float]:
         """(arc length, speed) at a time."""
         s, left = self.start, time
-        for seconds, speed in self.phases:
+        for seconds, first, last in self.phases:
             if left < seconds - 1e-9:
-                return s + left * speed, speed
-            s, left = s + seconds * speed, left - seconds
-        speed = self.phases[-1][1]
+                speed = first + (last - first) * left / seconds
+                return s + left * (first + speed) / 2, speed
+            s, left = s + seconds * (first + last) / 2, left - seconds
+        speed = self.phases[-1][2]
         return s + left * speed, speed
 
     def lane_at(self, s: float, net: RoadNetwork) -> tuple[int, float]:
@@ -94,7 +95,7 @@ class Track:
 
 
 def _track(spec: Spec, net: RoadNetwork) -> Track:
-    phases = tuple((float(a), float(b)) for a, b in spec["speed"])
+    phases = tuple((float(t), float(v), float(w[0] if w else v)) for t, v, *w in spec["speed"])
     if "points" in spec:
         return Track(Polyline(spec["points"]), (), float(spec["start"]), phases)
     ids = [net.lane_index[name] for name in spec["path"]]
@@ -160,7 +161,7 @@ def snapshots(case: Spec, view: Transform, seen: RoadNetwork) -> list[WorldSnaps
         length, width = SIZES.get(kind, (4.5, 1.8))
         table.add(spec["id"], kind, spec.get("length", length), spec.get("width", width), _route(spec, net))
     ticks = []
-    for step in range(round(sum(seconds for seconds, _ in ego.phases) / DT_S) + 1):
+    for step in range(round(sum(seconds for seconds, *_ in ego.phases) / DT_S) + 1):
         time = step * DT_S
         s, speed = ego.at(time)
         x, y, heading = view.pose(*ego.line.point_at(s), ego.line.heading_at(s))

@@ -15,5 +15,10 @@ def seed_of(*names: object) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big")
 
 
+def planner_seed(pair_name: str) -> int:
+    """The seed that a planner gets, one for both halves of a pair (`ScenarioSpec.pair_name`); no row has it."""
+    return seed_of("planner", pair_name)
+
+
 def rng_of(*names: object) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed_of(*names)))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -139,7 +138,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._turn = None
         last, info = before, {"outcome": str(result.outcome), "error": result.error}
         if result.facts is not None:
-            last = _last_view(before, result)
+            last = process_episode().last_view()
             earned += self._reward.tick(last)
             info |= _verdict(result)
         ended = result.outcome in _ENDS
@@ -160,22 +159,6 @@ def _words(asked: str | Sequence[str]) -> list[str]:
 def _known(name: str, value: str, known: Any) -> None:
     if value not in known:
         raise InputError(f"{name} {value!r}: expected {' | '.join(known)}")
-
-
-def _last_view(before: Observation, result: EpisodeResult) -> Observation:
-    """The tick that ended the episode, which no planner is shown; plates and obstacles as of the tick before."""
-    assert result.facts is not None
-    shot, ego = result.facts.snapshots[-1], result.facts.snapshots[-1].ego
-    history = np.vstack((before.history, (ego.x, ego.y, ego.heading, ego.speed)))[-20:]
-    return replace(
-        before,
-        step=shot.step,
-        time=shot.time,
-        ego=ego,
-        history=history,
-        route=result.facts.route,
-        actors=shot.actors,
-    )
 
 
 def _verdict(result: EpisodeResult) -> dict[str, Any]:

@@ -35,12 +35,14 @@ class SteppedEpisode:
         }
         self._moments: Moments | None = None
         self._context: PlannerContext
+        self._mask = False
         self.driver: object = None
 
     def begin(self, spec: ScenarioSpec, driver: object, mask_signs: bool) -> Step | EpisodeResult:
         """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load."""
         self.end()
         self.driver = driver
+        self._mask = mask_signs
         self._moments = self._loops[mask_signs].play(spec, "env")
         return self._next(None)
 
@@ -60,6 +62,12 @@ class SteppedEpisode:
             return result
         assert isinstance(moment, Observation)
         return Step(self._context, moment)
+
+    def last_view(self) -> Observation:
+        """The tick that ended the episode, which no planner is shown."""
+        episode = self._loops[self._mask].episode
+        assert episode is not None
+        return episode.look()
 
     def end(self) -> None:
         if self._moments is not None:

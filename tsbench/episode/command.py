@@ -8,13 +8,13 @@ import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.planners.base import Control, Trajectory
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.ego import Motion, check_trajectory, track
 
 Command = tuple[float, float]
 
 
-def to_command(output: object, motion: Motion, network: RoadNetwork) -> tuple[Command, tuple[str, ...]]:
+def to_command(output: object, motion: Motion, network: RoadMap) -> tuple[Command, tuple[str, ...]]:
     """((acceleration, steering), intent) of a planner's output. Raises PlannerOutputError with what is wrong."""
     try:
         if isinstance(output, Control):
@@ -58,7 +58,7 @@ def _tracked(trajectory: Trajectory, motion: Motion) -> Command:
     return command
 
 
-def _intent(edges: object, network: RoadNetwork) -> tuple[str, ...]:
+def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:
     if not isinstance(edges, tuple):
         raise PlannerOutputError(f"intent is {type(edges).__name__}, expected a tuple of edge ids")
     for edge in edges:

@@ -3,48 +3,92 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
+from tsbench.episode.witness import Witness
 from tsbench.planners.base import Observation, SignView
+from tsbench.roads.destination import Destination
+from tsbench.roads.sealed import SealedRoads
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import WorldSnapshot
+from tsbench.sim.world import EgoState, WorldSnapshot
 
 HISTORY_TICKS = 20
 
 
 class Observer:
-    """Builds observations for one episode; keeps the ego's history."""
+    """Builds observations for one episode; keeps the ego's history. privileged: for an expert?"""
 
-    def __init__(self, scene: Scene, mask_signs: bool) -> None:
-        # With masked signs a plate keeps its place and the way it faces, not its identity.
-        self._signs = [
-            (s, "" if mask_signs else s.code, None if mask_signs else s.value) for s in scene.signs
-        ]
-        self._obstacles = scene.obstacles
+    def __init__(self, scene: Scene, view: SealedRoads, mask_signs: bool, privileged: bool = False) -> None:
+        self._view, self._privileged = view, privileged
+        seen = [_plate(view, scene, sign) for sign in scene.signs]
+        self._signs = [sign.masked() for sign in seen] if mask_signs else seen
+        lane = scene.network.lane_index
+        self._obstacles = tuple(
+            replace(o, lane=_lane_id(view, lane[o.lane]) if o.lane in lane else "") for o in scene.obstacles
+        )
         self._history = np.empty((scene.horizon + 2, 4))
+        self._witness = Witness(scene.network, view)
 
-    def observe(self, snapshot: WorldSnapshot, route: RouteView) -> Observation:
-        """The observation at this tick; call once per tick, in order."""
+    def observe(self, snapshot: WorldSnapshot, seen: EgoState, route: RouteView) -> Observation:
+        """The observation at this tick; call once per tick, in order. seen: `ego_on_map` of the snapshot's."""
         ego, k = snapshot.ego, snapshot.step
         self._history[k] = (ego.x, ego.y, ego.heading, ego.speed)
-        history = self._history[max(k + 1 - HISTORY_TICKS, 0) : k + 1]
+        history = self._history[max(k + 1 - HISTORY_TICKS, 0) : k + 1].copy()
         history.setflags(write=False)
         signs = []
-        for s, code, value in self._signs:
+        for s in self._signs:
             distance = math.hypot(s.x - ego.x, s.y - ego.y)
             if distance <= SIGN_RANGE_M:
-                view = SignView(code, value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance)
+                view = SignView(s.code, s.value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance)
                 signs.append(view)
         if len(signs) > 1:
-            signs.sort(key=_by_distance)
+            signs.sort(key=_by_place)
         obstacles = self._obstacles and tuple(
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
-        return Observation(k, snapshot.time, ego, history, route, snapshot.actors, tuple(signs), obstacles)
+        return Observation(
+            k, snapshot.time, seen, history, route, self._witness.see(snapshot.actors, ego), tuple(signs),
+            obstacles, snapshot if self._privileged else None,
+        )  # fmt: skip
 
 
-def _by_distance(sign: SignView) -> float:
-    return sign.distance
+def ego_on_map(view: SealedRoads, ego: EgoState) -> EgoState:
+    """The ego as planners see it: on lanes of the map."""
+    at = view.places[ego.lane] if ego.lane >= 0 else None
+    if at is None or at.lane < 0:
+        lane, s, d = -1, 0.0, 0.0
+    else:
+        lane, s, d = at.lane, at.start + at.sign * ego.s, at.sign * ego.d
+    return EgoState(
+        ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, ego.yaw_rate, lane, s, d, ego.on_road
+    )  # fmt: skip
+
+
+def destination_on_map(view: SealedRoads, scene: Scene) -> Destination:
+    return Destination(*view.on_edge(scene.destination.edge, scene.destination.s))
+
+
+def _plate(view: SealedRoads, scene: Scene, sign: SignInstance) -> SignView:
+    """A plate at no distance yet; one beside a road that is not on the map is on no edge."""
+    edge, lane, s = "", -1, math.nan
+    if sign.edge in view.edges:
+        edge, s = view.on_edge(sign.edge, sign.position_m)
+        if sign.lane >= 0:
+            at = view.place(scene.network.edges[sign.edge].lanes[sign.lane], 0.0)[0]
+            lane = view.map.lanes[at].order if at >= 0 else -1
+    return SignView(sign.code, sign.value, sign.x, sign.y, sign.heading, edge, lane, s, math.inf)
+
+
+def _lane_id(view: SealedRoads, lane: int) -> str:
+    at = view.place(lane, 0.0)[0]
+    return view.map.lanes[at].id if at >= 0 else ""
+
+
+def _by_place(sign: SignView) -> tuple[float, float, float, float]:
+    # Never by the order of the scene's file, which the code of a plate might decide.
+    return sign.distance, sign.x, sign.y, sign.heading

@@ -9,8 +9,9 @@ from collections.abc import Callable, Generator
 import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
+from tsbench.core.seeds import planner_seed
 from tsbench.episode.command import to_command
-from tsbench.episode.observation import Observer
+from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
 from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
@@ -61,6 +62,7 @@ class EpisodeLoop:
         self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader() if loader is None else loader
         self._catalog: Catalog = load_catalog()
+        self.episode: Episode | None = None
 
     def play(self, spec: ScenarioSpec, planner: str, privileged: bool = False) -> Moments:
         """One episode. Never raises for what a scene or planner does: that becomes an error outcome with its cause.
@@ -76,7 +78,10 @@ class EpisodeLoop:
             self._catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )
-            episode = Episode(self.simulation, scene, roads, self._catalog, self._mask, self._beat)
+            episode = Episode(
+                self.simulation, scene, roads, self._catalog, self._mask, privileged, self._beat
+            )
+            self.episode = episode
             context = self._context(spec, scene, roads, privileged)
             self._beat(Phase.PLANNING)
             yield context
@@ -112,10 +117,18 @@ class EpisodeLoop:
         )  # fmt: skip
 
     def _context(self, spec: ScenarioSpec, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
-        sign = scene.target_sign
-        privilege = Privilege(sign, self._catalog.sign(sign.code).rule) if privileged else None
-        seed = int(np.random.SeedSequence(spec.seed, spawn_key=(0x9A,)).generate_state(1)[0])
-        return PlannerContext(seed, scene.network, roads.graph, scene.destination, DT_S, privilege)
+        view, privilege = roads.view, None
+        if privileged:
+            sign = scene.target_sign
+            privilege = Privilege(sign, self._catalog.sign(sign.code).rule, scene.network, view)
+        return PlannerContext(
+            planner_seed(spec.pair_name),
+            view.map,
+            view.graph,
+            destination_on_map(view, scene),
+            DT_S,
+            privilege,
+        )
 
 
 class EpisodeRunner:
@@ -187,6 +200,7 @@ class Episode:
         roads: Roads,
         catalog: Catalog,
         mask: bool,
+        privileged: bool,
         beat: Callable[[int], None],
     ) -> None:
         self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
@@ -196,8 +210,9 @@ class Episode:
         self.sim_s = 0.0
         self.target, self.others = make_monitors(catalog, scene)
         self.ending = TerminationCheck(scene, self.target)
-        self.navigator = Navigator(roads.graph, scene.destination)
-        self.observer = Observer(scene, mask)
+        self.view = roads.view
+        self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
+        self.observer = Observer(scene, self.view, mask, privileged)
         self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
         self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
         start = scene.network.lane(scene.start.lane)
@@ -212,7 +227,8 @@ class Episode:
             sim.hold_persons(scene.walkers.persons)
         # One more step brings the ego to its exact pose and fills the first view.
         sim.step()
-        self.route: RouteView = self.navigator.update(self.ego)
+        self.seen = ego_on_map(self.view, self.ego)
+        self.route: RouteView = self.navigator.update(self.seen)
         self.start_remaining = self.route.remaining
         self.intent: tuple[str, ...] = ()
         self._shown: tuple[str, ...] = ()
@@ -235,6 +251,10 @@ class Episode:
         self.snapshots.append(WorldSnapshot(step, step * DT_S, self.ego, actors))
         return True
 
+    def look(self) -> Observation:
+        """What there is to see at the last tick."""
+        return self.observer.observe(self.snapshots[-1], self.seen, self.route)
+
     def drive(self) -> Generator[Observation, Control | Trajectory | None, Outcome]:
         """The loop, until exactly one outcome."""
         clock = time.perf_counter
@@ -248,13 +268,13 @@ class Episode:
             ended = self.ending.at(snapshot)
             if ended is not None:
                 return ended
-            observation = self.observer.observe(snapshot, self.route)
+            observation = self.look()
             beat(Phase.PLANNING)
             t0 = clock()
             output = yield observation
             t1 = clock()
             # What it returned is its own code still.
-            command, self.intent = to_command(output, self.motion, self.scene.network)
+            command, self.intent = to_command(output, self.motion, self.view.map)
             beat(Phase.SIMULATING)
             self.planner_s.append(t1 - t0)
             self.commands.append(command)
@@ -263,7 +283,8 @@ class Episode:
             step += 1
             if not self._simulate(step):
                 return Outcome.OFF_ROAD
-            self.route = self.navigator.update(self.ego)
+            self.seen = ego_on_map(self.view, self.ego)
+            self.route = self.navigator.update(self.seen)
             self.sim_s += clock() - t1
 
     def _simulate(self, step: int) -> bool:
@@ -292,7 +313,7 @@ class Episode:
 
     def _show(self, edges: tuple[str, ...]) -> bool:
         try:
-            return self.sim.set_route(edges)
+            return self.sim.set_route(self.view.sumo_edges(edges))
         except SimulationError as problem:
             if self.intent:
                 raise PlannerOutputError(f"intent is no way through the network: {problem}") from problem

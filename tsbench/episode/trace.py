@@ -25,10 +25,11 @@ from tsbench.core.files import replacing
 from tsbench.core.parquet import check_size, columns, fields_of
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
+from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.sealed import SealedRoads
 from tsbench.rules.base import Verdict
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
@@ -72,15 +73,15 @@ class Trace:
     snapshots: list[WorldSnapshot]
     commands: Array
 
-    def routes(self, graph: LaneGraph, scene: Scene) -> list[RouteView]:
+    def routes(self, view: SealedRoads, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""
-        navigator = Navigator(graph, scene.destination)
-        return [navigator.update(snapshot.ego) for snapshot in self.snapshots]
+        navigator = Navigator(view.graph, destination_on_map(view, scene))
+        return [navigator.update(ego_on_map(view, snapshot.ego)) for snapshot in self.snapshots]
 
-    def facts(self, graph: LaneGraph, scene: Scene) -> EpisodeFacts:
+    def facts(self, view: SealedRoads, scene: Scene) -> EpisodeFacts:
         """What the metrics are computed from, as it was at the end of the run."""
         return EpisodeFacts(
-            scene=scene, snapshots=self.snapshots, route=self.routes(graph, scene)[-1],
+            scene=scene, snapshots=self.snapshots, route=self.routes(view, scene)[-1],
             start_remaining_m=self.start_remaining_m, outcome=self.outcome, contact=self.contact,
             target=self.target, others=self.others,
         )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,13 +11,18 @@ import shapely
 
 from tsbench.geometry.polyline import Array, Polyline
 
+_CELL_M = 0.5
+_ACROSS = (-0.5, -0.25, 0.0, 0.25, 0.5)
+_TOUCH_M = 1e-6
+
 
 @dataclass(frozen=True, slots=True)
 class ConflictZone:
     """Overlap of the strips of path `a` and path `b`.
 
     `a_in`..`a_out` and `b_in`..`b_out` are arc lengths on each path between which its strip touches the
-    overlap; `polygon` is its (k, 2) outline (of the part that path `a` reaches first).
+    overlap; `polygon` is its (k, 2) outline (of the part that path `a` reaches first). `ground`: the overlap
+    cut into cells along path `b`, in its order: for each, where it ends on `b` and where it begins on `a`.
     """
 
     a_in: float
@@ -24,6 +30,7 @@ class ConflictZone:
     b_in: float
     b_out: float
     polygon: Array
+    ground: tuple[tuple[float, float], ...]
 
 
 def strip(line: Polyline, width: float) -> shapely.Polygon:
@@ -65,14 +72,17 @@ def conflict_zones(
         deep = shapely.area(overlap) >= min_area
     return tuple(
         tuple(
-            _zone(line_a, line_b, overlap[k, j], min_area) if deep[k, j] else None
-            for j, (line_b, _) in enumerate(b)
+            _zone(path_a, path_b, overlap[k, j], min_area) if deep[k, j] else None
+            for j, path_b in enumerate(b)
         )
-        for k, (line_a, _) in enumerate(a)
+        for k, path_a in enumerate(a)
     )
 
 
-def _zone(a: Polyline, b: Polyline, overlap: shapely.Geometry, min_area: float) -> ConflictZone | None:
+def _zone(
+    path_a: tuple[Polyline, float], path_b: tuple[Polyline, float], overlap: shapely.Geometry, min_area: float
+) -> ConflictZone | None:
+    a, b = path_a[0], path_b[0]
     parts = [p for p in shapely.get_parts(overlap) if p.geom_type == "Polygon" and p.area >= min_area / 4]
     if not parts:
         return None
@@ -81,10 +91,24 @@ def _zone(a: Polyline, b: Polyline, overlap: shapely.Geometry, min_area: float) 
     a_s, b_s = a.project_many(xy)[0], b.project_many(xy)[0]
     begins = np.cumsum([0, *(len(o) for o in outlines[:-1])])
     first = int(np.argmin(np.minimum.reduceat(a_s, begins)))
-    return ConflictZone(
-        a_in=min(max(float(a_s.min()), 0.0), a.length),
-        a_out=min(max(float(a_s.max()), 0.0), a.length),
-        b_in=min(max(float(b_s.min()), 0.0), b.length),
-        b_out=min(max(float(b_s.max()), 0.0), b.length),
-        polygon=outlines[first],
+    (a_in, a_out), (b_in, b_out) = (
+        (min(max(float(s.min()), 0.0), line.length), min(max(float(s.max()), 0.0), line.length))
+        for s, line in ((a_s, a), (b_s, b))
     )
+    ground = tuple((end, min(max(begin, a_in), a_out)) for end, begin in _ground(path_a, path_b, b_in, b_out))
+    return ConflictZone(a_in, a_out, b_in, b_out, outlines[first], ground)
+
+
+def _ground(
+    path_a: tuple[Polyline, float], path_b: tuple[Polyline, float], b_in: float, b_out: float
+) -> list[tuple[float, float]]:
+    """The cells of a zone: points across the middle of each on `b`, of which those in the strip of `a` count."""
+    (a, a_width), (b, b_width) = path_a, path_b
+    count = max(math.ceil((b_out - b_in) / _CELL_M), 1)
+    ends = [b_in + (b_out - b_in) * (k + 1) / count for k in range(count)]
+    half = (b_out - b_in) / count / 2
+    points = [b.point_at(end - half, share * b_width) for end in ends for share in _ACROSS]
+    s, d = (x.reshape(count, -1) for x in a.project_many(np.array(points)))
+    inside = (np.abs(d) <= a_width / 2 + _TOUCH_M) & (s >= -_TOUCH_M) & (s <= a.length + _TOUCH_M)
+    begins = np.where(inside, s, np.inf).min(axis=1).tolist()
+    return [(end, begin) for end, begin in zip(ends, begins, strict=True) if begin < np.inf]

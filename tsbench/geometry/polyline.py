@@ -9,12 +9,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.core.frozen import Frozen
 from tsbench.geometry.elementary import arctan2
 
 Array = npt.NDArray[np.float64]
 
 
-class Polyline:
+class Polyline(Frozen):
     """An immutable polyline.
 
     Attributes
@@ -23,6 +24,17 @@ class Polyline:
     s : (n,) arc length at each point, s[0] = 0.
     length : total length in m.
     """
+
+    points: Array
+    s: Array
+    length: float
+    _x: tuple[float, ...]
+    _y: tuple[float, ...]
+    _s: tuple[float, ...]
+    _seg: tuple[float, ...]
+    _dx: tuple[float, ...]
+    _dy: tuple[float, ...]
+    _heading: tuple[float, ...]
 
     __slots__ = ("_dx", "_dy", "_heading", "_s", "_seg", "_x", "_y", "length", "points", "s")
 
@@ -37,19 +49,19 @@ class Polyline:
             raise ValueError("a polyline needs two distinct points")
         delta = np.diff(clean, axis=0)
         seg = np.hypot(delta[:, 0], delta[:, 1])
-        self.points = clean
-        self.s = np.concatenate(([0.0], np.cumsum(seg)))
-        self.points.setflags(write=False)
-        self.s.setflags(write=False)
-        self.length = float(self.s[-1])
-        # Plain lists: scalar look-ups in a tick are several times faster than on small arrays.
-        self._x: list[float] = clean[:, 0].tolist()
-        self._y: list[float] = clean[:, 1].tolist()
-        self._s: list[float] = self.s.tolist()
-        self._seg: list[float] = seg.tolist()
-        self._dx: list[float] = (delta[:, 0] / seg).tolist()
-        self._dy: list[float] = (delta[:, 1] / seg).tolist()
-        self._heading: list[float] = arctan2(delta[:, 1], delta[:, 0]).tolist()
+        along = np.concatenate(([0.0], np.cumsum(seg)))
+        clean.setflags(write=False)
+        along.setflags(write=False)
+        # Plain numbers: scalar look-ups in a tick are several times faster than on small arrays.
+        filled = {
+            "points": clean, "s": along, "length": float(along[-1]),
+            "_x": tuple(clean[:, 0].tolist()), "_y": tuple(clean[:, 1].tolist()), "_s": tuple(along.tolist()),
+            "_seg": tuple(seg.tolist()), "_dx": tuple((delta[:, 0] / seg).tolist()),
+            "_dy": tuple((delta[:, 1] / seg).tolist()),
+            "_heading": tuple(arctan2(delta[:, 1], delta[:, 0]).tolist()),
+        }  # fmt: skip
+        for name, value in filled.items():
+            object.__setattr__(self, name, value)
 
     def _segment(self, s: float) -> int:
         return min(max(bisect_right(self._s, s) - 1, 0), len(self._seg) - 1)

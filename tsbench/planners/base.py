@@ -6,18 +6,22 @@ A planner is a class with `reset(context)` and `act(observation) -> Control | Tr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
+from tsbench.roads.sealed import SealedRoads
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
-from tsbench.sim.world import Actors, EgoState
+from tsbench.sim.world import Agents, EgoState, WorldSnapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +52,10 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class SignView:
-    """A sign as a planner sees it. With masked signs, `code` is "" and `value` None: an anonymous object.
+    """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
 
     distance: m from the ego's centre in a straight line; edge, lane (order, -1 = all lanes) and position_m:
-    where its line is.
+    where its line is, on the map.
     """
 
     code: str
@@ -64,14 +68,18 @@ class SignView:
     position_m: float
     distance: float
 
+    def masked(self) -> SignView:
+        """What is left of it where identity is hidden: where it stands, and which way it faces."""
+        return SignView("", None, self.x, self.y, self.heading, "", -1, math.nan, self.distance)
+
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Everything that a planner may see at one tick.
+    """Everything that a planner may see at one tick. Lanes and edges are those of the map.
 
     ego: own state; history: (h, 4) x, y, heading, speed of the last ticks, oldest first, the present last.
-    route: navigation path and the ego's place on it. actors: road users within range, sorted by id.
-    signs: plates within range, nearest first. obstacles: fixed things within range.
+    route: navigation path and the ego's place on it. actors: road users within range. signs: plates within range,
+    nearest first. obstacles: fixed things within range. truth: the world as it is, for experts only, else None.
     """
 
     step: int
@@ -79,36 +87,55 @@ class Observation:
     ego: EgoState
     history: Array
     route: RouteView
-    actors: Actors
+    actors: Agents
     signs: tuple[SignView, ...]
     obstacles: tuple[Obstacle, ...]
+    truth: WorldSnapshot | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Privilege:
-    """What experts may read beyond the observation: the target sign's rule, exactly; never the future."""
+    """What experts may read beyond what all planners see: the target sign's rule, exactly; never the future.
+
+    sign: the target, on the edges of `network`, which is SUMO's with its priorities. view: from that to the map.
+    `Observation.truth` goes with it.
+    """
 
     sign: SignInstance
     rule: RuleSpec
+    network: RoadNetwork
+    view: SealedRoads
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerContext:
-    """Given once per episode. `seed` is derived from the scenario's; `privilege` is None but for experts."""
+    """Given once per episode; frozen and read-only throughout.
+
+    seed: the same in both halves of a pair. network: the map, without what plates decide. privilege: None but for
+    experts.
+    """
 
     seed: int
-    network: RoadNetwork
-    graph: LaneGraph
+    network: RoadMap
+    graph: MapGraph
     destination: Destination
     dt: float
     privilege: Privilege | None = None
+
+
+def true_world(observation: Observation) -> WorldSnapshot:
+    """The world as an expert is told of it. Raises InputError where a planner that is none asks."""
+    if observation.truth is None:
+        raise InputError("Observation.truth is for planners with privileged = True")
+    return observation.truth
 
 
 @runtime_checkable
 class Planner(Protocol):
     """What the runner calls.
 
-    A planner with `privileged = True` is given `PlannerContext.privilege` and flagged in results.
+    A planner with `privileged = True` is given `PlannerContext.privilege` and `Observation.truth`, and flagged in
+    results.
     """
 
     def reset(self, context: PlannerContext) -> None:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import cast
 
 import numpy as np
 
+from tsbench.core.frozen import Frozen
 from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
+from tsbench.roads.reserved_lanes import TurnedLane, open_lanes, turned_lanes
+from tsbench.roads.road_map import MapConnection, RoadMap
 
 Turn = tuple[str, str]
 _BLEND_STEP_M = 2.0
 
 
-def heading_change(network: RoadNetwork, source: str, target: str) -> float:
+def heading_change(network: RoadMap, source: str, target: str) -> float:
     """Change of heading (rad, left positive) from the end of one edge to the start of the next."""
     a = network.lanes[network.edges[source].lanes[0]].line
     b = network.lanes[network.edges[target].lanes[0]].line
@@ -61,25 +66,35 @@ class RoutePath:
         return self.pieces[-1].lane
 
 
-class LaneGraph:
-    """Routes and paths for passenger cars over a network, blind to lanes that plates reserve (roads.reserved_lanes).
+class MapGraph(Frozen):
+    """Routes and paths over a map, on which every lane is for cars. closed: lanes (indices) not to use all the same."""
 
-    closed: lanes (indices) not to use all the same.
-    """
+    network: RoadMap
+    _open: frozenset[int]
+    _turned: Mapping[int, TurnedLane]
+    _next: Mapping[str, Mapping[str, tuple[MapConnection, ...]]]
 
-    def __init__(
-        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
-    ) -> None:
-        self.network = network
-        self.vclass = vclass
-        self._open = open_lanes(network, vclass) - closed
-        self._turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
-        self._next: dict[str, dict[str, list[Connection]]] = {}
+    __slots__ = ("_next", "_open", "_turned", "network")
+
+    def __init__(self, network: RoadMap, closed: AbstractSet[int] = frozenset()) -> None:
+        lanes = frozenset(lane.index for lane in network.lanes if not lane.internal)
+        self._fill(network, lanes - closed, {})
+
+    def _fill(self, network: RoadMap, opened: frozenset[int], turned: Mapping[int, TurnedLane]) -> None:
+        onward: dict[str, dict[str, list[MapConnection]]] = {}
         for connection in network.connections:
-            if connection.from_lane not in self._open or connection.to_lane not in self._open:
+            if connection.from_lane not in opened or connection.to_lane not in opened:
                 continue
             a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
-            self._next.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+            onward.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
+        filled = {
+            "network": network, "_open": opened, "_turned": MappingProxyType(dict(turned)),
+            "_next": MappingProxyType(
+                {a: MappingProxyType({b: tuple(c) for b, c in to.items()}) for a, to in onward.items()}
+            ),
+        }  # fmt: skip
+        for name, value in filled.items():
+            object.__setattr__(self, name, value)
 
     def edge_of(self, lane: int) -> str:
         """The edge that a lane (index) is a lane of; a contraflow lane of the one that it seems to belong to."""
@@ -99,9 +114,9 @@ class LaneGraph:
     def successors(self, edge: str) -> tuple[str, ...]:
         return tuple(self._next.get(edge, ()))
 
-    def connections(self, source: str, target: str) -> tuple[Connection, ...]:
+    def connections(self, source: str, target: str) -> tuple[MapConnection, ...]:
         """Connections from one edge to the next, in file order; empty where there are none."""
-        return tuple(self._next.get(source, {}).get(target, ()))
+        return self._next[source].get(target, ()) if source in self._next else ()
 
     def turn(self, source: str, target: str) -> str:
         """Manoeuvre class from one edge to the next, by their headings at the junction."""
@@ -204,10 +219,30 @@ class LaneGraph:
         return table
 
 
+class LaneGraph(MapGraph):
+    """The same over a network of SUMO's, blind to lanes that plates reserve (roads.reserved_lanes)."""
+
+    network: RoadNetwork
+    vclass: str
+
+    __slots__ = ("vclass",)
+
+    def __init__(
+        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
+    ) -> None:
+        object.__setattr__(self, "vclass", vclass)
+        turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
+        self._fill(network, open_lanes(network, vclass) - closed, turned)
+
+    def connections(self, source: str, target: str) -> tuple[Connection, ...]:
+        """Connections from one edge to the next, in file order; empty where there are none."""
+        return cast(tuple[Connection, ...], super().connections(source, target))
+
+
 class _PathBuilder:
     """Collects stretches of lanes into one line."""
 
-    def __init__(self, graph: LaneGraph) -> None:
+    def __init__(self, graph: MapGraph) -> None:
         self.graph, self.network = graph, graph.network
         self.chunks: list[Array] = []
         self.lanes: list[int] = []
@@ -272,7 +307,13 @@ class _PathBuilder:
             edges=edges,
             line=line,
             pieces=tuple(pieces),
-            limit_s=np.array([p.s0 for p in pieces]),
-            limit=np.array([self.network.lanes[p.lane].speed for p in pieces]),
+            limit_s=_fixed([p.s0 for p in pieces]),
+            limit=_fixed([self.network.lanes[p.lane].speed for p in pieces]),
             destination_s=line.length - end,
         )
+
+
+def _fixed(values: list[float]) -> Array:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array

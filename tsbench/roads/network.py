@@ -6,6 +6,7 @@ Source of the format: SUMO documentation, "Networks / SUMO Road Networks".
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,28 +16,19 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.polyline import Array, Polyline
+from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
 
 DEFAULT_LANE_WIDTH_M = 3.2
 _TOUCH_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Lane:
-    """One lane. `index` counts all lanes of the network; `order` counts within the edge, 0 = rightmost."""
+class Lane(MapLane):
+    """One lane of SUMO's. `index` counts all lanes of the network; `length`: SUMO's own, m; `internal`: on a path."""
 
-    index: int
-    id: str
-    edge: str
-    order: int
-    line: Polyline
-    width: float
-    speed: float
-    length: float
-    internal: bool
-    allow: frozenset[str]
-    disallow: frozenset[str]
-    left: int = -1
-    right: int = -1
+    length: float = field(kw_only=True)
+    allow: frozenset[str] = field(kw_only=True)
+    disallow: frozenset[str] = field(kw_only=True)
 
     def permits(self, vclass: str) -> bool:
         """May vehicles of this SUMO vClass use the lane?"""
@@ -46,65 +38,42 @@ class Lane:
 
 
 @dataclass(frozen=True, slots=True)
-class Edge:
-    """A directed edge with its lanes (indices, rightmost first); `source`/`target` are junction ids."""
+class Edge(MapEdge):
+    """An edge of SUMO's. road_class: its type in SUMO ("highway.primary"), "" = none."""
 
-    id: str
-    source: str
-    target: str
-    lanes: tuple[int, ...]
-    internal: bool
-    priority: int
-    length: float
+    priority: int = field(kw_only=True)
+    road_class: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Connection:
+class Connection(MapConnection):
     """A lane-to-lane connection; `via` are the internal lanes in order; `direction`, `state` as SUMO's.
 
     yields_to: of each connection with right of way over this one, one of its internal lanes (SUMO's `response`).
     """
 
-    from_lane: int
-    to_lane: int
-    via: tuple[int, ...]
     direction: str
     state: str
     yields_to: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
-class Junction:
-    """A junction and its area, (k, 2) points."""
+class Junction(MapJunction):
+    """A junction of SUMO's."""
 
-    id: str
-    type: str
-    x: float
-    y: float
-    polygon: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Crossing:
-    """A pedestrian crossing over `edges`: its middle line from kerb to kerb, and its width in m."""
-
-    id: str
-    edges: tuple[str, ...]
-    line: Polyline
-    width: float
+    type: str = field(kw_only=True)
 
 
 @dataclass(frozen=True)
-class RoadNetwork:
-    """Lanes by index; edges, junctions, crossings by id; `outgoing[lane]` = its connections in file order."""
+class RoadNetwork(RoadMap):
+    """All that SUMO knows: for simulation, rules and experts. `outgoing[lane]` = its connections in file order."""
 
     lanes: tuple[Lane, ...]
-    lane_index: dict[str, int]
-    edges: dict[str, Edge]
-    junctions: dict[str, Junction]
+    edges: Mapping[str, Edge]
+    junctions: Mapping[str, Junction]
     connections: tuple[Connection, ...]
     outgoing: tuple[tuple[Connection, ...], ...]
-    crossings: dict[str, Crossing] = field(default_factory=dict)
+    crossings: Mapping[str, Crossing] = field(default_factory=dict)
 
     def lane(self, lane_id: str) -> Lane:
         """The lane with this SUMO id."""
@@ -158,6 +127,7 @@ def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
             lanes=tuple(range(base, base + len(children))),
             internal=internal,
             priority=int(element.get("priority", -1)),
+            road_class=element.get("type", ""),
             length=lanes[base].length if children else 0.0,
         )
     return lanes, edges
@@ -244,10 +214,10 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
         junctions = {
             str(e.attrib["id"]): Junction(
                 str(e.attrib["id"]),
-                e.get("type", ""),
                 float(e.attrib["x"]),
                 float(e.attrib["y"]),
                 _points(e.get("shape", "")),
+                type=e.get("type", ""),
             )
             for e in root.iterfind("junction")
             if e.get("type") != "internal"

@@ -1,34 +1,31 @@
 """One passage of the ego through a junction whose other arms have priority, on a known path.
 
-Source: docs/spec/rules.md, "Give way". Units: m, s, m/s.
+Source: docs/spec/rules.md, "Give way". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.overlap import ConflictZone
+from tsbench.roads.blocking import PriorityGap, blocker
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.priority import PriorityVehicle, PriorityVehicles
-from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.events import EventLog
+from tsbench.rules.forced_braking import ForcedBraking
+from tsbench.rules.gravest import GravestOnly
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
 
 _HALF_M = EGO_LENGTH_M / 2
 _WINDOW_M = 6.0
+_GRAVEST_FIRST = ("contact", "forced_braking", "encroached", "entered_while_blocked")
 
 # By path of the other vehicle: the conflict zone with the ego's path (a: ego, b: other).
 Zones = tuple[ConflictZone | None, ...]
 
 
-def arrival_s(vehicle: PriorityVehicle, zone: ConflictZone, least_speed: float) -> float | None:
-    """Seconds until a vehicle reaches its zone, 0 while it is in it; None when it has cleared it."""
-    if vehicle.s - vehicle.length > zone.b_out:
-        return None
-    return max(zone.b_in - vehicle.s, 0.0) / max(vehicle.speed, least_speed)
-
-
 class Crossing:
-    """Judges the ticks from the one at which the ego's front has crossed the line."""
+    """Judges the ticks from the one at which the ego's front has crossed the line. Every event is one vehicle's."""
 
     def __init__(
         self,
@@ -40,16 +37,15 @@ class Crossing:
         log: EventLog,
     ) -> None:
         self._path, self._zones, self._foe_paths = path, zones, foe_paths
-        self._foes, self._log = vehicles, log
-        self._gap, self._least = rule.thresholds["gap_s"], rule.thresholds["min_foe_speed_mps"]
-        self._post_clear = rule.thresholds["post_clear_s"]
+        self._foes, self._found = vehicles, GravestOnly(log, _GRAVEST_FIRST)
+        self._asked = PriorityGap.of(rule.thresholds)
+        self._braking = ForcedBraking(rule.thresholds, foe_paths)
         self._s = -_HALF_M
-        self._first = True
         self._in: dict[int, int] = {}
         self._out: dict[int, int] = {}
+        self._first: set[int] = set()
         self._met: set[int] = set()
         self._coming: set[tuple[int, int]] = set()
-        self._touch: dict[int, Excursion] = {}
         self.done = False
 
     def update(self, snapshot: WorldSnapshot) -> None:
@@ -57,10 +53,6 @@ class Crossing:
         ego, step = snapshot.ego, snapshot.step
         # A window: the two legs of a U-turn lie side by side.
         self._s, _ = self._path.line.project(ego.x, ego.y, self._s - _WINDOW_M, self._s + _WINDOW_M)
-        vehicles = self._foes.find(snapshot.actors)
-        if self._first:
-            self._first = False
-            self._judge_entry(snapshot, vehicles)
         for j, zone in enumerate(self._zones):
             if zone is not None:
                 if self._s + _HALF_M >= zone.a_in:
@@ -68,38 +60,40 @@ class Crossing:
                 if self._s - _HALF_M > zone.a_out:
                     self._out.setdefault(j, step)
         left = self._s - _HALF_M > self._path.line.length
-        for vehicle in vehicles:
-            self._judge_meeting(snapshot, vehicle)
+        for vehicle in self._foes.find(snapshot.actors):
+            zone = self._zones[vehicle.path]
+            if zone is not None:
+                self._judge_entry(snapshot, vehicle, zone)
+                self._judge_meeting(snapshot, vehicle, zone)
+                self._braking.watch(snapshot, vehicle)
             if not left:
                 self._judge_contact(snapshot, vehicle)
         if left:
-            self.close()
             waited = (step - max(self._out.values(), default=step)) * DT_S
-            self.done = not self._out or waited >= self._post_clear
+            self.done = not self._out or (
+                waited >= self._asked.after and self._braking.over(step, self._in.values())
+            )
 
     def close(self) -> None:
-        """End open contacts."""
-        for excursion in self._touch.values():
-            excursion.close()
+        """Clause forced_braking, for all ticks; then enter what was found."""
+        for one in self._braking.for_ego(self._in, self._first):
+            self._found.note(one.row, "forced_braking", one.snapshot, one.hardness, self._braking.most)
+        self._found.close()
 
-    def _judge_entry(self, snapshot: WorldSnapshot, vehicles: list[PriorityVehicle]) -> None:
-        """Clause entered_while_blocked: the vehicle that would be there first stands for all that block."""
-        arrivals = []
-        for vehicle in vehicles:
-            zone = self._zones[vehicle.path]
-            arrival = None if zone is None else arrival_s(vehicle, zone, self._least)
-            if arrival is not None and arrival < self._gap:
-                arrivals.append((arrival, vehicle.at, vehicle.row))
-        if arrivals:
-            arrival, _, row = min(arrivals)
-            other = snapshot.actors.table.ids[row]
-            self._log.event("entered_while_blocked", snapshot, snapshot.time, arrival, self._gap, other)
-            self._log.mark(snapshot.step)
+    def _judge_entry(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle, zone: ConflictZone) -> None:
+        """Clause entered_while_blocked, at the tick when the ego's front enters a zone."""
+        entry = self._in.get(vehicle.path, snapshot.step + 1)
+        if entry >= snapshot.step and vehicle.s >= zone.b_in:
+            self._first.add(vehicle.row)
+        if entry != snapshot.step:
+            return
+        found = blocker(vehicle, zone, self._s + _HALF_M, snapshot.ego.speed, self._asked)
+        if found is not None:
+            self._found.note(vehicle.row, "entered_while_blocked", snapshot, found.gap, found.asked)
 
-    def _judge_meeting(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
+    def _judge_meeting(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle, zone: ConflictZone) -> None:
         """Clause encroached, judged once per vehicle, at the tick when its front reaches the zone."""
-        zone = self._zones[vehicle.path]
-        if zone is None or vehicle.row in self._met:
+        if vehicle.row in self._met:
             return
         if vehicle.s < zone.b_in:
             self._coming.add((vehicle.row, vehicle.path))
@@ -110,24 +104,18 @@ class Crossing:
         step = snapshot.step
         if self._in.get(vehicle.path, step) >= step:
             return  # the other one is first, or both come at once
-        after = (step - self._out.get(vehicle.path, step)) * DT_S
-        if after < self._post_clear:
-            other = snapshot.actors.table.ids[vehicle.row]
-            self._log.event("encroached", snapshot, snapshot.time, after, self._post_clear, other)
-            self._log.mark(step)
+        after, asked = (step - self._out.get(vehicle.path, step)) * DT_S, self._asked.after
+        if after < asked:
+            self._found.note(vehicle.row, "encroached", snapshot, after, asked)
 
     def _judge_contact(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
         """Clause contact: neither has left the junction."""
         actors, ego = snapshot.actors, snapshot.ego
+        if vehicle.s - vehicle.length > self._foe_paths[vehicle.path].line.length:
+            return
         x, y, heading = actors.pose[vehicle.at].tolist()
-        touching = vehicle.s - vehicle.length <= self._foe_paths[vehicle.path].line.length and boxes_overlap(
+        if boxes_overlap(
             ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M,
             x, y, heading, vehicle.length, float(actors.table.width[vehicle.row]),
-        )  # fmt: skip
-        excursion = self._touch.get(vehicle.row)
-        if touching:
-            if excursion is None:
-                excursion = self._touch[vehicle.row] = Excursion(self._log, "contact")
-            excursion.broken(snapshot, 1.0, 0.0, actors.table.ids[vehicle.row])
-        elif excursion is not None:
-            excursion.close()
+        ):  # fmt: skip
+            self._found.note(vehicle.row, "contact", snapshot, 1.0, 0.0)

@@ -53,11 +53,12 @@ class GiveWay(Monitor):
             return
         lane = snapshot.ego.lane
         if lane in self.line.lanes:
-            self._crossing, self._armed = None, True
+            self._close()
+            self._armed = True
         elif self._crossing is not None:
             self._crossing.update(snapshot)
             if self._crossing.done:
-                self._crossing = None
+                self._close()
             return
         if self._armed:
             self._approach(snapshot)
@@ -124,17 +125,21 @@ class GiveWay(Monitor):
         )
         for tick in self._ticks:
             crossing.update(tick)
-        self._ticks = []
-        self._crossing = None if crossing.done else crossing
+        self._ticks, self._crossing = [], crossing
         if crossing.done:
-            crossing.close()
+            self._close()
+
+    def _close(self) -> None:
+        """The passage is over: enter its events."""
+        if self._crossing is not None:
+            self._crossing.close()
+            self._crossing = None
 
     def finish(self) -> Verdict:
         """A passage that was not completed is judged on the path that fits it best."""
         if self._ticks:
             self._resolve("")
-        if self._crossing is not None:
-            self._crossing.close()
+        self._close()
         return self.log.verdict(self.engaged or any(self._bound))
 
 

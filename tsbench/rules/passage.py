@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 
 from tsbench.geometry.polyline import bend_speed
+from tsbench.roads.blocking import PriorityGap, blockers
 from tsbench.roads.junction_paths import junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.base import Monitor
-from tsbench.rules.crossing import arrival_s
 from tsbench.rules.leaders import Leaders
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import PassageParams
@@ -29,7 +29,8 @@ class Passage:
         scene, self._t = monitor.scene, monitor.rule.thresholds
         self._road = monitor.road((params.approach, params.exit))
         self._line = self._road.starts[params.exit]
-        self._begin = scene.network.edge_lanes(params.approach)[0].line.length - self._t["before_line_m"]
+        self._approach_m = scene.network.edge_lanes(params.approach)[0].line.length
+        self._begin = self._approach_m - self._t["before_line_m"]
         self._end = self._line + self._t["before_line_m"] / 2
         self._exit = frozenset(scene.network.edges[params.exit].lanes)
         network, give_way = scene.network, load_catalog().rule("give_way").thresholds
@@ -38,7 +39,7 @@ class Passage:
         foes = junction_paths(network, params.main_in)
         self._zones = path_zones(self._paths, foes, least_overlap=give_way["least_overlap_m"])
         self._foes = PriorityVehicles(network, foes, RULE_FOLLOWING)
-        self._gap, self._least = give_way["gap_s"], give_way["min_foe_speed_mps"]
+        self._gap = PriorityGap.of(give_way)
         self._leaders = Leaders(network)
         self.through = False
 
@@ -49,14 +50,15 @@ class Passage:
         return front is not None and self._begin <= front <= self._end
 
     def blocked(self, snapshot: WorldSnapshot) -> bool:
-        """Does a vehicle with priority come to ground that it shares with the ego's way, soon?"""
-        for vehicle in self._foes.find(snapshot.actors):
-            for row in self._zones:
-                zone = row[vehicle.path]
-                arrival = None if zone is None else arrival_s(vehicle, zone, self._least)
-                if arrival is not None and arrival < self._gap:
-                    return True
-        return False
+        """Does a vehicle with priority block the ego's way, or is somebody in it or about to step into it?"""
+        ego = snapshot.ego
+        front = self._road.front(ego)
+        if front is None:
+            return False
+        vehicles = self._foes.find(snapshot.actors)
+        return any(
+            blockers(vehicles, row, front - self._approach_m, ego.speed, self._gap) for row in self._zones
+        )
 
     def leader(self, snapshot: WorldSnapshot) -> float:
         """Speed of the slowest one near ahead; inf where nobody is."""

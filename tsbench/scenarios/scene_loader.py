@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 
 from tsbench.core.errors import InputError
 from tsbench.roads.network import RoadNetwork, read_network
@@ -11,6 +12,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
+from tsbench.roads.sealed import SealedRoads, seal
 from tsbench.sim.scene import Scene, SceneFile
 from tsbench.sim.scene_file import read_layout, scene_from_layout
 from tsbench.core.xmlfile import sha256
@@ -26,6 +28,11 @@ class Roads:
     graph: LaneGraph
     locator: LaneLocator
     file: SceneFile
+
+    @cached_property
+    def view(self) -> SealedRoads:
+        """What planners see of it."""
+        return seal(self.network)
 
 
 class SceneLoader:

@@ -53,8 +53,11 @@ class RuleKind:
 
 # Of every rule that follows the ego along a road.
 _ROAD = "beside_road_widths"
-_YIELD = f"engage_distance_m priority_distance_m gap_s min_foe_speed_mps post_clear_s least_overlap_m {_ROAD}"
-_YIELD_CLAUSES = "entered_while_blocked encroached contact"
+_YIELD = (
+    "engage_distance_m priority_distance_m gap_s min_foe_speed_mps post_clear_s least_overlap_m "
+    f"forced_brake_mps2 forced_within_s leader_gap_s {_ROAD}"
+)
+_YIELD_CLAUSES = "entered_while_blocked encroached forced_braking contact"
 _HOLD = "held_speed_mps held_s held_within_m"
 _LEADER = "leader_min_m leader_margin_m leader_divisor_mps2"
 _WALK = "kerb_distance_m clearance_m moving_mps walks_along_cos sweeps_across_sin"

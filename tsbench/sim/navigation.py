@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
+from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.sim.world import EgoState
 
 _WINDOW_M = 15.0
@@ -30,7 +30,7 @@ class RouteView:
 class Navigator:
     """Holds the route of one episode. The route is the shortest way; signs are no business of navigation."""
 
-    def __init__(self, graph: LaneGraph, destination: Destination) -> None:
+    def __init__(self, graph: MapGraph, destination: Destination) -> None:
         self.graph = graph
         self.destination = destination
         self._path: RoutePath | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -106,7 +106,7 @@ class Simulation:
 
     def __init__(self) -> None:
         self._table = ActorTable()
-        self._lane_index: dict[str, int] = {}
+        self._lane_index: Mapping[str, int] = {}
         self._seen: tuple[str, ...] = ()
         self._kept: list[_Body] = []
         self._bodies: dict[str, _Body] = {}

@@ -131,6 +131,41 @@ class Actors:
         return self.table.kind[self.index]
 
 
+class Indicator(IntEnum):
+    NONE = 0
+    LEFT = 1
+    RIGHT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Agents:
+    """Other road users as planners see them, in the order in which they came into sight; read-only.
+
+    ids: (n,) int32, of no meaning but that they stay the same. pose: (n, 3) x, y, heading. speed: (n,) m/s. length,
+    width: (n,) m. kind: (n,) ActorKind values. lane: (n,) int32 of the map, -1 = none. indicator: (n,) Indicator
+    values. boxes: the n footprints as plain numbers.
+    """
+
+    ids: npt.NDArray[np.int32]
+    pose: Array
+    speed: Array
+    length: Array
+    width: Array
+    kind: npt.NDArray[np.int8]
+    lane: npt.NDArray[np.int32]
+    indicator: npt.NDArray[np.int8]
+    boxes: tuple[Box, ...]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def none(cls) -> Agents:
+        """Nobody in sight."""
+        whole, small, real = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int8), np.zeros(0)
+        return cls(whole, np.zeros((0, 3)), real, real, real, small, whole, small, ())
+
+
 @dataclass(frozen=True, slots=True)
 class WorldSnapshot:
     """The world after `step` control steps (step 0 = as spawned); `time` = step x 0.1 s."""

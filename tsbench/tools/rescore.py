@@ -150,7 +150,7 @@ class Judge:
                 break
         # A trace that ends for no reason of its own is that of an ego that has left the map.
         return replace(
-            trace.facts(roads.graph, scene),
+            trace.facts(roads.view, scene),
             snapshots=seen,
             outcome=outcome or Outcome.OFF_ROAD,
             contact=ending.contact,

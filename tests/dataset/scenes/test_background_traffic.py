@@ -125,7 +125,7 @@ class Rehearsal:
         request = ask(target, EgoStart("w_in_0", 70.0, 8.0), **more)
         rng = np.random.default_rng(11)
         self.standing = standing_cars(network, graph, request, rng)
-        self.types = driver_types([CALM, QUICK], [1.0, 1.0])
+        self.types = driver_types([CALM, QUICK])
         self.path = folder / "trial.add.xml.gz"
         self.made = made
         write_additional([*self.types, *background(self.standing)], self.path)

@@ -47,7 +47,7 @@ def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records
     result, roads = drive
     assert result.facts is not None
     driven, tokeniser = DriveResult(result.facts, roads), Tokeniser(roads.network)
-    teacher = Imitated(result.facts, sampling)
+    teacher = Imitated(result, sampling)
     return frames_of(driven, tokeniser, teacher, sampling, np.random.default_rng(1), FRAME)
 
 

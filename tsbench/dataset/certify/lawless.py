@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.sim.world import Actors, ActorTable
+from tsbench.sim.world import Agents
 
 _MIN_SPEED = "4.6"
 _CRAWL_MPS = 20.0 / 3.6
@@ -31,18 +29,14 @@ class Lawless:
 
     def __init__(self) -> None:
         self._driver = Idm(_FAST)
-        self._nobody: Actors
 
     def reset(self, context: PlannerContext) -> None:
         self._driver = Idm(_FAST)
         self._driver.reset(context)
         self._context = context
-        nothing = np.zeros(0)
-        index = np.zeros(0, dtype=np.int32)
-        self._nobody = Actors(ActorTable(1), index, np.zeros((0, 3)), nothing, index, nothing)
 
     def act(self, observation: Observation) -> Control:
         if observation.step == 0 and any(s.code == _MIN_SPEED for s in observation.signs):
             self._driver = Idm(_SLOW)
             self._driver.reset(self._context)
-        return self._driver.act(replace(observation, actors=self._nobody, obstacles=()))
+        return self._driver.act(replace(observation, actors=Agents.none(), obstacles=()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from lxml import etree
@@ -59,11 +59,10 @@ class ConvoySetup:
 class Arrangement:
     """One scene, decided but not yet written.
 
-    extra: further SUMO elements (a speed plate's meaning for others). avoid_turns: where other traffic is not sent.
+    extra: further SUMO elements. avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
     closed_edges: where nobody else drives at all; no length of theirs counts for the density.
-    speed_factors: of the background drivers, () = all 1. drivers: the background drivers where the plate makes others
-    of them, () = the task's. platoons: edges where cars enter in
+    drivers: the background drivers where the scene needs others, () = the task's. platoons: edges where cars enter in
     platoons. walkers: the plan of pedestrians who stand in `extra`. contrast: in a contrast half, what is asked beside
     the target's rule.
     """
@@ -81,7 +80,6 @@ class Arrangement:
     avoid_turns: AbstractSet[Turn] = frozenset()
     quiet_edges: AbstractSet[str] = frozenset()
     closed_edges: AbstractSet[str] = frozenset()
-    speed_factors: Sequence[float] = field(default_factory=tuple)
     drivers: tuple[Driver, ...] = ()
     blocked: tuple[tuple[str, float, float], ...] = ()
     platoons: AbstractSet[str] = frozenset()

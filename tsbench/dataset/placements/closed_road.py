@@ -20,7 +20,7 @@ from tsbench.dataset.placements.base import (
 )
 from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.geometry.angles import U_TURN
+from tsbench.geometry.angles import LEFT, U_TURN
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Lane, RoadNetwork
@@ -84,10 +84,12 @@ class ClosedRoadPlacement(Placement):
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The two plates exchanged: nobody may come from there, and the ego drives on."""
-        del task
         plate, other = signed.signs
         approach, exit_ = signed.route_hint
-        passage = PassageParams(approach, exit_)
+        # Who turns left waits for who comes towards it.
+        left = task.graph.turn(approach, exit_) == LEFT
+        oncoming = tuple(e for e in through_arms(task.row, 0.0).prior_in if left and e != approach)
+        passage = PassageParams(approach, exit_, oncoming)
         return replace(
             signed, target=other.id,
             signs=(

@@ -32,7 +32,8 @@ from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import Crossing, Lane
+from tsbench.roads.network import Lane
+from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.convoy import predicted_arrival

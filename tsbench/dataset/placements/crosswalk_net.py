@@ -16,7 +16,8 @@ from tsbench.dataset.maps.plain_xml import DEFAULT_WIDTH_M
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.roads.network import Crossing, Lane
+from tsbench.roads.network import Lane
+from tsbench.roads.road_map import Crossing
 
 SIDES = ("right", "left")
 _PATH_SPEED_MPS = 2.78

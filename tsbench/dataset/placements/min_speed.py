@@ -16,7 +16,7 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH, task_limit
+from tsbench.dataset.placements.speed_zone import KMH, no_slower
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.elements import moving_car
 from tsbench.dataset.scenes.recipe import Recipe
@@ -29,11 +29,19 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
+def task_minimum(task: SceneTask) -> float:
+    """The number on a variant's plate, km/h: round those that the road allows, so that each is there as often."""
+    recipe, road = task.recipe, task.row.speed_mps / KMH
+    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
+    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
+    return float(usable[task.variant.value % len(usable)])
+
+
 class MinSpeedPlacement(Placement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
-    In the contrast half hangs a plate there that allows no more than the slow style drives. The leader is faster than
-    this style, whom the scene tempts, and so out of its reach where the rule binds.
+    In the contrast half the plate there allows no more than the slow style drives, whom the scene tempts. The leader is
+    faster than this style, and so out of its reach where the rule binds; so is everybody else.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -47,7 +55,7 @@ class MinSpeedPlacement(Placement):
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 30 m before the plate, 12 to 18 km/h too slow."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        minimum = float(task_limit(task))
+        minimum = task_minimum(task)
         edge = row.fields["edge"]
         lanes = passenger_lanes(network, edge)
         require(len(lanes) >= recipe.number("least_lanes"), f"{len(lanes)} lanes for cars")
@@ -64,13 +72,15 @@ class MinSpeedPlacement(Placement):
         require(latest >= front, f"the corridor is {lane.line.length:.0f} m long")
         front += float(task.rng.uniform(0.0, min(latest - front, recipe.number("jitter_m"))))
         plate_s = front + recipe.number("plate_after_start_m")
+        # No farther than the slow style gets within the horizon.
+        end_s = min(end_s, plate_s + max(recipe.number("zone_m"), variant.route_length))
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         leader = self._leader(task, lane, front, minimum)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
             signs=(sign,), target=sign.id,
             start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
-            extra=leader,
+            extra=leader, drivers=no_slower(task.drivers, minimum + recipe.number("others_above_kmh")),
             blocked=((lane.id, start.s, front + recipe.number("leader_clear_m")),) if leader else (),
         )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +17,13 @@ from tsbench.dataset.placements.base import (
     require,
 )
 from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
@@ -27,12 +32,24 @@ from tsbench.sim.world import EGO_LENGTH_M
 KMH = 1.0 / 3.6
 
 
-def task_limit(task: SceneTask) -> int:
-    """The number on a variant's plate, km/h: round the values that the road allows, so that each is there as often."""
-    recipe, road = task.recipe, task.row.speed_mps / KMH
-    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
-    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
-    return int(usable[task.variant.value % len(usable)])
+def needed_kmh(limit: float) -> float:
+    """The speed that traffic and bends have to allow, km/h: who keeps to `limit` is needlessly slow there."""
+    catalog = load_catalog()
+    tolerated = limit + catalog.rule("speed").thresholds["tolerance_kmh"]
+    return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
+
+
+def no_slower(drivers: Sequence[Driver], least_kmh: float) -> tuple[Driver, ...]:
+    """Drivers behind whom nobody has an excuse to be slower: they are the same in both halves."""
+    return tuple(replace(d, speed=max(d.speed, least_kmh * KMH)) for d in drivers)
+
+
+def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
+    """The speed that the bends of a zone allow where it is judged how fast the ego is."""
+    t = load_catalog().needless.thresholds
+    line = join([network.edge_lanes(e)[0].line for e in zone])
+    judged = line.slice(0.0, min(t["slow_zone_m"], line.length))
+    return bend_speed(judged, t["lateral_mps2"]) / KMH
 
 
 class SpeedZonePlacement(Placement):
@@ -57,16 +74,21 @@ class SpeedZonePlacement(Placement):
         return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The zone on edges of its own, so that other traffic can be bound there."""
+        """The zone on edges of its own."""
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        limit = float(task_limit(task))
-        v = limit * KMH
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
+        limits, bend = recipe.choices["limits_kmh"], _bend_kmh(network, zone)
+        most = row.speed_mps / KMH + 0.5 - recipe.number("below_road_kmh")
+        # All or none: so each value is there as often.
+        require(max(limits) <= most, f"the road's own limit is {row.speed_mps / KMH:.0f} km/h")
+        require(needed_kmh(max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
+        limit = float(limits[variant.value % len(limits)])
+        v = limit * KMH
         lanes = passenger_lanes(network, first)
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
@@ -85,6 +107,7 @@ class SpeedZonePlacement(Placement):
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
+            drivers=no_slower(task.drivers, needed_kmh(limit)),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:

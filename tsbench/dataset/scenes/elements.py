@@ -22,12 +22,10 @@ def _num(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
-def _vtype(
-    name: str, driver: Driver, speed_factor: float, color: str, vclass: str = "passenger"
-) -> etree._Element:
+def _vtype(name: str, driver: Driver, color: str, vclass: str = "passenger") -> etree._Element:
     values = {
         "id": name, "vClass": vclass, "carFollowModel": "IDM", "speedDev": "0",
-        "speedFactor": _num(speed_factor), "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
+        "speedFactor": "1", "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
         "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
         "length": _num(driver.length), "width": _num(driver.width), "color": color,
     }  # fmt: skip
@@ -46,12 +44,9 @@ def _vehicle(
     return vehicle
 
 
-def driver_types(drivers: Sequence[Driver], speed_factors: Sequence[float]) -> list[etree._Element]:
+def driver_types(drivers: Sequence[Driver]) -> list[etree._Element]:
     """One vehicle type per background driver: `bg0`, `bg1`, ..."""
-    return [
-        _vtype(f"bg{k}", d, f, "0.6,0.6,0.65")
-        for k, (d, f) in enumerate(zip(drivers, speed_factors, strict=True))
-    ]
+    return [_vtype(f"bg{k}", d, "0.6,0.6,0.65") for k, d in enumerate(drivers)]
 
 
 def background(cars: Sequence[Car]) -> list[etree._Element]:
@@ -85,7 +80,7 @@ def convoy_elements(
     """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route."""
     elements: list[etree._Element] = []
     for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
-        elements.append(_vtype(f"convoy{k}", driver, 1.0, "yellow", vclass))
+        elements.append(_vtype(f"convoy{k}", driver, "yellow", vclass))
         elements.append(_vehicle(f"convoy_{k}", f"convoy{k}", lane_order, place, 0.0, edges))
     return elements
 
@@ -95,7 +90,7 @@ def moving_car(
 ) -> tuple[etree._Element, etree._Element]:
     """A car of the scene's own and its type: at time 0 its front is at `place` and it drives at its cruise speed."""
     vehicle = _vehicle(name, f"{name}_type", lane_order, place, driver.speed, edges)
-    return _vtype(f"{name}_type", driver, 1.0, "yellow"), vehicle
+    return _vtype(f"{name}_type", driver, "yellow"), vehicle
 
 
 def walker_elements(
@@ -125,7 +120,7 @@ def waiting_elements(
     vehicle = _vehicle("waiting_0", "waiting0", lane.order, place, 0.0, edges)
     stretch = {"startPos": _num(place - driver.length), "endPos": _num(place)}
     etree.SubElement(vehicle, "stop", {"lane": lane.id, **stretch, "duration": _num(seconds)})
-    return [_vtype("waiting0", driver, 1.0, "magenta"), vehicle]
+    return [_vtype("waiting0", driver, "magenta"), vehicle]
 
 
 def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> list[etree._Element]:
@@ -145,14 +140,6 @@ def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> li
         )  # fmt: skip
         elements += [vtype, vehicle]
     return elements
-
-
-def obey_element(edges: Sequence[str], network: RoadNetwork, speed: float) -> etree._Element:
-    """SUMO's variable speed sign over whole edges: what a speed plate means to other traffic."""
-    lanes = " ".join(lane.id for e in edges for lane in network.edge_lanes(e))
-    sign = etree.Element("variableSpeedSign", id="posted_speed", lanes=lanes)
-    etree.SubElement(sign, "step", time="0", speed=_num(speed))
-    return sign
 
 
 def write_additional(elements: Sequence[etree._Element], path: Path) -> bytes:

@@ -100,8 +100,7 @@ class SceneFiles:
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
 
     def _types(self) -> list[etree._Element]:
-        factors = self.a.speed_factors or [1.0] * len(self.drivers)
-        return driver_types(self.drivers, factors)
+        return driver_types(self.drivers)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
         lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.learn.finetune.handover import Handover
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
@@ -53,7 +54,8 @@ class FinetuneSource:
         sign = catalog.sign(driven.facts.scene.target_sign.code)
         kind = next(k for k, known in enumerate(catalog.types) if sign.code in known.codes)
         teacher = SignTargets(driven, sign.rule, kind, self.sampling)
-        ways = RouteAlternatives(driven.roads.graph, driven.facts.scene.destination)
+        view = driven.roads.view
+        ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
         return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
 

@@ -33,7 +33,9 @@ class Takeover:
     def act(self, observation: Observation) -> Control | Trajectory:
         # Asked all along: what an expert remembers of its way hangs on what it has seen.
         expert = self._expert.act(observation)
-        return expert if observation.step >= self.tick else self._student.act(observation)
+        return (
+            expert if observation.step >= self.tick else self._student.act(replace(observation, truth=None))
+        )
 
 
 class Handover:

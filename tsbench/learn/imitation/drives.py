@@ -72,8 +72,8 @@ class Drivers:
     def tokeniser(self, roads: Roads, side_m: float) -> Tokeniser:
         """Of these roads, as far to the sides; the last one is kept."""
         kept = self._tokeniser
-        if kept is None or kept.network is not roads.network or kept.side_m != side_m:
-            kept = self._tokeniser = Tokeniser(roads.network, side_m)
+        if kept is None or kept.network is not roads.view.map or kept.side_m != side_m:
+            kept = self._tokeniser = Tokeniser(roads.view.map, side_m)
         return kept
 
     def close(self) -> None:

@@ -7,14 +7,15 @@ Source: docs/spec/planners.md. Units: m, s, m/s, rad; targets are in the frame o
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from tsbench.episode.observation import Observer
+from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.planners.base import Observation
@@ -22,7 +23,7 @@ from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose, to_frame
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.sim.navigation import Navigator
-from tsbench.sim.world import DT_S, WorldSnapshot
+from tsbench.sim.world import DT_S, Agents, WorldSnapshot
 
 TARGETS = [
     ("path", np.float32, (at.PATH_POINTS, 2)),
@@ -74,18 +75,19 @@ class Demonstrator(Protocol):
 class Imitated:
     """Every few ticks, with what the driver did next: targets of `plant2`."""
 
-    def __init__(self, facts: EpisodeFacts, sampling: Sampling) -> None:
-        self._snapshots, self._sampling = facts.snapshots, sampling
+    def __init__(self, driven: DriveResult, sampling: Sampling) -> None:
+        facts, witness = driven.facts, Witness(driven.facts.scene.network, driven.roads.view)
+        self._seen, self._sampling = [witness.see(w.actors, w.ego) for w in facts.snapshots], sampling
         self._track = Track(facts.snapshots)
 
     def ticks(self) -> list[int]:
-        every = range(0, len(self._snapshots) - 1, self._sampling.every)
+        every = range(0, len(self._seen) - 1, self._sampling.every)
         return [k for k in every if self._track.kept(k, self._sampling)]
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
         del o
         self._track.targets(frame, k, pose, self._sampling.speed_s)
-        _forecast(frame, self._snapshots, k, origins)
+        _forecast(frame, self._seen, k, origins)
 
 
 def frames_of(
@@ -113,10 +115,12 @@ def frames_of(
 
 def observations(facts: EpisodeFacts, roads: Roads) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
-    observer = Observer(facts.scene, mask_signs=False)
-    navigator = Navigator(roads.graph, facts.scene.destination)
+    view = roads.view
+    observer = Observer(facts.scene, view, mask_signs=False)
+    navigator = Navigator(view.graph, destination_on_map(view, facts.scene))
     for snapshot in facts.snapshots:
-        yield observer.observe(snapshot, navigator.update(snapshot.ego))
+        seen = ego_on_map(view, snapshot.ego)
+        yield observer.observe(snapshot, seen, navigator.update(seen))
 
 
 class Track:
@@ -159,20 +163,20 @@ def _beside(pose: Pose, sampling: Sampling, rng: np.random.Generator) -> Pose:
     return x - shift * math.sin(heading), y + shift * math.cos(heading), heading + turn
 
 
-def _forecast(frame: at.Record, snapshots: list[WorldSnapshot], k: int, origins: list[int]) -> None:
+def _forecast(frame: at.Record, seen: Sequence[Agents], k: int, origins: list[int]) -> None:
     """How far each object in a slot moves, ahead and left of its own heading; unknown once it is out of sight."""
-    now = snapshots[k].actors
+    now = seen[k]
     for j, span in enumerate(at.FORECAST_S):
         then = k + round(span / DT_S)
-        if then >= len(snapshots):
+        if then >= len(seen):
             return
-        later = snapshots[then].actors
-        rows = {index: row for row, index in enumerate(later.index.tolist())}
+        later = seen[then]
+        rows = {index: row for row, index in enumerate(later.ids.tolist())}
         for slot, origin in enumerate(origins):
             if origin < 0:
                 frame["forecast_known"][slot, j] = 1
                 continue
-            row = rows.get(int(now.index[origin]))
+            row = rows.get(int(now.ids[origin]))
             if row is not None:
                 x, y, heading = now.pose[origin].tolist()
                 frame["forecast"][slot, j] = to_frame(later.pose[row : row + 1, :2], (x, y, heading))[0]

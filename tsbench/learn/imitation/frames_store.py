@@ -52,7 +52,7 @@ class ImitationSource:
     sampling: Sampling
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> Records:
-        teacher = Imitated(driven.facts, self.sampling)
+        teacher = Imitated(driven, self.sampling)
         encoder = drivers.tokeniser(driven.roads, Plant2.side_m)
         return frames_of(driven, encoder, teacher, self.sampling, rng, FRAME)
 

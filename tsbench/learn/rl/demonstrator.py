@@ -8,19 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.experts.rules.detour import DetourConstraint
+from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.idm import Idm
-from tsbench.roads.network import RoadNetwork
-from tsbench.signs.annotations import ALL_LANES, SignInstance
-from tsbench.signs.catalog import load_catalog
-from tsbench.signs.model import RuleSpec
-from tsbench.signs.plate_params import ObstacleParams
+from tsbench.roads.road_map import RoadMap
 
-# "Pass on the right", "pass on the left".
-_RIGHT, _LEFT = "4.2.1", "4.2.2"
 _AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
 
 
@@ -28,7 +21,7 @@ class Demonstrator:
     def __init__(self) -> None:
         self._idm = Idm()
         self._context: PlannerContext
-        self._detour: DetourConstraint | None = None
+        self._detour: ObstaclePass | None = None
 
     def reset(self, context: PlannerContext) -> None:
         self._context, self._detour = context, None
@@ -40,7 +33,7 @@ class Demonstrator:
         if self._detour is None:
             if not o.obstacles:
                 return self._idm.act(o).acceleration, 0.0
-            self._detour = DetourConstraint(self._context, _one_side(o, self._context.network))
+            self._detour = ObstaclePass(self._context, *_one_side(o, self._context.network))
         way = self._detour.route(o)
         least, most = self._detour.acceleration_bounds(o, way)
         wished = self._idm.act(o if way is o.route else replace(o, route=way)).acceleration
@@ -51,18 +44,7 @@ class Demonstrator:
         return acceleration, o.route.path.line.project(*point)[1]
 
 
-@cache
-def _rule(code: str) -> RuleSpec:
-    return load_catalog().sign(code).rule
-
-
-def _one_side(o: Observation, network: RoadNetwork) -> Privilege:
-    """What the constraint needs to know: which obstacle, here the nearest; and which side will do."""
+def _one_side(o: Observation, roads: RoadMap) -> tuple[str, str]:
+    """Which obstacle, here the nearest, and which side will do."""
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
-    right = network.lane(nearest.lane).right
-    code = _RIGHT if right >= 0 and network.lanes[right].permits("passenger") else _LEFT
-    plate = SignInstance(
-        "side", code, None, "anywhere", ALL_LANES, 0.0, 0.0, 0.0, 0.0, "target",
-        params=ObstacleParams(nearest.id),
-    )  # fmt: skip
-    return Privilege(plate, _rule(code))
+    return nearest.id, "right" if roads.lane(nearest.lane).right >= 0 else "left"

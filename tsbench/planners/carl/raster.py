@@ -23,10 +23,9 @@ from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.cutout import Packed, cut, pack, repack
 from tsbench.planners.common.measurements import ahead, motion, on_route, pace
 from tsbench.planners.common.recent import Recent
-from tsbench.planners.common.road_area import road_lanes
 from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.ego import MAX_SPEED_MPS
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Box
 
@@ -52,8 +51,8 @@ _SHIFT, _SUB = 4, 16
 class _Ground:
     """What stands still of one network, in pixels of the network's own frame."""
 
-    def __init__(self, network: RoadNetwork) -> None:
-        lanes = road_lanes(network)
+    def __init__(self, network: RoadMap) -> None:
+        lanes = network.lanes
         points = np.vstack([lane.line.points for lane in lanes])
         self.low: Array = points.min(axis=0) - _MARGIN_M - 4.0
         wide, high = ((points.max(axis=0) - self.low + _MARGIN_M + 4.0) * PX_PER_M).astype(int) + 1
@@ -90,7 +89,7 @@ class RasterEncoder:
     """Makes the rasters of one episode after the other; keeps the ground of the last few networks."""
 
     def __init__(self) -> None:
-        self._ground_of: Recent[RoadNetwork, _Ground] = Recent(_Ground)
+        self._ground_of: Recent[RoadMap, _Ground] = Recent(_Ground)
         self._ground: _Ground
         self._speed: RouteSpeed
         self._image: Recent[RoutePath, Packed]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsbench.planners.base import Observation
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
-from tsbench.roads.network import Lane
+from tsbench.roads.road_map import MapLane
 
 _LEAST_AHEAD_M = 3.0
 _LEAST_BEHIND_M = 4.0
@@ -13,7 +13,7 @@ _EASY_BRAKE_MPS2 = 2.0
 _ASIDE_M = 0.3
 
 
-def gap_free(observation: Observation, lane: Lane) -> bool:
+def gap_free(observation: Observation, lane: MapLane) -> bool:
     """Could the ego be on `lane` beside where it is now without anybody having to brake hard?"""
     ego, actors, line = observation.ego, observation.actors, lane.line
     here, _ = line.project(ego.x, ego.y)

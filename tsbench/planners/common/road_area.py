@@ -7,28 +7,22 @@ import shapely
 
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
-from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.roads.road_map import RoadMap
 
-_DRIVERS = ("passenger", "bus", "bicycle")
 # Lanes side by side leave slits of a centimetre or so: they are no edges.
 _SLIT_M = 0.15
 _COARSE_M = 0.15
 
 
-def road_lanes(network: RoadNetwork) -> list[Lane]:
-    """Lanes on whose strip the ego is on the road, whoever they are for: as the simulation judges it."""
-    return [lane for lane in network.lanes if any(lane.permits(c) for c in _DRIVERS)]
-
-
-def road_area(network: RoadNetwork) -> shapely.Geometry:
+def road_area(network: RoadMap) -> shapely.Geometry:
     """Union of all lane strips and junction areas, without the slits between them."""
-    parts = [strip(lane.line, lane.width) for lane in road_lanes(network)]
+    parts = [strip(lane.line, lane.width) for lane in network.lanes]
     parts += [shapely.Polygon(j.polygon) for j in network.junctions.values() if len(j.polygon) >= 3]
     wide = shapely.buffer(shapely.make_valid(np.array(parts, dtype=object)), _SLIT_M, join_style="mitre")
     return shapely.buffer(shapely.union_all(wide), -_SLIT_M, join_style="mitre")
 
 
-def road_edges(network: RoadNetwork) -> Array:
+def road_edges(network: RoadMap) -> Array:
     """(n, 4) segments x0, y0, x1, y1 of the area's outline."""
     area = shapely.simplify(road_area(network), _COARSE_M)
     chunks = []

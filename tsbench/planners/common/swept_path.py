@@ -11,13 +11,13 @@ import math
 
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.sim.scene import Obstacle
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, Actors, Box
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, Agents, Box
 
 STRIP_HALF_M = EGO_WIDTH_M / 2 + 0.25
 HALF_LENGTH_M = EGO_LENGTH_M / 2
 
 
-def moving_ahead(samples: PathSamples, s: float, reach: float, actors: Actors) -> list[tuple[float, float]]:
+def moving_ahead(samples: PathSamples, s: float, reach: float, actors: Agents) -> list[tuple[float, float]]:
     """Road users with a part in the strip from the front of an ego at `s` on, up to `reach` m.
 
     Each as (arc length of its nearest end, its speed along the path, not below 0).

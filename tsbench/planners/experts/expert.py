@@ -1,7 +1,7 @@
 """Experts (`-e`): any base planner, constrained near the target sign by what its rule says.
 
-An expert reads the target rule exactly (`PlannerContext.privilege`) and of the rest of the world what every
-planner sees: never the future, never the convoy's release plan. The base planner is given the rule
+An expert reads the target rule exactly (`PlannerContext.privilege`), SUMO's network with its priorities, and who the
+others are and where they go (`Observation.truth`): never the convoy's release plan. The base planner is given the rule
 constraint's route for its own, and its command is capped by what the constraint leaves.
 """
 
@@ -63,7 +63,7 @@ class Expert:
         self._lanes = LaneChanges(context)
         # A constraint that minds a junction itself says from which approach, and where right of way is not enough.
         self._right_of_way = RightOfWay(
-            context, but=self._constraint.approach, alert_edges=self._constraint.alert_edges
+            privilege, but=self._constraint.approach, alert_edges=self._constraint.alert_edges
         )
         self._base.reset(replace(context, privilege=None))
 
@@ -72,9 +72,8 @@ class Expert:
         o, constraint = observation, self._constraint
         route = constraint.route(o)
         led = route is not o.route
-        seen = o
-        if led:
-            seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
+        # The base planner sees what it would see alone.
+        seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
         acceleration, steering = _control(self._base.act(seen), o.ego)
         least, most = constraint.acceleration_bounds(o, route)
         most = min(most, self._right_of_way.acceleration_bounds(o, route)[1])

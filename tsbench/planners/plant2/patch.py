@@ -20,7 +20,7 @@ from tsbench.planners.plant2.layout import (
     PATCH_ROWS,
 )
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 
 _PX_PER_M = 2.0
 _MARGIN_M = 70.0
@@ -32,7 +32,7 @@ _ROUTE_WIDTH_M = 2.0
 class Patches:
     """Patches of one network. `cut` keeps the drawn route while the path stays the same object."""
 
-    def __init__(self, network: RoadNetwork) -> None:
+    def __init__(self, network: RoadMap) -> None:
         points = np.concatenate([lane.line.points for lane in network.lanes])
         self._origin = points.min(axis=0) - _MARGIN_M
         width, height = np.ceil((points.max(axis=0) + _MARGIN_M - self._origin) * _PX_PER_M).astype(int)
@@ -43,7 +43,7 @@ class Patches:
     def _empty(self) -> Image:
         return np.zeros(self._shape, dtype=np.uint8)
 
-    def _roads(self, network: RoadNetwork) -> tuple[Image, Image]:
+    def _roads(self, network: RoadMap) -> tuple[Image, Image]:
         ground, borders = self._empty(), self._empty()
         for junction in network.junctions.values():
             if len(junction.polygon) >= 3:

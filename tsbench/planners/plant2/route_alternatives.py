@@ -15,7 +15,7 @@ from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose, points_ahead
 from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, RoutePath, heading_change
+from tsbench.roads.lane_graph import MapGraph, RoutePath, heading_change
 
 _WINDOW_M = 15.0
 # A plan that is so much nearer to another way means that one: less is a wide or a cut corner.
@@ -39,7 +39,7 @@ class Way:
 class RouteAlternatives:
     """Ways of one episode; found anew on each ordinary lane that the ego comes to, and kept inside junctions."""
 
-    def __init__(self, graph: LaneGraph, destination: Destination) -> None:
+    def __init__(self, graph: MapGraph, destination: Destination) -> None:
         self._graph, self._destination = graph, destination
         self._lane = -1
         self._onward: dict[str, tuple[str, ...] | None] = {}

@@ -10,7 +10,7 @@ from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.world import EGO_LENGTH_M
 
 _KMH_PER_MPS = 3.6
@@ -29,7 +29,7 @@ class SignMemory:
     of a crossing with a secondary road that is announced to another arm of the junction ahead: the ego's is that road.
     """
 
-    def __init__(self, network: RoadNetwork, vocabulary: Vocabulary) -> None:
+    def __init__(self, network: RoadMap, vocabulary: Vocabulary) -> None:
         self.state = 0
         self._words = vocabulary
         self._stop, self._give_way = (
@@ -57,9 +57,9 @@ class SignMemory:
 
     def _other_arm(self, sign: SignView, o: Observation) -> bool:
         """Does the plate's road lead to the junction that the ego's leads to, and is another one?"""
-        edges = self._network.edges
-        own = edges[self._network.lanes[o.route.path.lane_at(o.route.s)].edge]
-        return not own.internal and sign.edge not in self._edges and edges[sign.edge].target == own.target
+        edges, own = self._network.edges, self._network.lanes[o.route.path.lane_at(o.route.s)]
+        other = None if own.internal or sign.edge in self._edges else edges.get(sign.edge)
+        return other is not None and other.target == edges[own.edge].target
 
     def _of(self, sign: SignView, o: Observation) -> int:
         if sign.code != self._words.stop:

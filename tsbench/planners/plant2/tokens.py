@@ -11,7 +11,7 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.patch import Patches
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.world import ActorKind
 
 Pose = tuple[float, float, float]
@@ -29,7 +29,7 @@ class Tokeniser:
     nearest on.
     """
 
-    def __init__(self, network: RoadNetwork, side_m: float = at.RANGE_M) -> None:
+    def __init__(self, network: RoadMap, side_m: float = at.RANGE_M) -> None:
         self.network, self.side_m = network, side_m
         self._patches = Patches(network)
 

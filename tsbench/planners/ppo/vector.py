@@ -24,7 +24,7 @@ from tsbench.planners.common.recent import Recent
 from tsbench.planners.common.road_area import road_edges
 from tsbench.planners.common.route_speed import RouteSpeed
 from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_map import RoadMap
 
 Vector = npt.NDArray[np.float32]
 
@@ -43,7 +43,7 @@ class VectorEncoder:
     """Makes the vectors of one episode after the other; keeps the outlines of the last few networks."""
 
     def __init__(self) -> None:
-        self._outline: Recent[RoadNetwork, Array] = Recent(road_edges)
+        self._outline: Recent[RoadMap, Array] = Recent(road_edges)
         self._lidar: Lidar
         self._speed: RouteSpeed
 

@@ -20,7 +20,8 @@ from tsbench.report.drawing.paint import paint, paint_outline
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import ego_body, furniture_shapes, tick_shapes
 from tsbench.report.drawing.style import STYLE
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.sealed import seal
 from tsbench.rules.base import Violation
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
@@ -56,7 +57,7 @@ class BirdsEye:
         country: Country | None = None,
     ) -> None:  # fmt: skip
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
-        self._views = trace.routes(LaneGraph(scene.network), scene)
+        self._views = trace.routes(seal(scene.network), scene)
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, 8.0, bounds)

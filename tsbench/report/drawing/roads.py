@@ -11,7 +11,8 @@ from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
 from tsbench.report.drawing.shapes import Area, Line, dashes
 from tsbench.report.drawing.style import STYLE
-from tsbench.roads.network import Crossing, Edge, Lane, RoadNetwork
+from tsbench.roads.network import Edge, Lane, RoadNetwork
+from tsbench.roads.road_map import Crossing
 
 _ROUND_M = 0.15
 _KERB_M = 0.25

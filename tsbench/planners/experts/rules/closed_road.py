@@ -20,8 +20,8 @@ class ClosedRoadConstraint(RuleConstraint):
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         sign = privilege.sign
-        self._edge = sign.edge
-        self._point = context.network.edge_lanes(sign.edge)[0].line.point_at(sign.position_m)
+        self._edge, s = privilege.view.on_edge(sign.edge, sign.position_m)
+        self._point = context.network.edge_lanes(self._edge)[0].line.point_at(s)
         self._path: RoutePath | None = None
         self._line_s = math.inf
 

@@ -17,7 +17,7 @@ from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.navigation import RouteView
-from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Actors
+from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Agents
 
 _STOP_BEFORE_M = 1.0
 _BRAKE_MPS2 = 2.2
@@ -49,9 +49,10 @@ class _Crossing:
 class CrosswalkConstraint(RuleConstraint):
     """Follows navigation; asks at each tick before the crossing whether it may go on."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:  # noqa: ARG002
         params = privilege.sign.params_as(CrosswalkParams)
-        self._crossing, self._exit = context.network.crossings[params.crossing], params.exit
+        self._crossing = privilege.network.crossings[params.crossing]
+        self._exit = privilege.view.on_edge(params.exit)[0]
         self._clear = privilege.rule.thresholds["clearance_m"] + _SPARE_M
         (self._x, self._y), (x, y) = self._crossing.line.points[[0, -1]].tolist()
         self._length = math.hypot(x - self._x, y - self._y)
@@ -113,7 +114,7 @@ class CrosswalkConstraint(RuleConstraint):
         half = 0.5 * self._crossing.width
         return None if s < -half else _Crossing(s - half, s + half, u)
 
-    def _taken(self, actors: Actors, u_ego: float) -> list[tuple[float, float, bool]]:
+    def _taken(self, actors: Agents, u_ego: float) -> list[tuple[float, float, bool]]:
         """For each pedestrian that matters: from when until when it forbids to be on the crossing, in s from now.
 
         The third is False for who only stands there and may set off.

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
-from tsbench.planners.base import Observation
+from tsbench.planners.base import Observation, Privilege, true_world
 from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, first_contact, moving_ahead
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
@@ -18,7 +18,6 @@ from tsbench.planners.experts.rules.junction import Crossing, crossing
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.network import RoadNetwork
 from tsbench.roads.priority import EXPERT_FOLLOWING, PriorityVehicle, PriorityVehicles
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import DT_S
@@ -70,7 +69,7 @@ _HARDEST_MPS2 = 5.0
 
 
 class Yielding:
-    """One junction, from one approach: stops before its line while somebody is in the way.
+    """One junction, from one approach (SUMO's edge): stops before its line while somebody is in the way.
 
     paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
     junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
@@ -79,16 +78,16 @@ class Yielding:
 
     def __init__(
         self,
-        network: RoadNetwork,
+        privilege: Privilege,
         approach: str,
         paths: tuple[JunctionPath, ...],
         demand: GapRequirement,
         others: tuple[JunctionPath, ...] = (),
     ) -> None:
-        self._network, self._approach = network, approach
+        self._privilege, self._approach = privilege, approach
         self._paths, self._ruled = (*paths, *others), len(paths)
         self._demand = demand
-        self._finder = PriorityVehicles(network, self._paths, EXPERT_FOLLOWING)
+        self._finder = PriorityVehicles(privilege.network, self._paths, EXPERT_FOLLOWING)
         self._path: RoutePath | None = None
         self._passage: Crossing | None = None
         self._samples: PathSamples
@@ -129,7 +128,7 @@ class Yielding:
         """Stops before the zone of one who drives through the junction and will not let the ego go first."""
         most, v = math.inf, observation.ego.speed
         front = route.s + HALF_LENGTH_M - here.line_s
-        for vehicle in self._finder.find(observation.actors):
+        for vehicle in self._finder.find(true_world(observation).actors):
             zone = here.zones[vehicle.path]
             if zone is None or vehicle.s <= 0.0 or vehicle.s - vehicle.length > zone.b_out:
                 continue
@@ -156,7 +155,7 @@ class Yielding:
 
     def _prepare(self, path: RoutePath) -> None:
         self._path = path
-        self._passage = crossing(self._network, path, self._approach, self._paths, self._ruled)
+        self._passage = crossing(self._privilege, path, self._approach, self._paths, self._ruled)
         self._samples = PathSamples(path)
         self._speeds = speed_profile(
             path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf
@@ -164,7 +163,7 @@ class Yielding:
 
     def _note_standing(self, observation: Observation, to_go: float) -> None:
         """Since when have others been standing with the ego in sight at the line?"""
-        actors, standing = observation.actors, self._standing
+        actors, standing = true_world(observation).actors, self._standing
         for row, speed in zip(actors.index.tolist(), actors.speed.tolist(), strict=True):
             if speed > _MANNER.stands or to_go > _MANNER.near_m:
                 standing.pop(row, None)
@@ -173,7 +172,7 @@ class Yielding:
 
     def _free(self, observation: Observation, route: RouteView, here: Crossing) -> bool:
         """May the ego go on now, if it goes on as it would?"""
-        vehicles = self._finder.find(observation.actors)
+        vehicles = self._finder.find(true_world(observation).actors)
         self._note_trend(vehicles)
         # Who has no right of way counts once it is in the junction all the same.
         coming = [

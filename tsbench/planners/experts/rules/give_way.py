@@ -19,15 +19,16 @@ class GiveWayConstraint(RuleConstraint):
     pass too, as at any other junction. `approach`: the edge from which this looks after the junction.
     """
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:  # noqa: ARG002
         params, thresholds = privilege.sign.params_as(GiveWayParams), privilege.rule.thresholds
-        network, self.approach = context.network, params.approach
+        network = privilege.network
+        self.approach = privilege.view.on_edge(params.approach)[0]
         self.yielding = Yielding(
-            network,
-            self.approach,
+            privilege,
+            params.approach,
             junction_paths(network, params.main_in),
             GapRequirement(thresholds["gap_s"], thresholds["min_foe_speed_mps"], thresholds["post_clear_s"]),
-            paths_through(network, self.approach, params.main_in),
+            paths_through(network, params.approach, params.main_in),
         )
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
+from tsbench.planners.base import Privilege
 from tsbench.roads.junction_paths import JunctionPath, junction_path, junction_paths, path_zones
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.network import RoadNetwork
@@ -41,24 +42,23 @@ def paths_through(network: RoadNetwork, approach: str, but: tuple[str, ...] = ()
 
 
 def crossing(
-    network: RoadNetwork, path: RoutePath, approach: str, others: tuple[JunctionPath, ...], ruled: int = 0
+    privilege: Privilege, path: RoutePath, approach: str, others: tuple[JunctionPath, ...], ruled: int = 0
 ) -> Crossing | None:
-    """Where a route passes the junction from `approach`; None where it does not (any more).
+    """Where a route passes the junction from `approach` (SUMO's edge); None where it does not (any more).
 
     ruled: so many of the others' paths, the first ones, have priority by a plate: there strips are as wide as their
     lanes, as the rule has them, else as wide as bodies with some room. However little they overlap, they conflict:
     an expert is careful already where the rule sees no zone yet.
     """
-    at = next((k for k, piece in enumerate(path.pieces) if network.lanes[piece.lane].edge == approach), None)
-    if at is None:
+    network, view = privilege.network, privilege.view
+    edge, lanes = view.on_edge(approach)[0], view.map.lanes
+    on_it = [lanes[piece.lane].edge == edge for piece in path.pieces] + [False]
+    if True not in on_it:
         return None
-    while at + 1 < len(path.pieces) and network.lanes[path.pieces[at + 1].lane].edge == approach:
-        at += 1
-    own = network.outgoing[path.pieces[at].lane]
-    after = path.pieces[at + 1].lane if at + 1 < len(path.pieces) else -1
-    taken = next((junction_path(network, c) for c in own if after in c.via), None)
-    if taken is None:
+    at = on_it.index(False, on_it.index(True)) - 1
+    if at + 1 == len(path.pieces) or path.pieces[at + 1].lane not in view.crossed:
         return None
+    taken = junction_path(network, view.crossed[path.pieces[at + 1].lane])
     by_plate = path_zones((taken,), others[:ruled])[0]
     by_body = path_zones((taken,), others[ruled:], width=_BODY_M)[0]
     prior = taken.connection.yields_to

@@ -9,7 +9,7 @@ from tsbench.core.errors import InputError
 from tsbench.geometry.angles import U_TURN, turn_class
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import RuleConstraint
-from tsbench.roads.lane_graph import LaneGraph, Turn, heading_change
+from tsbench.roads.lane_graph import MapGraph, Turn, heading_change
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.navigation import Navigator, RouteView
 
@@ -22,7 +22,7 @@ class ManoeuvreConstraint(RuleConstraint):
         self._banned = self.banned(context.graph, privilege)
         self._navigator: Navigator | None = None
 
-    def banned(self, graph: LaneGraph, privilege: Privilege) -> frozenset[Turn]:
+    def banned(self, graph: MapGraph, privilege: Privilege) -> frozenset[Turn]:
         """Turns that the way may not hold."""
         return banned_turns(graph, privilege)
 
@@ -46,12 +46,16 @@ class ManoeuvreConstraint(RuleConstraint):
         raise InputError(f"sign {self._sign.id!r}: no way to edge {destination.edge!r} that it allows")
 
 
-class Without(LaneGraph):
+class Without(MapGraph):
     """A lane graph whose routes never take the given turns."""
 
-    def __init__(self, graph: LaneGraph, banned: AbstractSet[Turn]) -> None:
-        super().__init__(graph.network, graph.vclass)
-        self._banned = frozenset(banned)
+    _banned: frozenset[Turn]
+
+    __slots__ = ("_banned",)
+
+    def __init__(self, graph: MapGraph, banned: AbstractSet[Turn]) -> None:
+        super().__init__(graph.network)
+        object.__setattr__(self, "_banned", frozenset(banned))
 
     def route(
         self,
@@ -64,9 +68,10 @@ class Without(LaneGraph):
         return super().route(source, target, self._banned | avoid_turns, avoid_edges)
 
 
-def banned_turns(graph: LaneGraph, privilege: Privilege) -> frozenset[Turn]:
+def banned_turns(graph: MapGraph, privilege: Privilege) -> frozenset[Turn]:
     """The turns out of the signed approach that the rule does not allow."""
-    rule, approach = privilege.rule, privilege.sign.params_as(JunctionParams).approach
+    rule = privilege.rule
+    approach = privilege.view.on_edge(privilege.sign.params_as(JunctionParams).approach)[0]
     straight, u_turn = rule.thresholds["straight_deg"], rule.thresholds["u_turn_deg"]
     allowed = rule.options["allowed"]
     return frozenset(
@@ -77,7 +82,7 @@ def banned_turns(graph: LaneGraph, privilege: Privilege) -> frozenset[Turn]:
     )
 
 
-def u_turns(graph: LaneGraph) -> frozenset[Turn]:
+def u_turns(graph: MapGraph) -> frozenset[Turn]:
     """All turns of the network that lead back."""
     edges = (e.id for e in graph.network.edges.values() if not e.internal)
     return frozenset((a, b) for a in edges for b in graph.successors(a) if graph.turn(a, b) == U_TURN)

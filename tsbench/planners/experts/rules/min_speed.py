@@ -34,7 +34,8 @@ class MinSpeedConstraint(RuleConstraint):
     """Speeds up in time for where the minimum binds and holds it, unless somebody slower is ahead."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._context, self._sign = context, privilege.sign
+        sign, self._roads = privilege.sign, context.network
+        self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
         self._thresholds = privilege.rule.thresholds
         self._minimum = privilege.sign.posted * KMH
         self._target = self._minimum + _ABOVE_KMH * KMH
@@ -46,7 +47,7 @@ class MinSpeedConstraint(RuleConstraint):
         """At least what reaches the minimum where it binds, and what holds it from there on."""
         if route.path is not self._path:
             self._path, self._samples = route.path, PathSamples(route.path)
-            line_s = line_place(self._context, route.path, self._sign.edge, self._sign.position_m)
+            line_s = line_place(self._roads, route.path, *self._plate)
             self._binds_s = line_s + self._thresholds["settle_distance_m"]
         v, left = observation.ego.speed, self._binds_s - route.s - HALF_LENGTH_M
         if math.isinf(left):

@@ -9,8 +9,8 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.common.gap_acceptance import gap_free
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
-from tsbench.roads.network import Lane
+from tsbench.roads.lane_graph import MapGraph, RoutePath
+from tsbench.roads.road_map import MapLane
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
@@ -25,12 +25,12 @@ class ReservedLaneConstraint(RuleConstraint):
     """On the navigation's route until there is a gap, then on its own, until navigation keeps out of the lane too."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        network = context.network
-        self._network, self._destination = network, context.destination
-        self._reserved = frozenset(
-            network.lane_index[i] for i in privilege.sign.params_as(ReservedLaneParams).lanes
-        )
-        self._graph = LaneGraph(network, context.graph.vclass, self._reserved)
+        self._map, self._destination = context.network, context.destination
+        lanes = [privilege.network.lane(i) for i in privilege.sign.params_as(ReservedLaneParams).lanes]
+        # The map has no cut where the lane begins, or ends, to be reserved.
+        self._ends = [end for lane in lanes for end in (lane.line.points[0], lane.line.points[-1])]
+        self._reserved = frozenset(privilege.view.places[lane.index].lane for lane in lanes)
+        self._graph = MapGraph(self._map, self._reserved)
         self._to_left = privilege.rule.option("lane") == "rightmost"
         self._path: RoutePath | None = None
         self._near, self._far = math.inf, -math.inf
@@ -61,9 +61,9 @@ class ReservedLaneConstraint(RuleConstraint):
 
     def _look(self, path: RoutePath) -> None:
         """From where to where does the navigation's route lead through a reserved lane?"""
-        inside = [p for p in path.pieces if p.lane in self._reserved]
-        self._path = path
-        self._near, self._far = (inside[0].s0, inside[-1].s1) if inside else (math.inf, -math.inf)
+        self._path, inside = path, any(p.lane in self._reserved for p in path.pieces)
+        places = [path.line.project(x, y)[0] for x, y in self._ends] if inside else []
+        self._near, self._far = min(places, default=math.inf), max(places, default=-math.inf)
 
     def _change(self, observation: Observation) -> bool:
         """Set out for the lane beside if it has a gap, and from there on without the reserved lane."""
@@ -79,12 +79,11 @@ class ReservedLaneConstraint(RuleConstraint):
         self._own, self._s = replace(path, pieces=()), 0.0
         return True
 
-    def _beside(self, ego: EgoState) -> Lane | None:
+    def _beside(self, ego: EgoState) -> MapLane | None:
         """The lane for cars next to the ego's, away from the reserved one."""
-        lane = self._network.lanes[ego.lane] if ego.lane >= 0 else None
+        lane = self._map.lanes[ego.lane] if ego.lane >= 0 else None
         index = -1 if lane is None or lane.internal else lane.left if self._to_left else lane.right
-        beside = self._network.lanes[index] if index >= 0 else None
-        return beside if beside is not None and beside.permits("passenger") else None
+        return self._map.lanes[index] if index >= 0 and index not in self._reserved else None
 
     def _view(self, ego: EgoState) -> RouteView:
         path = self._own

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import Observation, Privilege
 from tsbench.planners.experts.rules.constraint import FREE
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY, Yielding
 from tsbench.planners.experts.rules.junction import paths_through
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.sealed import SealedRoads
 from tsbench.sim.navigation import RouteView
 
 # SUMO's states of a connection that gives way: "m", or "s" after a stop.
@@ -24,22 +24,22 @@ _LOOK_M = 60.0
 
 @dataclass(frozen=True, slots=True)
 class _Junction:
-    """A junction on the route where the ego gives way: arc length of its line, approach."""
+    """A junction on the route where the ego gives way: arc length of its line, approach (SUMO's edge)."""
 
     line_s: float
     approach: str
 
 
 class RightOfWay:
-    """Bounds the acceleration before each such junction; `but`: an approach that a constraint looks after.
+    """Bounds the acceleration before each such junction; `but`: an approach (on the map) that a constraint looks after.
 
     alert_edges: those at whose end the ego has right of way, and looks out all the same for who is in the junction.
     """
 
     def __init__(
-        self, context: PlannerContext, but: str = "", alert_edges: AbstractSet[str] = frozenset()
+        self, privilege: Privilege, but: str = "", alert_edges: AbstractSet[str] = frozenset()
     ) -> None:
-        self._network, self._but, self._alert = context.network, but, alert_edges
+        self._privilege, self._but, self._alert = privilege, but, alert_edges
         self._path: RoutePath | None = None
         self._junctions: list[_Junction] = []
         self._near: list[Yielding] = []
@@ -48,13 +48,13 @@ class RightOfWay:
         """What the junctions ahead ask for, each until the ego has left it."""
         if route.path is not self._path:
             self._path, self._near = route.path, []
-            self._junctions = _minor(self._network, route.path, self._but, self._alert)
+            self._junctions = _minor(self._privilege.view, route.path, self._but, self._alert)
             while self._junctions and self._junctions[0].line_s < route.s:
                 del self._junctions[0]
         while self._junctions and self._junctions[0].line_s - route.s <= _LOOK_M:
             approach = self._junctions.pop(0).approach
-            others = paths_through(self._network, approach)
-            self._near.append(Yielding(self._network, approach, (), COURTESY, others))
+            others = paths_through(self._privilege.network, approach)
+            self._near.append(Yielding(self._privilege, approach, (), COURTESY, others))
         if not self._near:
             return FREE
         asked = [junction.acceleration_bounds(observation, route) for junction in self._near]
@@ -62,15 +62,12 @@ class RightOfWay:
         return max(least for least, _ in asked), min(most for _, most in asked)
 
 
-def _minor(network: RoadNetwork, path: RoutePath, but: str, alert_edges: AbstractSet[str]) -> list[_Junction]:
+def _minor(view: SealedRoads, path: RoutePath, but: str, alert_edges: AbstractSet[str]) -> list[_Junction]:
     """The junctions of a path where its connection gives way, and those at the end of `alert_edges` edges, in order."""
     found = []
     for piece, after in zip(path.pieces, path.pieces[1:], strict=False):
-        lane = network.lanes[piece.lane]
-        if lane.internal or not network.lanes[after.lane].internal or lane.edge == but:
+        lane, link = view.map.lanes[piece.lane], view.crossed.get(after.lane)
+        if link is None or lane.edge == but or (link.state not in _MINOR and lane.edge not in alert_edges):
             continue
-        states = [c.state for c in network.outgoing[lane.index] if c.via and c.via[0] == after.lane]
-        if not states or (states[0] not in _MINOR and lane.edge not in alert_edges):
-            continue
-        found.append(_Junction(piece.s1, lane.edge))
+        found.append(_Junction(piece.s1, view.chains[lane.edge][-1]))
     return found

@@ -16,4 +16,6 @@ class RoundaboutConstraint(GiveWayConstraint):
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         super().__init__(context, privilege)
-        self.alert_edges = frozenset(privilege.sign.params_as(RoundaboutParams).ring)
+        self.alert_edges = frozenset(
+            privilege.view.on_edge(edge)[0] for edge in privilege.sign.params_as(RoundaboutParams).ring
+        )

@@ -11,6 +11,7 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.navigation import RouteView
 
 KMH = 1.0 / 3.6
@@ -23,7 +24,8 @@ class SpeedConstraint(RuleConstraint):
     """Brakes before the zone, holds the limit inside it."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._context, self._sign = context, privilege.sign
+        sign, self._roads = privilege.sign, context.network
+        self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
         self._limit = (privilege.sign.posted - _MARGIN_KMH) * KMH
         self._ended_by = privilege.rule.ended_by
         self._path: RoutePath | None = None
@@ -36,7 +38,7 @@ class SpeedConstraint(RuleConstraint):
             return FREE
         if route.path is not self._path:
             self._path = route.path
-            self._line_s = line_place(self._context, route.path, self._sign.edge, self._sign.position_m)
+            self._line_s = line_place(self._roads, route.path, *self._plate)
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
         self._inside = self._inside or front >= self._line_s
         if not self._inside:
@@ -47,13 +49,13 @@ class SpeedConstraint(RuleConstraint):
     def _passed_end(self, observation: Observation, front: float) -> bool:
         ends = [s for s in observation.signs if s.code in self._ended_by]
         path = observation.route.path
-        places = (line_place(self._context, path, s.edge, s.position_m) for s in ends)
+        places = (line_place(self._roads, path, s.edge, s.position_m) for s in ends)
         return any(place + _EARLY_M < front for place in places)
 
 
-def line_place(context: PlannerContext, path: RoutePath, edge: str, position: float) -> float:
+def line_place(roads: RoadMap, path: RoutePath, edge: str, position: float) -> float:
     """Arc length on the path of a line across an edge; inf where the path does not lead over the edge."""
-    for lane in (context.network.lanes[p.lane] for p in path.pieces):
+    for lane in (roads.lanes[p.lane] for p in path.pieces):
         if lane.edge == edge:
             return path.line.project(*lane.line.point_at(position))[0]
     return math.inf

@@ -1,0 +1,94 @@
+"""Does a vehicle with priority brake for the ego, or for something of its own? Units: m, s, m/s, m/s2.
+
+Source: docs/spec/rules.md, "Give way".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from typing import NamedTuple
+
+from tsbench.roads.junction_paths import JunctionPath
+from tsbench.roads.priority import PriorityVehicle
+from tsbench.sim.world import DT_S, ActorKind, Actors, WorldSnapshot
+
+# SUMO's states of a connection whose vehicles give way, or stop, at their own line.
+_MINOR = "ms"
+_TICK_SHARE_S = 1e-6
+
+
+class HardBraking(NamedTuple):
+    """One tick of a vehicle on a path: its deceleration, m/s2."""
+
+    row: int
+    path: int
+    snapshot: WorldSnapshot
+    hardness: float
+
+
+class ForcedBraking:
+    """Deceleration from tick to tick while the ego passes.
+
+    most: what is no force yet, m/s2. paths: those of the vehicles with priority.
+    """
+
+    def __init__(self, thresholds: Mapping[str, float], paths: Sequence[JunctionPath]) -> None:
+        self.most = thresholds["forced_brake_mps2"]
+        self._within = thresholds["forced_within_s"] + _TICK_SHARE_S
+        self._leader_gap, self._least = thresholds["leader_gap_s"], thresholds["min_foe_speed_mps"]
+        self._paths = paths
+        self._last: dict[int, tuple[int, float]] = {}
+        self._hard: list[HardBraking] = []
+
+    def over(self, step: int, entries: Iterable[int]) -> bool:
+        """Is it too late for any braking to be the ego's doing? entries: steps at which it entered the zones."""
+        return not self._near(step, max(entries, default=step))
+
+    def watch(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
+        """Does a vehicle brake hard at this tick, for nothing of its own?"""
+        seen, before = self._last.get(vehicle.row, (0, 0.0))
+        self._last[vehicle.row] = snapshot.step, vehicle.speed
+        hardness = (before - vehicle.speed) / DT_S
+        if (
+            seen == snapshot.step - 1
+            and hardness > self.most
+            and not self._for_own_line(vehicle, before)
+            and not self._for_leader(snapshot.actors, vehicle, before)
+        ):
+            self._hard.append(HardBraking(vehicle.row, vehicle.path, snapshot, hardness))
+
+    def for_ego(self, entries: Mapping[int, int], first: AbstractSet[int]) -> Iterator[HardBraking]:
+        """What was near in time to the ego's entry. entries: its steps, by path. first: rows that went before it."""
+        for one in self._hard:
+            entry = entries.get(one.path)
+            if entry is not None and one.row not in first and self._near(one.snapshot.step, entry):
+                yield one
+
+    def _near(self, step: int, entry: int) -> bool:
+        return abs(step - entry) * DT_S <= self._within
+
+    def _for_own_line(self, vehicle: PriorityVehicle, before: float) -> bool:
+        """Before its line: does it give way itself, or slow down for its turn?"""
+        path = self._paths[vehicle.path]
+        slower = path.inner[0].speed < min(before, path.source.speed)
+        return vehicle.s < 0.0 and (slower or path.connection.state in _MINOR)
+
+    def _for_leader(self, actors: Actors, vehicle: PriorityVehicle, before: float) -> bool:
+        """Is somebody slower near ahead of it, on its path or its lane?"""
+        path, own = self._paths[vehicle.path], int(actors.lane[vehicle.at])
+        starts = {own: vehicle.s - float(actors.lane_s[vehicle.at]), path.target.index: path.line.length}
+        at = 0.0
+        for lane in path.inner:
+            starts[lane.index] = at
+            at += lane.line.length
+        starts.setdefault(path.source.index, -path.source.line.length)
+        reach = self._leader_gap * max(before, self._least)
+        for k, lane in enumerate(actors.lane.tolist()):
+            start = starts.get(lane)
+            if start is None or k == vehicle.at or actors.kind[k] == ActorKind.PEDESTRIAN:
+                continue
+            rear = start + float(actors.lane_s[k]) - float(actors.length[k])
+            if vehicle.s - vehicle.length < rear < vehicle.s + reach and float(actors.speed[k]) < before:
+                return True
+        return False
