@@ -13,13 +13,13 @@ from simworld import CALM, edge, plain
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet, PlainNode
 from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
-from tsbench.dataset.placements.obedient_way import drive_time, sharpest_bend
+from tsbench.dataset.placements.obedient_way import drive_time, sharpest_bend, waits
 from tsbench.dataset.placements.registry import placement_of
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.traffic import Router, TrafficRequest, standing_cars
 from tsbench.dataset.scenes.variants import Variant
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import Connection, RoadNetwork, read_network
+from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import JunctionParams
@@ -31,7 +31,7 @@ TOWARDS = {"s": np.array([1.0, 0.0]), "l": np.array([0.0, 1.0]), "r": np.array([
 TYPES = {
     "no_turn_right": ("r_s", "X"), "no_turn_left": ("l_s", "X"), "direction_straight": ("r_s", "X"),
     "direction_right": ("s_r", "X"), "direction_left": ("s_l", "T"), "direction_straight_right": ("l_r", "X"),
-    "direction_straight_left": ("r_l", "T"), "direction_left_right": ("s_l", "X"), "one_way_right": ("l_r", "T"),
+    "direction_straight_left": ("r_s", "X"), "direction_left_right": ("s_l", "X"), "one_way_right": ("l_r", "T"),
     "one_way_left": ("r_s", "X"), "no_entry": ("l_s", "X"),
 }  # fmt: skip
 
@@ -50,7 +50,8 @@ def ways(slot: str, shape: str) -> tuple[PoolRow, PlainNet]:
         places["t"] = 60.0 * next(v for k, v in TOWARDS.items() if k not in slot)
         pairs.append(("b", "t"))
     n = {k: PlainNode(k, float(x), float(y)) for k, (x, y) in places.items()}
-    edges = [edge(n[i], n[j]) for x, y in pairs for i, j in ((x, y), (y, x))]
+    # The longer way's last road runs one way: who turns into it from the short way would have to be let go first.
+    edges = [edge(n[i], n[j]) for x, y in pairs for i, j in ((x, y), (y, x)) if (i, j) != ("p", corners[-1])]
     row = dual_path(
         signed_edge="ab", start_edge="ab", junction="b", destination_edge="pd", short=["bp", "pd"],
         compliant=[*(i + j for i, j in pairwise(["b", "q", *corners, "p"])), "pd"],
@@ -82,10 +83,6 @@ def place(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **cha
         row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(layout)
     )
     return placement_of(recipe).place(task)
-
-
-def yields_to_who_goes_first(network: RoadNetwork, link: Connection) -> bool:
-    return any(c.state == "M" and link.yields_to & set(c.via) for c in network.connections)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -135,15 +132,20 @@ def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwor
     assert ("ab", "bp") not in turns
     # A closed edge is empty from all sides; a prohibited turn still leaves it to the other arms.
     assert any(b == "bp" for _, b in turns) is not closed
-    assert a.closed_edges == ({"bp"} if closed else set())
+    ways = {
+        x
+        for x in (a.route_hint[1], a.compliant_hint[1])
+        if type_id == "no_entry" or graph.turn("ab", x) != "straight"
+    }
+    assert a.closed_edges == (ways if closed else set())
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_the_obedient_way_is_the_main_road(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_on_either_way_nobody_goes_first(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, a = networks[type_id], place(networks, type_id)
     graph = LaneGraph(network)
-    for x, y in pairwise(a.compliant_hint):
-        assert not any(yields_to_who_goes_first(network, c) for c in graph.connections(x, y))
+    for way in (a.route_hint, a.compliant_hint):
+        assert not any(waits(graph, x, y, a.avoid_turns) for x, y in pairwise(way))
 
 
 @pytest.mark.parametrize("type_id", TYPES)
@@ -151,10 +153,7 @@ def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: dict[str, RoadNet
     a, graph = place(networks, type_id), LaneGraph(networks[type_id])
     for here in a.compliant_hint[:-1]:
         turns = {(here, x) for x in graph.successors(here)} - a.avoid_turns
-        assert turns
-        assert not any(
-            yields_to_who_goes_first(networks[type_id], c) for t in turns for c in graph.connections(*t)
-        )
+        assert not any(waits(graph, *t, a.avoid_turns) for t in turns)
 
 
 def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) -> None:
@@ -170,12 +169,11 @@ def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) ->
 
 @pytest.mark.parametrize("type_id", ["one_way_right", "one_way_left"])
 def test_the_crossing_road_runs_one_way(networks: dict[str, RoadNetwork], type_id: str) -> None:
-    """Nothing comes from where the plate points; the way that it prohibits stays on the map."""
+    """Nothing comes from either arm of it; which of the two ways that lead away is prohibited, the plate says."""
     network = networks[type_id]
     arm = "q" if type_id == "one_way_right" else "t"
-    assert f"b{arm}" in network.edges
-    assert f"{arm}b" not in network.edges
-    assert {"bp", "pb"} <= set(network.edges)
+    assert {f"b{arm}", "bp"} <= set(network.edges)
+    assert not {f"{arm}b", "pb"} & set(network.edges)
 
 
 def test_a_one_way_road_has_to_go_on() -> None:
@@ -195,7 +193,8 @@ def test_a_way_on_which_others_go_first_is_unfit(
     networks: dict[str, RoadNetwork], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     network = networks["no_turn_left"]
-    lanes, first = network.lanes, next(c.via[0] for c in network.connections if c.state == "M")
+    lanes = network.lanes
+    first = next(c.via[0] for c in network.connections if c.state == "M" and lanes[c.from_lane].edge == "bq")
     other = tuple(
         replace(c, yields_to=frozenset({first})) if lanes[c.from_lane].edge == "qu0" else c
         for c in network.connections
