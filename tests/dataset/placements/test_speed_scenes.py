@@ -35,7 +35,7 @@ TYPES = (*ZONES, "min_speed")
 LENGTH_M = 240.0
 ROWS = {
     "zone_speed_limit": corridor(length=LENGTH_M, speed=FAST),
-    "residential_zone": corridor(length=LENGTH_M, speed=LIMIT),
+    "residential_zone": corridor(length=LENGTH_M, speed=11.11, road_class="residential"),
     "min_speed": corridor(length=LENGTH_M, speed=LIMIT),
 }
 
@@ -219,7 +219,9 @@ def test_minimums_as_the_road_allows(networks: dict[str, RoadNetwork]) -> None:
 def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork]) -> None:
     recipe = recipe_of("residential_zone")
     with pytest.raises(UnfitMapError, match="the corridor is 150 m long"):
-        placement_of(recipe).prepare(corridor(length=150.0, speed=LIMIT), road_plain(150.0), recipe)
+        placement_of(recipe).prepare(corridor(length=150.0, speed=FAST), road_plain(150.0), recipe)
+    with pytest.raises(UnfitMapError, match="50 km/h is no limit of its class"):
+        placement_of(recipe).prepare(corridor(length=LENGTH_M, speed=LIMIT), road_plain(LENGTH_M), recipe)
     task = task_of(networks, "zone_speed_limit")
     placement = placement_of(task.recipe)
     with pytest.raises(UnfitMapError, match="the road's own limit is 50 km/h"):
