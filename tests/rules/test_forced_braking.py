@@ -1,0 +1,108 @@
+"""Whose hard braking counts as the ego's doing: on the main road of a T, seen without an ego."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from labelled import network
+
+from tsbench.roads.junction_paths import junction_paths
+from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
+from tsbench.rules.forced_braking import ForcedBraking
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+NET = network("t")
+PATHS = junction_paths(NET, ("w_in", "e_in"))
+EGO = EgoState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, True)
+# Lane, place of the front on it, speeds from tick to tick, route, kind.
+Body = tuple[str, float, tuple[float, ...], tuple[str, str], ActorKind]
+HARD = (10.0, 9.7)
+
+
+def car(lane: str, s: float, *speeds: float, to: str = "e_out") -> Body:
+    return lane, s, speeds, (lane.rpartition("_")[0], to), ActorKind.CAR
+
+
+def hardness(
+    *bodies: Body, steps: Sequence[int] = (0, 1), entry: int = 0, first: bool = False
+) -> list[float]:
+    """The braking of the first body that is forced by an ego that entered all zones at a step."""
+    table = ActorTable(4)
+    for k, (_, _, _, route, kind) in enumerate(bodies):
+        table.add(f"a{k}", kind, 4.5, 1.8, route)
+    finder = PriorityVehicles(NET, PATHS, RULE_FOLLOWING)
+    braking = ForcedBraking(load_catalog().rule("give_way").thresholds, PATHS)
+    n = len(bodies)
+    for k, step in enumerate(steps):
+        actors = Actors(
+            table, np.arange(n, dtype=np.int32), np.zeros((n, 3)), np.array([b[2][k] for b in bodies]),
+            np.array([NET.lane_index[b[0]] for b in bodies], dtype=np.int32), np.array([b[1] for b in bodies]),
+        )  # fmt: skip
+        snapshot = WorldSnapshot(step, step * 0.1, EGO, actors)
+        for vehicle in finder.find(actors):
+            if vehicle.row == 0:
+                braking.watch(snapshot, vehicle)
+    entries = dict.fromkeys(range(len(PATHS)), entry)
+    return [one.hardness for one in braking.for_ego(entries, {0} if first else set())]
+
+
+@pytest.mark.parametrize(("speed", "counted"), [(9.76, False), (9.74, True), (10.2, False)])
+def test_a_vehicle_is_forced_from_the_threshold_on(speed: float, counted: bool) -> None:
+    found = hardness(car("w_in_0", 60.0, 10.0, speed))
+    assert found == ([pytest.approx((10.0 - speed) / 0.1)] if counted else [])
+
+
+@pytest.mark.parametrize(("entry", "counted"), [(41, True), (42, False), (-39, True), (-40, False)])
+def test_only_what_is_near_in_time_to_the_entry_counts(entry: int, counted: bool) -> None:
+    assert bool(hardness(car("w_in_0", 60.0, *HARD), entry=entry)) is counted
+
+
+def test_who_went_first_is_not_forced() -> None:
+    assert hardness(car("w_in_0", 60.0, *HARD), first=True) == []
+
+
+def test_who_was_out_of_sight_meanwhile_is_not_said_to_brake() -> None:
+    assert hardness(car("w_in_0", 60.0, *HARD), steps=(0, 2)) == []
+
+
+def test_who_turns_off_slows_down_for_its_own_line_until_it_is_over_it() -> None:
+    assert hardness(car("w_in_0", 60.0, *HARD, to="s_out")) == []
+    # Slower than the turn allows, it has no reason of its own.
+    assert hardness(car("w_in_0", 60.0, 6.0, 5.7, to="s_out")) == [pytest.approx(3.0)]
+    inside = next(p for p in PATHS if (p.source.edge, p.target.edge) == ("w_in", "s_out")).inner[0].id
+    assert hardness((inside, 1.0, HARD, ("w_in", "s_out"), ActorKind.CAR)) == [pytest.approx(3.0)]
+    # It gives way to who comes towards it, at whatever speed.
+    assert hardness(car("e_in_0", 60.0, 6.0, 5.7, to="s_out")) == []
+
+
+@pytest.mark.parametrize(
+    ("rear", "speed", "kind", "excused"),
+    [
+        (89.9, 5.0, ActorKind.CAR, True),
+        (90.1, 5.0, ActorKind.CAR, False),
+        (75.0, 9.9, ActorKind.BUS, True),
+        (75.0, 10.0, ActorKind.CAR, False),
+        (75.0, 5.0, ActorKind.PEDESTRIAN, False),
+        (50.0, 5.0, ActorKind.CAR, False),
+    ],
+)
+def test_a_slower_one_near_ahead_explains_it(
+    rear: float, speed: float, kind: ActorKind, excused: bool
+) -> None:
+    ahead = ("w_in_0", rear + 4.5, (speed, speed), ("w_in", "e_out"), kind)
+    assert (hardness(car("w_in_0", 60.0, *HARD), ahead) == []) is excused
+
+
+def test_the_one_ahead_may_be_in_the_junction_or_behind_it() -> None:
+    behind = ("e_out_0", 5.0, (0.0, 0.0), ("s_in", "e_out"), ActorKind.CAR)
+    assert hardness(car("w_in_0", 90.0, *HARD), behind) == []
+    inside = next(p for p in PATHS if (p.source.edge, p.target.edge) == ("w_in", "e_out")).inner[0].id
+    assert (
+        hardness(car("w_in_0", 90.0, *HARD), (inside, 9.0, (0.0, 0.0), ("w_in", "e_out"), ActorKind.CAR))
+        == []
+    )
+    elsewhere = ("w_out_0", 5.0, (0.0, 0.0), ("s_in", "w_out"), ActorKind.CAR)
+    assert hardness(car("w_in_0", 90.0, *HARD), elsewhere) != []
