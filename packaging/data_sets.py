@@ -23,12 +23,15 @@ SETS = {
             "scenarios/scenes/test/*",
             "scenarios/certificates.parquet",
             "scenarios/build_report.json",
+            "scenarios/editions.yaml",
             "scenarios/nuplan_statistics.json",
             "scenarios/recipes/*",
             "sumo_nets/*",
             "sumo_nets/netconvert/*",
         ),
     ),
+    "dev": ("the dev split", ("scenarios/dev.parquet", "scenarios/scenes/dev/*")),
+    "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
     "oracle": (
         "the drives that plant2-ft learned from",
@@ -50,6 +53,8 @@ def manifest() -> str:
     for name, (about, patterns) in SETS.items():
         known = {file.name: file for file in data_set(name).files} if name == "oracle" else {}
         files = sorted((known | files_of(patterns)).items())
+        if not files:
+            continue
         told = ",\n".join(f"    {json.dumps([f.name, f.size, f.sha256])}" for _, f in files)
         lines.append(f'  "{name}": {{\n   "about": {json.dumps(about)},\n   "files": [\n{told}\n   ]\n  }}')
     return f'{{\n "schema_version": {SCHEMA_VERSION},\n "sets": {{\n' + ",\n".join(lines) + "\n }\n}\n"

@@ -40,7 +40,9 @@ def test_a_scenario_type_is_a_recipe(clone: Copy) -> None:
         ('"4.6"', '"4.6.1"'), ("id: min_speed\n  row: 8", f"id: {TYPE}\n  row: 30"),
     )  # fmt: skip
     clone.write("sign_catalog/signs/4.6.1.yaml", sign)
-    recipe = clone.like("scenarios/recipes/min_speed.yaml", ("type: min_speed", f"type: {TYPE}"))
+    recipe = clone.like(
+        "scenarios/recipes/min_speed.yaml", ("type: min_speed", f"type: {TYPE}"), ("paired: true\n", ""),
+    )  # fmt: skip
     clone.write(f"scenarios/recipes/{TYPE}.yaml", recipe)
     assert "35 signs, 30 scenario types" in clone.tsbench("signs", "list")
 

@@ -11,13 +11,14 @@ from tsbench.scenarios.map_pool import PoolRow
 def row(
     name: str, family: str = "corridor", shape: str = "straight", *, east: float = 0.0, north: float = 0.0,
     half: float = 60.0, slot: str = "", lanes: int = 2, length: float = 220.0, speed: float = 16.67,
-    tagged: bool = True, junctions: tuple[str, ...] = (), source: str = "made", **detail: Any,
+    tagged: bool = True, junctions: tuple[str, ...] = (), source: str = "made", road_class: str = "secondary",
+    **detail: Any,
 ) -> PoolRow:  # fmt: skip
     return PoolRow(
         map_id=name, family=family, shape=shape, slot=slot, lat=55.7, lon=37.6, source=source, well_tagged=tagged,
         osm_ids=(1,), junction_ids=junctions, east=east, north=north, half_w=half, half_h=half, lanes=lanes,
         lane_bucket=min(lanes, 3), oneway=True, curvature=1.0, length_m=length, speed_mps=speed,
-        road_class="secondary", detail=json.dumps(detail),
+        road_class=road_class, detail=json.dumps(detail),
     )  # fmt: skip
 
 

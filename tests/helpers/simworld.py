@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -43,7 +44,7 @@ from tsbench.sim.scene_file import layout_elements
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import Actors, ActorTable, EgoState
 
-LIMIT = 13.89
+LIMIT, FAST = 13.89, 16.67
 CALM = Driver(speed=9.0, accel=1.5, decel=2.5, headway=1.3, gap=2.0, length=4.5, width=1.8)
 
 
@@ -83,9 +84,9 @@ def cross_plain() -> PlainNet:
     return plain([middle, *n.values()], edges)
 
 
-def road_plain(length: float = 300.0, lanes: int = 3) -> PlainNet:
+def road_plain(length: float = 300.0, lanes: int = 3, speed: float = LIMIT) -> PlainNet:
     a, b = PlainNode("a", 0.0, 0.0), PlainNode("b", length, 0.0)
-    return plain([a, b], [edge(a, b, lanes, name="road")])
+    return plain([a, b], [replace(edge(a, b, lanes, name="road"), speed=speed)])
 
 
 def place(network: RoadNetwork, lane_id: str, s: float, d: float = 0.0) -> tuple[float, float, float]:

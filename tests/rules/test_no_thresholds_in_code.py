@@ -18,7 +18,6 @@ NO_THRESHOLD = {
     ("give_way.py", 100.0): "rounds distances to centimetres where exact ties go by order",
     ("open_speed.py", 10.0): "how far along a path its bend is measured, m",
     ("open_speed.py", 0.001): "what counts as straight there, rad: no bend slows anybody",
-    ("reserved_lane.py", 9): "how finely a footprint is counted out, points a side",
 }
 
 

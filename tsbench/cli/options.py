@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.machine import own_cores
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
 def split(default: str | None = None, *, required: bool = False) -> Option:
     return click.option(
         "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
-        show_default=not required and (default or "both"),
+        show_default=not required and (default or "all that are there"),
     )  # fmt: skip
 
 
@@ -114,9 +114,9 @@ def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
 def rows_of(split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:
     """The rows of some types and groups, by default of all.
 
-    split: it must be there; None: of those splits that are, for train need not be, nor both built.
+    split: it must be there; None: of those splits that are, for only test need be.
     """
-    there = [name for name in SPLITS if table_path(name).is_file()] if split is None else [split]
+    there = splits_there() if split is None else (split,)
     chosen = types_of(words)
-    rows = (row for name in there or SPLITS[-1:] for row in read_table(table_path(name)))
+    rows = (row for name in there or SPLITS[:1] for row in read_table(table_path(name)))
     return [row for row in rows if not chosen or row.pair_type in chosen]

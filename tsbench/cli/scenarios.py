@@ -58,11 +58,18 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
             show,
         )
     rows = [
-        (r.type_id, r.split, str(sum(r.maps.values())), str(r.missed or "none"), f"{n} {why}" if why else "")
+        (
+            r.type_id,
+            r.split,
+            str(sum(r.maps.values())),
+            str(r.missed or "none"),
+            f"{n} {what}: {why}" if why else "",
+        )
         for r in reports
-        for why, n in (r.reasons or {"": 0}).items()
+        for what, found in (("maps", r.reasons), ("draws", r.draws))
+        for why, n in (found or {"": 0}).items()
     ]
-    print_table(("type", "split", "maps", "quota missed", "maps passed over, by reason"), rows, left=5)
+    print_table(("type", "split", "maps", "quota missed", "passed over, by reason"), rows, left=5)
     short = [f"{r.type_id} {r.split} lacks {r.short} maps" for r in reports if r.short]
     if short:
         raise InputError(f"the pool is too small: {', '.join(short)}")
@@ -72,7 +79,10 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.types
 @options.split()
 @click.option(
-    "--sample", type=options.POSITIVE, metavar="N", help="N rows of each type, drawn at random; default: all."
+    "--sample",
+    type=options.POSITIVE,
+    metavar="N",
+    help="N pairs of each type, drawn at random; default: all.",
 )
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, sample: int | None, workers: int) -> None:
@@ -156,13 +166,14 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 @options.split()
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
-    from tsbench.dataset.scenes.verify import verify_certificates, verify_rows, verify_split
+    from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
     from tsbench.scenarios.scene_loader import SceneLoader
 
     rows = options.rows_of(split)
     with bars() as show:
         problems = verify_rows(rows, SceneLoader(), lambda n: show("verify", n, len(rows)))
-    _end(len(rows), [*problems, *verify_split(rows), *verify_certificates(rows, None)], "problems")
+    problems += [*verify_split(rows), *verify_pairs(rows, None), *verify_certificates(rows, None)]
+    _end(len(rows), problems, "problems")
 
 
 @scenarios.command()

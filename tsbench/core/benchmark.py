@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 TYPES = 29
-# Of each type, by split; each map in so many variants, of which number 0 has no background traffic.
-MAPS = {"train": 80, "test": 20}
+# Of each type, by split, in the order in which they are built: with test alone planners can be compared already.
+MAPS = {"test": 20, "dev": 1, "holdout": 20, "train": 80}
+# Of each map; number 0 has no background traffic. dev is for a look in passing: it has the first two.
 VARIANTS = 10
+VARIANTS_OF = {split: 2 if split == "dev" else VARIANTS for split in MAPS}
 TEST_PER_TRAIN = MAPS["train"] // MAPS["test"]
-ROWS = {split: TYPES * maps * VARIANTS for split, maps in MAPS.items()}
+# Signed rows; a pair's contrast rows come on top.
+ROWS = {split: TYPES * maps * VARIANTS_OF[split] for split, maps in MAPS.items()}
 
 # From the ego: how far road users are seen, and how far plates and obstacles.
 ROAD_USER_RANGE_M = 120.0

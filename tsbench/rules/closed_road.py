@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from tsbench.geometry.footprint import corners
+from tsbench.roads.localization import inside_polygon
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import EGO_LENGTH_M, WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot
 
 _TICK_SHARE_S = 1e-6
 
@@ -21,9 +23,9 @@ class ClosedRoad(Monitor):
         self._log = EventLog(sign, rule)
         approach = sign.params_as(ApproachParams).approach
         self._road = self.road((approach, sign.edge))
-        self._exit = self._road.starts[sign.edge]
-        self._line = self._exit + sign.position_m
-        self._entry = scene.network.edge_lanes(approach)[0].line.length
+        network = scene.network
+        self._area = network.junctions[network.edges[approach].target].polygon
+        self._line = self._road.starts[sign.edge] + sign.position_m
         self._past = rule.thresholds["past_line_m"]
         self._engage = rule.thresholds["engage_distance_m"]
         self._within = rule.thresholds["held_within_m"]
@@ -35,7 +37,7 @@ class ClosedRoad(Monitor):
 
     @property
     def completed(self) -> bool:
-        """The ego has held still before the plate: it got as far as it may."""
+        """The ego has held still before the plate and out of the junction: it got as far as it may."""
         return self._completed
 
     def step(self, snapshot: WorldSnapshot) -> None:
@@ -49,15 +51,17 @@ class ClosedRoad(Monitor):
             self._entered.broken(snapshot, past, self._past)
         else:
             self._entered.close()
-        if -self._within <= past <= 0.0 and snapshot.ego.speed <= self._still and self._clear(front):
+        near = -self._within <= past <= 0.0
+        if near and snapshot.ego.speed <= self._still and self._is_out_of_the_junction(snapshot.ego):
             self._since = snapshot.time if self._since is None else self._since
             self._completed = self._completed or snapshot.time - self._since >= self._held_s
         else:
             self._since = None
 
-    def _clear(self, front: float | None) -> bool:
-        """Is the whole body out of the junction? Who stands in it has blocked it."""
-        return front is not None and (front <= self._entry or front - EGO_LENGTH_M >= self._exit)
+    def _is_out_of_the_junction(self, ego: EgoState) -> bool:
+        """Is no corner of the body in the junction's area?"""
+        body = corners(ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M)
+        return not any(inside_polygon(x, y, self._area) for x, y in body)
 
     def finish(self) -> Verdict:
         """An excursion that is still open ends with the episode."""

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from tsbench.geometry.footprint import boxes_overlap
+from tsbench.geometry.footprint import boxes_overlap, share_in_band
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.lines import reverse_edges
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams
@@ -18,27 +17,31 @@ from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoS
 
 _KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
+_TICK_SHARE_S = 1e-9
 
 
 class ReservedLane(Monitor):
-    """The ego's centre, or a good part of its body, is in a reserved lane for too long, or it touches a user."""
+    """The ego is in a reserved lane of the zone for longer than is tolerated, or it touches a user.
+
+    Two measures of one clause: its centre, and a share of its footprint. One stay is one event.
+    """
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._log = EventLog(sign, rule)
         params = sign.params_as(ReservedLaneParams)
-        self._lanes = frozenset(scene.network.lane_index[lane] for lane in params.lanes)
-        self._edges = frozenset(scene.network.lanes[i].edge for i in self._lanes)
-        self._beside = {e for edge in self._edges for e in (edge, *reverse_edges(scene.network, edge))}
+        reserved = [scene.network.lane(lane) for lane in params.lanes]
+        self._lanes = {lane.index: lane for lane in reserved}
+        self._edges = frozenset(lane.edge for lane in reserved)
         self._road = self.road((params.approach, *params.zone_edges))
         self._plate = self._road.starts[sign.edge] + sign.position_m
         self._kind = int(_KINDS[rule.option("users")])
-        self._inside = Excursion(self._log, "in_reserved_lane")
+        t = rule.thresholds
+        self._share = t["share_ratio"]
+        self._by_centre = _Stay(Excursion(self._log, "in_reserved_lane"), t["duration_s"])
+        self._by_share = _Stay(Excursion(self._log, "in_reserved_lane"), t["share_s"])
         self._contact = Excursion(self._log, "contact")
-        self._run: list[WorldSnapshot] = []
-        self._partly = Excursion(self._log, "in_reserved_lane")
-        self._partly_run: list[WorldSnapshot] = []
-        self._told = self._engaged = False
+        self._engaged = False
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
@@ -48,12 +51,9 @@ class ReservedLane(Monitor):
             self._engaged = (
                 front is not None and -t["engage_distance_m"] <= front - self._plate <= self._length
             )
-        if ego.lane in self._lanes and self._past_plate(ego):
-            self._run.append(snapshot)
-            self._judge(snapshot, t["duration_s"])
-        else:
-            self._leave()
-        self._judge_part(snapshot)
+        past = self._past_plate(ego)
+        self._by_centre.judge(snapshot, past and ego.lane in self._lanes, self._by_share.is_event)
+        self._by_share.judge(snapshot, past and self._is_partly_in(ego), self._by_centre.is_event)
         touched = self._touched(ego, snapshot.actors)
         if touched is None:
             self._contact.close()
@@ -68,44 +68,17 @@ class ReservedLane(Monitor):
         place = self._road.place(ego)
         return place is not None and place > self._plate
 
-    def _judge(self, snapshot: WorldSnapshot, tolerated_s: float) -> None:
-        """One more tick inside: how long has it been?"""
-        began = self._run[0].time
-        if snapshot.time - began > tolerated_s + 1e-9:
-            for tick in self._run if not self._inside.open else self._run[-1:]:
-                self._inside.broken(tick, tick.time - began, tolerated_s)
-
-    def _judge_part(self, snapshot: WorldSnapshot) -> None:
-        """One more tick with part of the body inside; a stretch that the centre has told of already is told."""
-        t, ego = self.rule.thresholds, snapshot.ego
-        near = ego.lane >= 0 and self.scene.network.lanes[ego.lane].edge in self._beside
-        if not near or self._share(ego) <= t["share_ratio"] or not self._past_plate(ego):
-            self._partly.close()
-            self._partly_run.clear()
-            self._told = False
-            return
-        self._told = self._told or self._inside.open
-        self._partly_run.append(snapshot)
-        lasted = snapshot.time - self._partly_run[0].time
-        if lasted > t["share_s"] + 1e-9 and not self._told:
-            for tick in self._partly_run if not self._partly.open else self._partly_run[-1:]:
-                self._partly.broken(tick, tick.time - self._partly_run[0].time, t["share_s"])
-
-    def _share(self, ego: EgoState) -> float:
-        """Which share of the ego's width is in a reserved lane."""
-        most = 0.0
-        for index in self._lanes:
-            lane = self.scene.network.lanes[index]
+    def _is_partly_in(self, ego: EgoState) -> bool:
+        """Is more than the tolerated share of the footprint in reserved lanes?"""
+        share = 0.0
+        for lane in self._lanes.values():
             s, d = lane.line.project(ego.x, ego.y)
-            turn = ego.heading - lane.line.heading_at(s)
-            half = (EGO_WIDTH_M * abs(math.cos(turn)) + EGO_LENGTH_M * abs(math.sin(turn))) / 2
-            inside = min(d + half, lane.width / 2) - max(d - half, -lane.width / 2)
-            most = max(most, inside / (2.0 * half))
-        return most
-
-    def _leave(self) -> None:
-        self._inside.close()
-        self._run.clear()
+            half = lane.width / 2
+            if abs(d) <= half + _EGO_RADIUS_M and -_EGO_RADIUS_M <= s <= lane.line.length + _EGO_RADIUS_M:
+                turn = ego.heading - lane.line.heading_at(s)
+                band = (0.0, lane.line.length, -half, half)
+                share += share_in_band(s, d, turn, EGO_LENGTH_M, EGO_WIDTH_M, band)
+        return share > self._share
 
     def _touched(self, ego: EgoState, actors: Actors) -> str | None:
         """The first user of the lane whose footprint overlaps the ego's."""
@@ -123,7 +96,39 @@ class ReservedLane(Monitor):
 
     def finish(self) -> Verdict:
         """Excursions that are still open end with the episode."""
-        self._leave()
-        self._partly.close()
+        self._by_share.leave()
+        self._by_centre.leave()
         self._contact.close()
         return self._log.verdict(self._engaged)
+
+
+class _Stay:
+    """The stays in the lane by one measure, one at a time; longer than `tolerated_s`, a stay is an event."""
+
+    def __init__(self, excursion: Excursion, tolerated_s: float) -> None:
+        self._excursion, self._tolerated_s = excursion, tolerated_s
+        self._run: list[WorldSnapshot] = []
+        self._is_told = False
+
+    @property
+    def is_event(self) -> bool:
+        """Is this stay an event?"""
+        return self._excursion.open
+
+    def judge(self, snapshot: WorldSnapshot, inside: bool, is_told: bool) -> None:
+        """One tick. is_told: the stay is an event by the other measure."""
+        if not inside:
+            self.leave()
+            return
+        self._run.append(snapshot)
+        self._is_told = self._is_told or is_told
+        began = self._run[0].time
+        if not self._is_told and snapshot.time - began > self._tolerated_s + _TICK_SHARE_S:
+            for tick in self._run[-1:] if self.is_event else self._run:
+                self._excursion.broken(tick, tick.time - began, self._tolerated_s)
+
+    def leave(self) -> None:
+        """The stay is over."""
+        self._excursion.close()
+        self._run.clear()
+        self._is_told = False

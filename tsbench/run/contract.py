@@ -8,7 +8,7 @@ from pathlib import Path
 
 import tsbench
 from tsbench.core.provenance import Files, closure, data_hash, digest, versions
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
 # From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
@@ -27,7 +27,8 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
 
     Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
     """
-    data = data_hash(rows, catalog.judged(row.sign_code for row in rows))
+    contrast = any(row.half == CONTRAST for row in rows)
+    data = data_hash(rows, catalog.judged((row.sign_code for row in rows), contrast))
     return digest({"code": code_hash(), "data": data, "versions": versions()})
 
 

@@ -16,7 +16,8 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.run.contract import contract_hash
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.editions import scene_editions
+from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 PATH = Path(__file__).with_name("editions.yaml")
@@ -59,10 +60,15 @@ def contract_now(split: str) -> str:
     return contract_hash(read_table(table_path(split)), load_catalog())
 
 
+def earlier_splits(root: Path | None = None) -> dict[str, str]:
+    """The splits whose scenes are still of an earlier edition, and which: they belong to none that is run here."""
+    return {split: name for split, name in scene_editions(root).items() if name != editions()[-1].name}
+
+
 def release() -> Mapping[str, str]:
     """Write the contracts of this tsbench down as those of its version; returns them by split."""
     *older, last = editions()
-    now = {split: contract_now(split) for split in SPLITS}
+    now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
     newest = replace(last, released={**last.released, tsbench.__version__: now})
     text = yaml.safe_dump(
         [asdict(edition) for edition in (*older, newest)], sort_keys=False, allow_unicode=True, width=120

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,7 +15,7 @@ import pyarrow as pa
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
 from tsbench.core.paths import data_file
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
 SCHEMA_VERSION = 2
@@ -40,9 +40,10 @@ class Certificate:
     says nothing. code: SHA-256 of the code that drove them last; other code voids nothing, it may be asked to prove them
     again. reproduced: another process, maybe with other code or on another machine, found the same (None = not tried).
     Of a pair, in both its rows, None where there is none: exclusive: neither half's certified commands pass in the
-    other half. blind_equal: the first view of the halves is the same bytes but for what the plates say. differs_s: time
-    from which on others do something else than in the other half, None where they never do before the ego is past its
-    line. brake_mps2: the deceleration that would still stop the ego before that line then, None likewise.
+    other half. passed_by: who passes both halves without reading a plate, "" = nobody who was tried. blind_equal: the
+    first view of the halves is the same bytes but for what the plates say. differs_s: time from which on others do
+    something else than in the other half, None where they never do before the ego is past its line. brake_mps2: the
+    deceleration that would still stop the ego before that line then, None likewise.
     """
 
     scenario_id: str
@@ -66,15 +67,23 @@ class Certificate:
     code: str
     reproduced: bool | None
     exclusive: bool | None = None
+    passed_by: str | None = None
     blind_equal: bool | None = None
     differs_s: float | None = None
     brake_mps2: float | None = None
 
-    @property
-    def unpaired_because(self) -> str:
-        """Why the row's pair measures nothing, "" where it does or where it was not looked at."""
+    def unpaired_because(self, row: ScenarioSpec) -> str:
+        """Why the row's pair measures nothing, "" where it does, where it was not looked at, or there is none."""
+        if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
+            return (
+                f"{self.tempted} keeps the rule of the signed half"
+                if self.engaged
+                else "the rule binds nobody"
+            )
         if self.exclusive is False:
             return "one drive passes both halves"
+        if self.passed_by:
+            return f"{self.passed_by} passes both halves"
         if self.blind_equal is False:
             return "the halves differ in more than what the plates say"
         if self.brake_mps2 is not None and self.brake_mps2 < LEAST_BRAKE_MPS2:
@@ -108,7 +117,7 @@ class Certificate:
         return close and self.road_users > 0
 
 
-_OF_PAIRS = ("exclusive", "blind_equal", "differs_s", "brake_mps2")
+_OF_PAIRS = ("exclusive", "passed_by", "blind_equal", "differs_s", "brake_mps2")
 _PROVEN = (
     "expert", "expert_time_s", "tempted", "tempted_outcome", "tempting", "engaged", "road_users", "overlaps",
     "arrival_gap_s", "error", *_OF_PAIRS,
@@ -139,7 +148,18 @@ def read_certificates(path: Path) -> list[Certificate]:
 
 
 def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:
-    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO."""
+    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO.
+
+    Not its place: that is a matter of the maps beside it in the table.
+    """
     sumo = versions(["libsumo"])
-    signs = {code: data_hash((), catalog.judged([code])) for code in {row.sign_code for row in rows}}
-    return {row.scenario_id: digest([data_hash([row], ()), signs[row.sign_code], sumo])[:16] for row in rows}
+    signs = {
+        (code, half): data_hash((), catalog.judged([code], half == CONTRAST))
+        for code, half in {(row.sign_code, row.half) for row in rows}
+    }
+
+    def basis(row: ScenarioSpec) -> str:
+        told = data_hash([replace(row, place="")], ())
+        return digest([told, signs[row.sign_code, row.half], sumo])[:16]
+
+    return {row.scenario_id: basis(row) for row in rows}

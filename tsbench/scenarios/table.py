@@ -1,4 +1,4 @@
-"""Scenario tables: `scenarios/train.parquet` and `scenarios/test.parquet`, one row per scenario."""
+"""Scenario tables: `scenarios/test.parquet` and those of the other splits, one row per scenario."""
 
 from __future__ import annotations
 
@@ -9,24 +9,27 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
 from tsbench.core.paths import data_file, fetch_hint
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
-# In this order they are less and less to be looked at in daily work but for the last, which is the benchmark.
-SPLITS = ("train", "dev", "holdout", "test")
+SPLITS = tuple(MAPS)
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(
     [f.with_nullable(f.nullable or f.name == "pair_id") for f in fields_of(ScenarioSpec, seed=pa.int64())]
-).with_metadata(
-    {VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE}
-)
+).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE})
 
 
 def table_path(split: str, root: Path | None = None) -> Path:
     return data_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
+
+
+def splits_there(root: Path | None = None) -> tuple[str, ...]:
+    """The splits whose tables are here: all but test are optional."""
+    return tuple(split for split in SPLITS if table_path(split, root).is_file())
 
 
 def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
@@ -57,7 +60,9 @@ def _check(specs: list[ScenarioSpec], path: Path) -> None:
             raise InputError(
                 f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
             )
-        if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) != (spec.scenario_id != spec.pair_name):
+        if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) != (
+            spec.scenario_id != spec.pair_name
+        ):
             raise InputError(f"{where}: half {spec.half!r} of pair {spec.pair_id!r} is impossible")
         # The type names the store that the other two are in.
         files = (Path(spec.pair_type), Path(spec.net), Path(spec.additional))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,16 +31,17 @@ from tsbench.run.log.record import Row
 from tsbench.run.log.score import score
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import PassageParams, WayParams
 from tsbench.sim.scene_file import read_additional
 from tsbench.sim.world import EGO_LENGTH_M
 from tsbench.tools.rescore import Judge
 
 LAYOUTS = range(6)
-# The obstacle's lane, of three from the right.
-DETOURS = {"detour_right": 2, "detour_left": 0, "detour_either": 1}
+DETOURS = ("detour_right", "detour_left", "detour_either")
 ROAD: tuple[PoolRow, PlainNet] = (corridor(speed=LIMIT), road_plain())
 MAPS = {**dict.fromkeys(DETOURS, ROAD), "blocked_road": (crossroads(), cross_plain())}
 
@@ -59,11 +61,15 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
+def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> SceneTask:
     recipe, network = recipe_of(type_id), networks[type_id]
     variant, rng = Variant(1, 90.0, 4.0, 7.75, 0, layout), np.random.default_rng(layout)
-    task = SceneTask(MAPS[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).place(task)
+    return SceneTask(MAPS[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+
+
+def place(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
+    task = task_of(networks, type_id, layout)
+    return placement_of(task.recipe).place(task)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -72,18 +78,15 @@ def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> 
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout)
     (thing,) = a.obstacles
-    order = DETOURS[type_id]
-    assert thing.lane == a.start.lane == f"road_{order}"
+    # The middle one of three, which has a lane for cars on both sides, whatever the plate says.
+    assert thing.lane == a.start.lane == "road_1"
     lane = network.lane(thing.lane)
-    # A lane for cars on every side that the plate allows.
-    sides = load_catalog().sign(recipe.type.codes[0]).rule.options["allowed_sides"]
-    assert all(getattr(lane, side) >= 0 for side in sides)
     s, d = lane.line.project(thing.x, thing.y)
     assert d == pytest.approx(0.0, abs=0.01)
     ahead = s - thing.length / 2 - a.start.s - EGO_LENGTH_M / 2
     assert ahead == pytest.approx(recipe.number("ego_before_obstacle_m"), abs=0.01)
     sign = a.signs[0]
-    assert (sign.code, sign.lane, sign.params.obstacle) == (recipe.type.codes[0], order, thing.id)
+    assert (sign.code, sign.lane, sign.params.obstacle) == (recipe.type.codes[0], 1, thing.id)
     assert sign.position_m == pytest.approx(s - thing.length / 2)
     assert a.destination.s > s + thing.length / 2 + 20.0
     # No car stands between the ego and the obstacle, in it, or with its tail in it.
@@ -94,39 +97,82 @@ def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> 
     assert thing.shape == shapes[layout % len(shapes)]["shape"]
 
 
-def test_a_road_of_one_lane_takes_no_detour() -> None:
-    for type_id, lanes in (("detour_right", 1), ("detour_left", 1), ("detour_either", 2)):
-        recipe = recipe_of(type_id)
-        with pytest.raises(UnfitMapError, match=f"{lanes} lanes"):
-            placement_of(recipe).prepare(corridor(lanes=lanes), road_plain(lanes=lanes), recipe)
+@pytest.mark.parametrize(("type_id", "code"), [("detour_right", "4.2.2"), ("detour_left", "4.2.1")])
+def test_the_contrast_half_of_a_detour_is_the_other_side(
+    networks: dict[str, RoadNetwork], type_id: str, code: str
+) -> None:
+    task = task_of(networks, type_id, 1)
+    placement = placement_of(task.recipe)
+    signed = placement.place(task)
+    (sign,) = signed.signs
+    assert placement.contrast(task, signed) == replace(signed, signs=(replace(sign, code=code),))
+
+
+def test_what_allows_both_sides_has_no_contrast_half(networks: dict[str, RoadNetwork]) -> None:
+    task = task_of(networks, "detour_either", 1)
+    placement = placement_of(task.recipe)
+    assert not task.recipe.paired
+    assert placement.contrast(task, placement.place(task)) is None
+
+
+@pytest.mark.parametrize("type_id", DETOURS)
+def test_a_road_of_two_lanes_takes_no_detour(type_id: str) -> None:
+    recipe = recipe_of(type_id)
+    with pytest.raises(UnfitMapError, match="2 lanes"):
+        placement_of(recipe).prepare(corridor(lanes=2), road_plain(lanes=2), recipe)
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
     network, recipe = networks["blocked_road"], recipe_of("blocked_road")
     graph, a = LaneGraph(network), place(networks, "blocked_road", layout)
-    lane, sign = network.lane(a.start.lane), a.signs[0]
+    lane, (sign, other) = network.lane(a.start.lane), a.signs
     assert lane.edge in ("w_in", "e_in")
     front = lane.line.length - a.start.s - EGO_LENGTH_M / 2
     assert front == pytest.approx(recipe.number("ego_before_line_m"))
     closed = sign.edge
     assert a.route_hint == (lane.edge, closed)
     assert (sign.code, sign.position_m) == ("3.2", recipe.number("plate_after_junction_m"))
-    # Plate, barrier on every lane, destination, in this order.
-    assert {b.lane for b in a.obstacles} == {network.lanes[i].id for i in network.edges[closed].lanes}
-    for barrier in a.obstacles:
-        s, d = network.lane(barrier.lane).line.project(barrier.x, barrier.y)
-        assert d == pytest.approx(0.0, abs=0.01)
-        assert s - barrier.length / 2 - sign.position_m == pytest.approx(
-            recipe.number("barrier_behind_plate_m")
-        )
-        assert a.destination.s - 5.0 > s + barrier.length / 2
+    # Beyond the plate nothing but the plate says that the road is closed.
+    assert a.obstacles == ()
+    assert a.destination.edge == closed
+    assert a.destination.s == sign.position_m + recipe.number("destination_behind_plate_m")
+    # The other post stands across the road and faces who comes out.
+    assert (other.code, other.role, other.edge) == ("2.1", DISTRACTOR, closed.replace("out", "in"))
+    assert math.cos(other.heading - sign.heading) == pytest.approx(-1.0)
+    assert math.hypot(other.x - sign.x, other.y - sign.y) < 10.0
     # Nobody else drives into the closed arm or out of it, and every other arm still has somewhere to go.
     assert a.closed_edges == {closed, closed.replace("out", "in")}
     assert a.avoid_turns == {(e, closed) for e in network.edges if closed in graph.successors(e)}
     for arm in "wesn":
         if f"{arm}_in" not in a.closed_edges:
             assert set(graph.successors(f"{arm}_in")) - {closed}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
+    networks: dict[str, RoadNetwork], layout: int
+) -> None:
+    task = task_of(networks, "blocked_road", layout)
+    placement = placement_of(task.recipe)
+    signed = placement.place(task)
+    a = placement.contrast(task, signed)
+    assert a is not None
+    assert replace(a, signs=signed.signs, target=signed.target, contrast=()) == signed
+    posts = [[(s.x, s.y, s.heading) for s in half.signs] for half in (signed, a)]
+    assert posts[0] == posts[1]
+    assert [s.code for s in a.signs] == ["2.1", "3.2"]
+    target = next(s for s in a.signs if s.id == a.target)
+    # It binds who comes out of the exit, not the ego.
+    assert (target.code, target.edge, target.params) == ("3.2", a.route_hint[1].replace("out", "in"), None)
+    approach, exit_ = a.route_hint
+    clauses = {c.name: c.params for c in a.contrast}
+    oncoming = {"w_in": "e_in", "e_in": "w_in"}[approach]
+    left = task.graph.turn(approach, exit_) == "left"
+    assert clauses == {
+        "needless_stop": PassageParams(approach, exit_, (oncoming,) if left else ()),
+        "needless_detour": WayParams(approach, (exit_,)),
+    }
 
 
 def test_the_closed_exit_varies(networks: dict[str, RoadNetwork]) -> None:
@@ -166,7 +212,7 @@ def test_an_exit_that_is_short_or_the_only_one_is_not_closed(
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[ScenarioSpec, ...]]]:
-    """Variants 0 and 1 of every type here, by type, from the hand-made maps."""
+    """Variants 0 and 1 of every type here, signed, by type, from the hand-made maps."""
     root, rows = tmp_path_factory.mktemp("sites"), {}
     with pytest.MonkeyPatch.context() as patch:
         for type_id, (row, crop) in MAPS.items():
@@ -174,7 +220,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tupl
             patch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
             made = SiteBuilder(recipe_of(type_id), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
             assert made.reason == ""
-            rows[type_id] = made.rows
+            rows[type_id] = tuple(r for r in made.rows if r.half == SIGNED)
     return root, rows
 
 

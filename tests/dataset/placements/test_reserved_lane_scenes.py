@@ -28,6 +28,7 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -57,15 +58,21 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
+def task_of(
+    networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
+) -> SceneTask:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
+    return SceneTask(
+        ROW, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
+    )
+
+
 def place(
     networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
 ) -> Arrangement:
-    recipe, network = recipe_of(type_id), networks[type_id]
-    variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
-    task = SceneTask(
-        ROW, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
-    )
-    return placement_of(recipe).place(task)
+    task = task_of(networks, type_id, layout, speed, seed)
+    return placement_of(task.recipe).place(task)
 
 
 @pytest.mark.parametrize("type_id", TYPES)
@@ -84,12 +91,11 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
     assert (sign.edge, sign.position_m, sign.params.zone_edges) == ("road.1", 0.0, ("road.1",))
     reserved = network.lane(*sign.params.lanes)
     assert recipe.number("zone_least_m") - 5.0 <= reserved.line.length <= recipe.number("zone_most_m")
-    # The net says the same as the plate: its users may, cars may not; the lanes beside are for cars.
+    # Its users may, other cars may not: nor on the lane beside, that these do not tell which one the plate means.
     assert reserved.permits(users_of(type_id))
     assert not reserved.permits("passenger")
     others = [i for i in network.edge_lanes("road.1") if i.id != reserved.id]
-    assert others
-    assert all(i.permits("passenger") for i in others)
+    assert [i.permits("passenger") for i in others] == ([False, True] if type_id in SAME else [True, True])
     assert (lane.id, a.start.s, lane.line.length) in a.blocked
     assert a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length - 7.0
 
@@ -175,7 +181,7 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     assert user.speed == recipe.number("user_speed_mps")
     assert (user.length, user.width) == (recipe.number("user_length_m"), recipe.number("user_width_m"))
     counts = recipe.choices["users"]
-    assert 1 <= len(c.places) <= counts[layout % len(counts)]
+    assert 1 <= len(c.places) / (2 if type_id in SAME else 1) <= counts[layout % len(counts)]
     assert all(user.length < p < lane.line.length for p in c.places)
     # From front to front they keep the headway: the model's is that of the gap.
     assert user.headway + (user.length + user.gap) / user.speed == pytest.approx(
@@ -185,9 +191,12 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     assert 0.0 < meet <= recipe.number("meet_m")
     if type_id in SAME:
         assert c.zone_m == pytest.approx(meet + user.length)
+        # Two and two beside each other.
+        assert c.lanes == ("road.1_0", "road.1_1") * (len(c.places) // 2)
+        assert c.places[::2] == c.places[1::2]
         assert all(
             q - p == pytest.approx(user.speed * recipe.number("user_headway_s"))
-            for p, q in pairwise(c.places)
+            for p, q in pairwise(c.places[::2])
         )
         assert c.edges == ("road.1", "road.2")
     else:
@@ -203,6 +212,23 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     assert (c.line_lane, c.ego_cruise_mps) == (a.start.lane, start.speed)
 
 
+@pytest.mark.parametrize("type_id", SAME)
+def test_the_contrast_half_reserves_the_lane_beside(networks: dict[str, RoadNetwork], type_id: str) -> None:
+    task = task_of(networks, type_id)
+    placement = placement_of(task.recipe)
+    # Nothing but the plate differs: neither the network nor who is there.
+    assert placement.prepare_contrast(ROW, road_plain(250.0), task.recipe) == placement.prepare(
+        ROW, road_plain(250.0), task.recipe
+    )
+    signed = placement.place(task)
+    a = placement.contrast(task, signed)
+    assert a is not None
+    assert replace(a, signs=signed.signs, contrast=()) == signed
+    (sign,), (other,) = signed.signs, a.signs
+    assert other == replace(sign, lane=1, params=replace(sign.params, lanes=("road.1_1",)))
+    assert a.contrast == (ContrastClause("needless_detour", WayParams("road.0", lanes=("road.1_0",))),)
+
+
 def test_a_ramp_and_then_cruise_speed() -> None:
     user = replace(CALM, speed=8.0, accel=1.25)
     assert way_from_standstill(user, 4.0) == pytest.approx(8.0)
@@ -213,7 +239,7 @@ def test_a_ramp_and_then_cruise_speed() -> None:
 @pytest.mark.parametrize(
     ("type_id", "row", "reason"),
     [
-        ("bus_lane", corridor(lanes=1), "1 lanes"),
+        ("bus_lane", corridor(lanes=2), "2 lanes"),
         ("bike_lane", corridor(length=140.0), "60 m of road before the plate"),
         ("bus_lane_road", corridor(lanes=1), "1 lanes"),
         ("bike_lane_road", replace(corridor(), oneway=False), "the road has two directions"),

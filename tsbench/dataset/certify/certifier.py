@@ -12,16 +12,17 @@ import numpy as np
 
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
 from tsbench.dataset.certify.pair import (
+    Prejudiced,
     Recorder,
     Replay,
     braking_before,
     first_difference,
+    line_point,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import passed
-from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -34,13 +35,26 @@ EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
 
 
 @dataclass(frozen=True)
+class _Drive:
+    """An episode, and what its driver was told, first shown and answered."""
+
+    result: EpisodeResult
+    seen: Recorder
+
+    @property
+    def passed(self) -> bool:
+        """Did it get SCD?"""
+        return self.result.facts is not None and passed(self.result.facts)
+
+
+@dataclass(frozen=True)
 class _Proof:
-    """One half as it was proven: the expert's answers, the tempted driver's episode, and its first view's digest."""
+    """One half as it was proven: the expert's drive (the first's where none passes) and the tempted driver's."""
 
     spec: ScenarioSpec
-    answers: Sequence[Control | Trajectory]
-    blind: EpisodeResult
-    view: str
+    solver: str
+    solved: _Drive
+    blind: _Drive
 
 
 class Certifier:
@@ -49,29 +63,27 @@ class Certifier:
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
         self._catalog = load_catalog()
-        self._runners: dict[str, tuple[EpisodeRunner, list[Recorder]]] = {}
+        self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
-        self._last = Recorder(Replay(()), True)
 
     def prove(
         self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         """The certificate of a row. tempted: the sign-blind driver's name. asked, realised: cars per lane-km."""
         solver, solved = self._solve(spec)
-        answers = self._last.answers
         blind = self._drive(tempted, spec)
-        self._proofs[spec.half] = _Proof(spec, answers, blind, self._last.view)
-        facts, calm = blind.facts, solved.facts
+        self._proofs[spec.half] = _Proof(spec, solver, solved, blind)
+        facts, calm = blind.result.facts, solved.result.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
-            expert=solver, expert_time_s=_time(solved) if solver else math.nan, tempted=tempted,
-            tempted_outcome=blind.outcome.value, tempting=not _scd(blind),
+            expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, tempted=tempted,
+            tempted_outcome=blind.result.outcome.value, tempting=not blind.passed,
             engaged=facts is not None and facts.target.engaged, asked_density=asked, realised_density=realised,
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
-            arrival_gap_s=math.nan if facts is None else arrival_gap(facts), error=solved.error or blind.error,
-            digest=_digest(solved, blind), basis=bases([spec], self._catalog)[spec.scenario_id],
-            code=driving_fingerprint(), reproduced=None,
+            arrival_gap_s=math.nan if facts is None else arrival_gap(facts),
+            error=solved.result.error or blind.result.error, digest=_digest(solved.result, blind.result),
+            basis=bases([spec], self._catalog)[spec.scenario_id], code=driving_fingerprint(), reproduced=None,
         )  # fmt: skip
 
     def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
@@ -79,60 +91,83 @@ class Certifier:
         a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
         if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
             raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
-        passed = [_scd(self._replay(one.answers, other.spec)) for one, other in ((a, b), (b, a))]
-        tick = brake = None
-        if a.blind.facts is not None and b.blind.facts is not None:
-            tick = first_difference(a.blind.facts, b.blind.facts)
-            brake = None if tick is None else braking_before(a.blind.facts.scene.target_sign, tick)
+        replayed = (self._replay(one.solved, other.spec).passed for one, other in ((a, b), (b, a)))
+        differs_s, brake = self._reaction(a, b)
         pair = partial(
-            replace, exclusive=not any(passed), blind_equal=a.view == b.view != "",
-            differs_s=None if brake is None or tick is None else tick.time, brake_mps2=brake,
+            replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
+            blind_equal=a.blind.seen.view == b.blind.seen.view != "", differs_s=differs_s, brake_mps2=brake,
         )  # fmt: skip
         return pair(signed), pair(contrast)
 
-    def again(self, spec: ScenarioSpec, old: Certificate) -> Certificate:
-        """The row driven once more; `reproduced` where it shows the same, whatever code drove it before, and where.
+    def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
+        """A row, or the two of a pair, driven once more.
 
-        What only the builder measures (attempt, densities) is kept.
+        `reproduced` where it shows the same, whatever code drove it before, and where. What only the builder measures
+        (attempt, densities) is kept.
         """
-        new = self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
-        return replace(new, reproduced=not old.differences(new))
+        new = [
+            self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
+            for spec, old in rows
+        ]
+        if len(new) > 1 and all(c.solvable for c in new):
+            new = list(self.prove_pair(*new))
+        return [
+            replace(fresh, reproduced=not old.differences(fresh))
+            for (_, old), fresh in zip(rows, new, strict=True)
+        ]
 
-    def _solve(self, spec: ScenarioSpec) -> tuple[str, EpisodeResult]:
+    def _solve(self, spec: ScenarioSpec) -> tuple[str, _Drive]:
         """The first expert that gets SCD and its episode; "" and the first expert's episode if none does."""
-        results = []
+        drives = []
         for name in EXPERTS:
-            results.append(self._drive(name, spec))
-            if _scd(results[-1]):
-                return name, results[-1]
-        return "", results[0]
+            drives.append(self._drive(name, spec))
+            if drives[-1].passed:
+                return name, drives[-1]
+        return "", drives[0]
 
-    def _drive(self, planner: str, spec: ScenarioSpec) -> EpisodeResult:
-        if planner not in self._runners:
-            loaded, made = resolve(planner), list[Recorder]()
+    def _passed_by(self, a: _Proof, b: _Proof) -> str:
+        """Who passes both halves and reads no plate: the tempted driver, or who always obeys one half's; "" if none."""
+        if a.blind.passed and b.blind.passed:
+            return a.blind.result.planner
+        always = (
+            one.spec.half for one, other in ((a, b), (b, a)) if self._obeys_everywhere(one, other.spec).passed
+        )
+        return next((f"who always obeys the {half} plate" for half in always), "")
 
-            def factory() -> Recorder:
-                made.append(Recorder(loaded.factory(), not loaded.privileged))
-                return made[-1]
+    def _obeys_everywhere(self, one: _Proof, other: ScenarioSpec) -> _Drive:
+        """The expert of a half driving the other one, told the first one's plate."""
+        expert, told = self._planner(one.solver), one.solved.seen.context
+        assert told is not None
+        assert told.privilege is not None
+        plate = told.privilege
+        return self._run(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
 
-            runner = EpisodeRunner(
-                replace(loaded, name=planner, factory=factory),
-                simulation=self._simulation,
-                loader=self._loader,
-            )
-            self._runners[planner] = runner, made
-        runner, made = self._runners[planner]
-        result = runner.run(spec)
-        self._last = made[-1] if made else Recorder(Replay(()), True)
-        return result
+    def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
+        """When others first do something else, under the tempted driver's commands of the signed half, and the braking
+        that would still stop it before its line then; None, None where they never do before the line.
+        """
+        facts, same = a.blind.result.facts, self._replay(a.blind, b.spec).result.facts
+        tick = None if facts is None or same is None else first_difference(facts, same)
+        brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
+        return (None, None) if tick is None or brake is None else (tick.time, brake)
 
-    def _replay(self, answers: Sequence[Control | Trajectory], spec: ScenarioSpec) -> EpisodeResult:
-        planner = LoadedPlanner("replay", lambda: Replay(answers), False)
-        return EpisodeRunner(planner, simulation=self._simulation, loader=self._loader).run(spec)
+    def _planner(self, name: str) -> LoadedPlanner:
+        if name not in self._loaded:
+            self._loaded[name] = replace(resolve(name), name=name)
+        return self._loaded[name]
 
+    def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
+        return self._run(self._planner(planner), spec)
 
-def _scd(result: EpisodeResult) -> bool:
-    return result.facts is not None and passed(result.facts)
+    def _replay(self, drive: _Drive, spec: ScenarioSpec) -> _Drive:
+        return self._run(LoadedPlanner("replay", lambda: Replay(drive.seen.answers)), spec)
+
+    def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
+        seen = Recorder(planner.factory())
+        runner = EpisodeRunner(
+            replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader
+        )
+        return _Drive(runner.run(spec), seen)
 
 
 def _time(result: EpisodeResult) -> float:

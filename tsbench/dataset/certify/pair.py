@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
 
 from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.signs.annotations import SignInstance
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
+from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
 _STOP = Control(-3.0, 0.0)
@@ -21,26 +22,26 @@ _SAME = 1e-6
 
 
 class Recorder:
-    """A planner, and of its last episode its answers and the digest of its first view with plates masked, "" if none.
+    """A planner, and of its last episode what it was told, its answers, and the digest of what it was first shown.
 
-    blind: is the planner shown no more than others are? An expert's view has no such digest.
+    view: SHA-256 (hex) of that with plates masked; "" of an expert, who is shown more, and where nothing was shown.
     """
 
-    def __init__(self, planner: Planner, blind: bool) -> None:
-        self._planner, self._blind = planner, blind
-        self._context: PlannerContext | None = None
+    def __init__(self, planner: Planner) -> None:
+        self._planner = planner
+        self.context: PlannerContext | None = None
         self.view = ""
         self.answers: list[Control | Trajectory] = []
 
     def reset(self, context: PlannerContext) -> None:
         """Begin anew."""
-        self._context, self.view, self.answers = context, "", []
+        self.context, self.view, self.answers = context, "", []
         self._planner.reset(context)
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """The planner's answer."""
-        if self._blind and not self.answers and self._context is not None:
-            self.view = hashlib.sha256(blind_bytes(self._context, observation)).hexdigest()
+        if not self.answers and self.context is not None and self.context.privilege is None:
+            self.view = hashlib.sha256(blind_bytes(self.context, observation)).hexdigest()
         self.answers.append(self._planner.act(observation))
         return self.answers[-1]
 
@@ -59,10 +60,27 @@ class Replay:
         return self._answers[observation.step] if observation.step < len(self._answers) else _STOP
 
 
-def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
-    """The tick at which others first do something else, None where they never do while both egos are alike.
+class Prejudiced:
+    """An expert that obeys the plate of the other half, whatever stands here: as who always drives by one habit."""
 
-    Of two episodes of one driver; where the egos part first, what follows is their own doing.
+    def __init__(self, expert: Planner, other: Privilege) -> None:
+        self._expert, self._other = expert, other
+
+    def reset(self, context: PlannerContext) -> None:
+        """Begin anew, on this half's network but told the other one's plate."""
+        assert context.privilege is not None
+        told = replace(context.privilege, sign=self._other.sign, rule=self._other.rule)
+        self._expert.reset(replace(context, privilege=told))
+
+    def act(self, observation: Observation) -> Control | Trajectory:
+        """The expert's answer."""
+        return self._expert.act(observation)
+
+
+def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
+    """The tick of `a` at which others first do something else than in `b`, None where they never do.
+
+    Of two episodes with the same commands, as long as both last.
     """
     for one, other in zip_longest(a.snapshots, b.snapshots):
         if one is None or other is None:
@@ -72,13 +90,21 @@ def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
             and np.allclose(one.actors.speed, other.actors.speed, rtol=0.0, atol=_SAME)
         ):
             return one
-        if math.hypot(one.ego.x - other.ego.x, one.ego.y - other.ego.y) > _SAME:
-            return None
     return None
 
 
-def braking_before(post: SignInstance, tick: WorldSnapshot) -> float | None:
-    """Deceleration with which the ego stops at a post that is ahead of it, None where it is past it; m/s2."""
+def line_point(scene: Scene) -> tuple[float, float]:
+    """Where the ego would have to stop, in the network's frame: before those who come, or at the plate."""
+    agents = scene.convoy or scene.walkers
+    if agents is not None:
+        line = scene.network.lane(agents.line_lane).line
+        return line.point_at(line.length)
+    post = scene.target_sign
+    return scene.network.edge_lanes(post.edge)[max(post.lane, 0)].line.point_at(post.position_m)
+
+
+def braking_before(line: tuple[float, float], tick: WorldSnapshot) -> float | None:
+    """Deceleration with which the ego stops at a line that is ahead of it, None where it is past it; m/s2."""
     x, y = tick.ego.front
-    ahead = (post.x - x) * math.cos(tick.ego.heading) + (post.y - y) * math.sin(tick.ego.heading)
+    ahead = (line[0] - x) * math.cos(tick.ego.heading) + (line[1] - y) * math.sin(tick.ego.heading)
     return None if ahead <= 0.0 else tick.ego.speed**2 / (2.0 * ahead)

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,10 @@ def _certifier(root: Path) -> Certifier:
 
 
 def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:
+    """The rows of a map, in order, so that the halves of a pair stand side by side."""
     certifier = _certifier(root)
-    return [asdict(certifier.again(spec, old)) for spec, old in batch]
+    pairs = groupby(batch, key=lambda proven: proven[0].pair_name)
+    return [asdict(new) for _, pair in pairs for new in certifier.again(list(pair))]
 
 
 def _kept(batch: _Batch, root: Path) -> Kept:
@@ -81,11 +84,13 @@ def recertify(
 
 
 def draw_sample(rows: Sequence[ScenarioSpec], size: int) -> list[ScenarioSpec]:
-    """`size` rows of each type in shuffled order: if other code is at work, do its episodes still come out the same?"""
-    by_type: dict[str, list[ScenarioSpec]] = defaultdict(list)
-    for row in sorted(rows, key=lambda r: hashlib.sha256(f"sample {r.scenario_id}".encode()).digest()):
-        by_type[row.pair_type].append(row)
-    return [row for _, drawn in sorted(by_type.items()) for row in drawn[:size]]
+    """`size` rows or pairs of each type, drawn: if other code is at work, do its episodes still come out the same?"""
+    by_type: dict[str, list[str]] = defaultdict(list)
+    kinds = {row.pair_name: row.pair_type for row in rows}
+    for name in sorted(kinds, key=lambda n: hashlib.sha256(f"sample {n}".encode()).digest()):
+        by_type[kinds[name]].append(name)
+    drawn = {name for names in by_type.values() for name in names[:size]}
+    return [row for row in rows if row.pair_name in drawn]
 
 
 def _problems(old: Certificate, new: Certificate) -> list[str]:

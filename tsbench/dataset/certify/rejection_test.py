@@ -11,5 +11,5 @@ class RejectionTest(Certifier):
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""
-        facts = self._drive(planner, spec).facts
+        facts = self._drive(planner, spec).result.facts
         return facts is not None and not facts.target.compliant

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
+from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
@@ -74,7 +76,11 @@ class SpeedZonePlacement(Placement):
         return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The zone on edges of its own."""
+        """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
+        expected = CLASS_SPEED_MPS.get(f"highway.{row.road_class}", math.nan)
+        require(
+            abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class"
+        )
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def place(self, task: SceneTask) -> Arrangement:

@@ -18,7 +18,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.benchmark import TEST_PER_TRAIN
+from tsbench.core.benchmark import MAPS
 from tsbench.core.files import write_json
 from tsbench.core.parallel import Kept, Workers, worker_processes
 from tsbench.core.provenance import closure, digest, versions
@@ -26,6 +26,7 @@ from tsbench.core.seeds import seed_of
 from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.registry import placement_of
 from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
+from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.certificates import (
@@ -43,7 +44,6 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
-DEV_MAPS = 1
 AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
@@ -75,6 +75,7 @@ class TypeReport:
     """What became of one type in one split.
 
     maps, missed: by stratum, taken and wanting. short: maps wanting in all. reasons: of maps that were passed over.
+    draws: why draws of variants were not kept, on all maps that were tried, and how often.
     """
 
     type_id: str
@@ -83,6 +84,7 @@ class TypeReport:
     missed: dict[str, int]
     short: int
     reasons: dict[str, int]
+    draws: dict[str, int]
 
 
 def stratum_of(row: PoolRow) -> str:
@@ -112,9 +114,8 @@ def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) 
 
 def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
     rows = tuple(ScenarioSpec(**row) for row in data["rows"])
-    return MapScenarios(
-        data["map_id"], rows, tuple(Certificate(**c) for c in data["certificates"]), data["reason"]
-    )
+    certificates = tuple(Certificate(**c) for c in data["certificates"])
+    return MapScenarios(data["map_id"], rows, certificates, data["reason"], tuple(data["rejected"]))
 
 
 # What makes scenes; it imports every placement, of which a type uses one.
@@ -149,15 +150,13 @@ class TypeBuilder:
         self, rows: Sequence[PoolRow], split: str, progress: Progress
     ) -> tuple[list[MapScenarios], TypeReport]:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
-        share = 1 if split == "train" else TEST_PER_TRAIN
-        quota = {k: v // share for k, v in self.recipe.maps.items()}
-        if split == "dev":
-            quota = {max(quota, key=lambda k: (quota[k], k)): DEV_MAPS}
-        wanted = sum(quota.values())
+        quota = {k: v * MAPS[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
+        wanted = max(sum(self.recipe.maps.values()) * MAPS[split] // MAPS["train"], 1)
         taken: list[MapScenarios] = []
         places: list[tuple[float, float]] = []
         counts: Counter[str] = Counter()
         reasons: Counter[str] = Counter()
+        draws: Counter[str] = Counter()
         tried: set[str] = set()
         ordered = self.candidates(rows, split)
         for strict in (True, False):
@@ -165,6 +164,7 @@ class TypeBuilder:
             accept = quota if strict else {}
             for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
                 tried.add(row.map_id)
+                draws.update(map(_reason_class, site.rejected))
                 if site.reason:
                     reasons[_reason_class(site.reason)] += 1
                     continue
@@ -177,7 +177,7 @@ class TypeBuilder:
         missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
         return taken, TypeReport(
             self.recipe.type.id, split, dict(sorted(counts.items())), missed, wanted - len(taken),
-            dict(reasons.most_common()),
+            dict(reasons.most_common()), dict(draws.most_common()),
         )  # fmt: skip
 
     def _built(
@@ -246,23 +246,24 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
-        # Test first: with it alone planners can be compared already. Train, the largest, last.
-        for split in [s for s in reversed(SPLITS) if s in request.splits]:
+        for split in (s for s in SPLITS if s in request.splits):
             for recipe in recipes:
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
-                _keep(request, recipe.type.id, split, sites)
+                _keep(request, recipe.type.id, split, sites, rows)
                 _write_report(request.root, report)
                 reports.append(report)
     return reports
 
 
-def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenarios]) -> None:
+def _keep(
+    request: BuildRequest, type_id: str, split: str, sites: list[MapScenarios], pool: Sequence[PoolRow]
+) -> None:
     """Replace one type's scenes, rows and certificates in one split."""
     root, built = request.root, SceneFolder(request.workplace)
     write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))
     path = table_path(split, root)
     others = [s for s in read_table(path) if s.pair_type != type_id] if path.is_file() else []
-    write_table([*others, *(r for s in sites for r in s.rows)], path)
+    write_table(with_places([*others, *(r for s in sites for r in s.rows)], pool), path)
     kept = certificates_path(root)
     old = read_certificates(kept) if kept.is_file() else []
     new = [c for s in sites for c in s.certificates]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from tsbench.core.benchmark import VARIANTS_OF
 from tsbench.core.errors import SimulationError
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.core.xmlfile import read_plain, sha256
@@ -36,10 +37,10 @@ from tsbench.sim.world import DT_S
 NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
 _ENDS = {SIGNED: "", CONTRAST: "c"}
 
-# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; how many of ten may not
-# tempt.
+# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; which share of a map's may
+# not tempt.
 ATTEMPTS = 4
-UNTEMPTING_MOST = 1
+UNTEMPTING_MOST = 0.1
 
 
 class Certifier(Protocol):
@@ -61,13 +62,14 @@ class Certifier(Protocol):
 class MapScenarios:
     """What building one map for one type gave: rows with certificates, or the reason why it is unfit.
 
-    certificates: one per row, () where nobody proved them.
+    certificates: one per row, () where nobody proved them. rejected: why draws of variants were not kept.
     """
 
     map_id: str
     rows: tuple[ScenarioSpec, ...]
     certificates: tuple[Certificate, ...]
     reason: str
+    rejected: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,11 +90,13 @@ class SiteBuilder:
         self.recipe, self.root = recipe, root
         self.placement = placement_of(recipe)
         self.sim, self.prover = sim, prover
+        self._rejected: list[str] = []
         self._type_of = {code: kind for kind in load_catalog().types for code in kind.codes}
 
     def build(self, row: PoolRow, source: SourceNetwork, split: str) -> MapScenarios:
         """All variants of a map, or the reason that it can't carry the type."""
         folder = self.root / "scenes" / self.recipe.type.id / row.map_id
+        self._rejected = []
         try:
             crop = plain_crop(row, source)
             plain = self.placement.prepare(row, crop, self.recipe)
@@ -103,20 +107,22 @@ class SiteBuilder:
                 roads[CONTRAST] = roads[SIGNED] if same else _roads(other, folder / NET_NAMES[CONTRAST])
             built = self._variants(row, roads, folder, split)
         except (UnfitMapError, SimulationError) as error:
-            return MapScenarios(row.map_id, (), (), " ".join(str(error).split()))
+            return MapScenarios(row.map_id, (), (), " ".join(str(error).split()), tuple(self._rejected))
         rows = tuple(spec for drawn, _ in built for spec in drawn.rows)
-        return MapScenarios(row.map_id, rows, tuple(c for _, found in built for c in found), "")
+        certificates = tuple(c for _, found in built for c in found)
+        return MapScenarios(row.map_id, rows, certificates, "", tuple(self._rejected))
 
     def _variants(
         self, row: PoolRow, roads: dict[str, Roads], folder: Path, split: str
     ) -> list[tuple[_Drawn, tuple[Certificate, ...]]]:
-        """All ten; gives up as soon as too few of them can be what the type promises."""
+        """All that the split has; gives up as soon as too few of them can be what the type promises."""
         built: list[tuple[_Drawn, tuple[Certificate, ...]]] = []
         untempting = 0
-        for variant in variants_of(self.recipe.type.id, row.map_id):
+        variants = variants_of(self.recipe.type.id, row.map_id)[: VARIANTS_OF[split]]
+        for variant in variants:
             built.append(self._proven(row, roads, folder, variant, split))
             untempting += any(not c.tempting for c in built[-1][1][:1])
-            if untempting > UNTEMPTING_MOST:
+            if untempting > UNTEMPTING_MOST * len(variants):
                 raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.tempted}")
         return built
 
@@ -131,12 +137,14 @@ class SiteBuilder:
                 drawn = self._draw(row, roads, folder, variant, split, attempt)
             except UnluckyDrawError as error:
                 reason = str(error)
+                self._rejected.append(reason)
                 continue
             if self.prover is None:
                 return drawn, ()
             found = self._prove(self.prover, drawn, attempt, variant)
-            reason = next(filter(None, map(_why_not, found)), "")
+            reason = next(filter(None, map(_why_not, drawn.rows, found)), "")
             if reason:
+                self._rejected.append(reason)
                 continue
             breaker = self.recipe.breaker
             if found[0].tempting and (not breaker or self.prover.breaks(breaker, drawn.rows[0])):
@@ -155,7 +163,7 @@ class SiteBuilder:
         for spec in drawn.rows:
             asked = variant.cars_per_lane_km
             found.append(prover.prove(spec, self.recipe.tempted, attempt, asked, drawn.density))
-            if _why_not(found[-1]):
+            if _why_not(spec, found[-1]):
                 return tuple(found)
         return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)
 
@@ -223,10 +231,10 @@ def _roads(plain: PlainNet, path: Path) -> Roads:
     return Roads(network, LaneGraph(network), LaneLocator(network), file)
 
 
-def _why_not(certificate: Certificate) -> str:
+def _why_not(spec: ScenarioSpec, certificate: Certificate) -> str:
     """Why a proven row is not kept, "" where it is."""
     if certificate.solvable and certificate.sane:
-        return certificate.unpaired_because
+        return certificate.unpaired_because(spec)
     if certificate.error:
         return certificate.error
     if not certificate.solvable:

@@ -14,24 +14,26 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.textfile import read_json
 from tsbench.dataset.scenes.build import stratum_of
+from tsbench.dataset.scenes.places import places_of
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.map_pool import pool_file, read_pool
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 
-PLACE_M = 300.0
 _SHARES = ("solvable", "tempting", "engaged", "sane")
 
 
 @dataclass(frozen=True)
 class TypeStats:
-    """Rows, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
+    """Rows, pairs, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
 
-    The rest are shares of rows after their certificates, gap_s the median of |arrival gap| (NaN where there is none).
+    The rest are shares of signed rows after their certificates, reproduced of all rows; gap_s the median of |arrival
+    gap| (NaN where there is none), seen the share of pairs whose halves look different before the ego's line.
     """
 
     type_id: str
     split: str
     rows: int
+    pairs: int
     maps: int
     places: int
     strata: dict[str, int]
@@ -42,15 +44,7 @@ class TypeStats:
     sane: float
     reproduced: float
     gap_s: float
-
-
-def places(points: Sequence[tuple[float, float]]) -> int:
-    """How many places more than 300 m apart cover all points: greedy, in the order given."""
-    chosen: list[tuple[float, float]] = []
-    for e, n in points:
-        if all((e - a) ** 2 + (n - b) ** 2 > PLACE_M**2 for a, b in chosen):
-            chosen.append((e, n))
-    return len(chosen)
+    seen: float
 
 
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
@@ -73,24 +67,34 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
     for spec in specs:
         groups[(spec.pair_type, spec.split)].append(spec)
+    place = {
+        split: places_of([pool[m] for m in {s.map_id for s in specs if s.split == split}])
+        for split in {s.split for s in specs}
+    }
     result = []
     for (type_id, split), rows in sorted(groups.items()):
         maps = [pool[m] for m in sorted({r.map_id for r in rows})]
-        proofs = [known[r.scenario_id] for r in rows if r.scenario_id in known]
+        signed = [r for r in rows if r.half == SIGNED]
+        proofs = [known[r.scenario_id] for r in signed if r.scenario_id in known]
         gaps = [abs(c.arrival_gap_s) for c in proofs if not math.isnan(c.arrival_gap_s)]
-        n = len(rows)
+        n, pairs = len(signed), sum(bool(r.pair_id) for r in signed)
         result.append(
             TypeStats(
                 type_id=type_id,
                 split=split,
-                rows=n,
+                rows=len(rows),
+                pairs=pairs,
                 maps=len(maps),
-                places=places([(m.east, m.north) for m in maps]),
+                places=len({place[split][m.map_id] for m in maps}),
                 strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
                 tagged_share=sum(m.well_tagged for m in maps) / len(maps),
                 **{name: sum(getattr(c, name) for c in proofs) / n for name in _SHARES},
-                reproduced=sum(c.reproduced is True for c in proofs) / n,
+                reproduced=sum(
+                    r.scenario_id in known and known[r.scenario_id].reproduced is True for r in rows
+                )
+                / len(rows),
                 gap_s=median(gaps) if gaps else math.nan,
+                seen=sum(c.differs_s is not None for c in proofs) / pairs if pairs else math.nan,
             )
         )
     return result

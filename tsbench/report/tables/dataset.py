@@ -26,19 +26,22 @@ def dataset_tables(
     by_split = ", ".join(f"{split} {count:,}" for split, count in counts.items())
     rows = tuple(
         Row((
-            t.type_id, t.split, t.rows, t.maps, t.places,
+            t.type_id, t.split, t.rows, t.pairs, t.maps, t.places,
             *(_percent(getattr(t, name)) for name in _SHARES.values()), None if isnan(t.gap_s) else t.gap_s,
+            "" if isnan(t.seen) else _percent(t.seen),
         ))
         for t in stats
     )  # fmt: skip
     columns = (
-        *text_columns("type", "split"), *(Column(k, k, Kind.COUNT) for k in ("rows", "maps", "places")),
-        *text_columns(*_SHARES), Column("gap_s", "gap s", Kind.NUMBER),
+        *text_columns("type", "split"), *(Column(k, k, Kind.COUNT) for k in ("rows", "pairs", "maps", "places")),
+        *text_columns(*_SHARES), Column("gap_s", "gap s", Kind.NUMBER), *text_columns("seen"),
     )  # fmt: skip
     notes = (
-        "Shares are of rows, in %, by their certificates. places: spots more than 300 m apart that hold all maps. "
+        "Shares are of signed rows, in %, by their certificates. places: maps of the split within 300 m of each other, "
+        "of one ring or one OSM way are one. "
         "tagged: maps from extracts with full tags. again: driven to the same bytes by a second process. gap s: median "
-        "of |arrival gap| between the ego and whom it has to watch, where there is somebody",
+        "of |arrival gap| between the ego and whom it has to watch, where there is somebody. seen: pairs whose others "
+        "betray the half before the ego is at its line, though too late to stop",
     )
     title = f"The data set: {sum(counts.values()):,} rows ({by_split})"
     strata = {(t.type_id, t.split): t.strata for t in stats}
@@ -50,12 +53,15 @@ def dataset_tables(
                 _counts(strata.get((kind, split), {})),
                 _counts(e["missed"]),
                 _reasons(e["reasons"]),
+                _reasons(e.get("draws", {})),
             )
         )
         for e in report
         for kind, split in [(str(e["type_id"]), str(e["split"]))]
     )
-    heads = text_columns("type", "split", "maps by stratum", "quota missed", "maps passed over, by reason")
+    heads = text_columns(
+        "type", "split", "maps by stratum", "quota missed", "maps passed over, by reason", "draws passed over"
+    )
     quotas = "Quotas, and why maps were passed over while they were filled"
     return (
         Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),

@@ -59,7 +59,7 @@ class ObservedVehicle:
 class GapRequirement:
     """What is asked before the ego goes in front of somebody.
 
-    gap: a vehicle that would reach its zone within so many seconds of the ego at the line is in the way, its speed
+    gap: a vehicle that would reach its zone within so many seconds of the ego's entry there is in the way, its speed
     counted as `least` at least; 0: no rule says so. post_clear: for so long the ego has left a zone before the next
     one is there. On top of these: gap_s, clear_s. behind_s: after one who has just cleared the zone. foe_accel: with
     which others may gather speed; `trust` on top of what is seen, if they are not `slow` (m/s). patience_s: after
@@ -98,12 +98,12 @@ class GapRequirement:
         return seen.standing <= self.patience_s and (seen.to_zone <= 0.0 or self._too_soon(seen, plan))
 
     def _within_gap(self, seen: ObservedVehicle, plan: CrossingPlan) -> bool:
-        """It may keep its speed or gather more until the ego is at the line; which is worse differs by clause."""
-        vehicle, at_line, gap = seen.vehicle, plan.at_line, self.gap + self.gap_s
+        """It may keep its speed or gather more until the ego enters the zone, where the rule counts the gap."""
+        vehicle, enters, gap = seen.vehicle, plan.enters, self.gap + self.gap_s
         if seen.standing > self.patience_s:
-            return seen.to_zone / self.least < gap + at_line
-        kept = seen.to_zone - vehicle.speed * at_line
-        gone, speed = gather(vehicle.speed, self._limit(seen), self._gathers(seen), at_line)
+            return seen.to_zone / self.least < gap + enters
+        kept = seen.to_zone - vehicle.speed * enters
+        gone, speed = gather(vehicle.speed, self._limit(seen), self._gathers(seen), enters)
         left = seen.to_zone - gone
         return kept / max(vehicle.speed, self.least) < gap or left / max(speed, self.least) < gap
 

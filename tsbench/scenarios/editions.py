@@ -1,0 +1,26 @@
+"""Which edition the scenes of each split are of: `scenarios/editions.yaml`.
+
+A split that is not rebuilt yet stays what it was: scenes of an earlier edition, proven under that one's rules.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_file
+from tsbench.core.textfile import read_yaml
+from tsbench.scenarios.table import SPLITS
+
+
+def scene_editions(root: Path | None = None) -> dict[str, str]:
+    """By split, of those that the file names; {} without a file. Raises InputError for anything else in it."""
+    path = data_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
+    if not path.is_file():
+        return {}
+    content = read_yaml(path, "list of editions")
+    if not isinstance(content, dict) or not all(
+        k in SPLITS and isinstance(v, str) for k, v in content.items()
+    ):
+        raise InputError(f"{path}: expected an edition in quotes for splits of {', '.join(SPLITS)}")
+    return content
