@@ -100,8 +100,8 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) ->
 
 def test_list(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = run(capsys, "list").split()
-    assert lines == [f"yield-j-{s}-v{k}" for s in ("train", "test") for k in range(3)]
-    assert run(capsys, "list", "--split", "test").split() == lines[3:]
+    assert lines == [f"yield-j-{s}-v{k}" for s in ("test", "train") for k in range(3)]
+    assert run(capsys, "list", "--split", "test").split() == lines[:3]
     assert run(capsys, "list", "--types", "speed_limit") == ""
 
 
@@ -163,11 +163,13 @@ def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
     assert "j-train: is within 300 m of test map j-test" in run(capsys, "verify", expect=1)
     write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=421.0)], pool)
     run(capsys, "verify")
+    table = table_path("test", data / "scenarios")
+    write_table([replace(r, place="j-other") for r in read_table(table)], table)
+    assert "j-test: is of place j-test" in run(capsys, "verify", expect=1)
     write_pool([pool_builders.crossroads("j-train")], pool)
     assert "j-test: map is not in the pool" in run(capsys, "verify", expect=1)
-    table = table_path("test", data / "scenarios")
     write_table([replace(r, map_id="j-train") for r in read_table(table)], table)
-    assert "j-train: map is in both splits" in run(capsys, "verify", expect=1)
+    assert "j-train: map is in two splits" in run(capsys, "verify", expect=1)
 
 
 def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simworld import simulation
 
-from tsbench.core.benchmark import TEST_PER_TRAIN
+from tsbench.core.benchmark import MAPS, VARIANTS_OF
 from tsbench.scenarios.map_pool import pool_file
 from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.dataset.scenes.build import APART_M, stratum_of
@@ -18,23 +18,31 @@ from tsbench.scenarios.certificates import Certificate, certificates_path, read_
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.core.seeds import seed_of
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.run.edition import editions
+from tsbench.scenarios.editions import scene_editions
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.dataset.scenes.variants import variants_of
-from tsbench.dataset.scenes.verify import verify_rows, verify_split
+from tsbench.dataset.scenes.verify import verify_pairs, verify_rows, verify_split
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 
-TYPES = tuple(t.id for t in load_catalog().types)
-MAPS = {"train": 80, "test": 20}
+CATALOG = load_catalog()
+TYPES = tuple(t.id for t in CATALOG.types)
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
+# What a row promises is what its edition asked of it: those of 2026.1 are alone, and stand where that one's split put them.
+EDITIONS = scene_editions(SCENARIOS)
+FIRST = "2026.1"
+PAIRED = [split for split, name in EDITIONS.items() if name != FIRST]
+# Maps of the first train split that stand in today's dev and holdout, or near them.
+MOVED_MOST = 24
 
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return [r for split in SPLITS for r in read_table(table_path(split, SCENARIOS))]
+    return [r for split in splits_there(SCENARIOS) for r in read_table(table_path(split, SCENARIOS))]
 
 
 @pytest.fixture(scope="module")
@@ -47,18 +55,45 @@ def pool() -> dict[str, PoolRow]:
     return {r.map_id: r for r in read_pool(pool_file())}
 
 
-def test_every_type_its_maps_ten_variants(rows: list[ScenarioSpec]) -> None:
-    """Test is whole; a type is in train with all its maps or not yet."""
-    assert len(rows) == len({r.scenario_id for r in rows})
-    variants: dict[tuple[str, str, str], list[int]] = defaultdict(list)
-    for r in rows:
-        variants[(r.scenario_type, r.split, r.map_id)].append(r.variant)
-    assert all(sorted(v) == list(range(10)) for v in variants.values())
-    maps = Counter(key[:2] for key in variants)
-    assert {t: maps[t, "test"] for t in TYPES} == dict.fromkeys(TYPES, MAPS["test"])
-    assert {t: n for (t, s), n in maps.items() if s == "train" and n != MAPS["train"]} == {}
-    for split in SPLITS:
+def signed(rows: list[ScenarioSpec], split: str, type_id: str = "") -> list[ScenarioSpec]:
+    """The signed rows of a split, of one type or of all."""
+    return [r for r in rows if (r.split, r.half) == (split, SIGNED) and type_id in ("", r.pair_type)]
+
+
+def test_each_split_says_of_which_edition_it_is() -> None:
+    assert sorted(EDITIONS) == sorted(splits_there(SCENARIOS))
+    assert set(EDITIONS.values()) <= {edition.name for edition in editions()}
+    for split in EDITIONS:
         assert {r.split for r in read_table(table_path(split, SCENARIOS))} == {split}
+
+
+def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
+    """Test and dev are whole; a type is in train with all its maps or not yet; holdout has what its district gives."""
+    assert len(rows) == len({r.scenario_id for r in rows})
+    for split in EDITIONS:
+        variants: dict[tuple[str, str], list[int]] = defaultdict(list)
+        for r in signed(rows, split):
+            variants[(r.pair_type, r.map_id)].append(r.variant)
+        assert all(sorted(v) == list(range(VARIANTS_OF[split])) for v in variants.values())
+        maps = Counter(type_id for type_id, _ in variants)
+        if split in ("test", "dev"):
+            assert maps == dict.fromkeys(TYPES, MAPS[split])
+        elif split == "train":
+            assert set(maps.values()) == {MAPS[split]}
+        else:
+            assert len(maps) >= 20
+            assert max(maps.values()) <= MAPS[split]
+
+
+def test_every_row_of_a_paired_type_has_its_other_half(rows: list[ScenarioSpec]) -> None:
+    """Since 2026.2; rows of the first edition have none, nor has a type without pairs."""
+    for split in EDITIONS:
+        paired = {t for t in TYPES if split in PAIRED and load_recipe(t, CATALOG).paired}
+        for r in signed(rows, split):
+            assert r.pair_id == (r.scenario_id if r.pair_type in paired else ""), r
+        halves = Counter(r.half for r in rows if r.split == split)
+        assert halves[CONTRAST] == sum(r.pair_type in paired for r in signed(rows, split))
+    assert verify_pairs(rows, SCENARIOS) == []
 
 
 def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
@@ -69,7 +104,7 @@ def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[st
         assert (c.solvable, c.sane, c.scenario_type, c.split) == (True, True, r.scenario_type, r.split), c
         assert c.reproduced is not False, c
     for type_id in TYPES:
-        own = [c for c in proofs.values() if c.scenario_type == type_id]
+        own = [proofs[r.scenario_id] for split in EDITIONS for r in signed(rows, split, type_id)]
         assert sum(c.tempting for c in own) >= 0.9 * len(own)
         assert sum(c.engaged for c in own) >= 0.95 * len(own)
 
@@ -77,65 +112,76 @@ def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[st
 def test_every_row_is_what_its_name_makes_it(
     rows: list[ScenarioSpec], proofs: dict[str, Certificate]
 ) -> None:
-    catalog = load_catalog()
     for r in rows:
-        kind = catalog.type(r.scenario_type)
-        assert r.scenario_id == f"{r.scenario_type}-{r.map_id}-v{r.variant}"
-        assert r.seed == seed_of("scenario", f"{r.scenario_id}~{proofs[r.scenario_id].attempt}")
-        assert (r.group, r.family) == (kind.group, kind.family)
+        kind = CATALOG.type(r.scenario_type)
+        assert r.pair_name == f"{r.pair_type}-{r.map_id}-v{r.variant}"
+        assert r.scenario_id == r.pair_name + ("-c" if r.half == CONTRAST else "")
+        assert r.seed == seed_of("scenario", f"{r.pair_name}~{proofs[r.scenario_id].attempt}")
+        assert (r.group, r.family) == (kind.group, CATALOG.type(r.pair_type).family)
         assert r.horizon == (1000 if r.family == "roundabout" else 600)
         assert r.sign_code in kind.codes
-        variant = variants_of(r.scenario_type, r.map_id)[r.variant]
+        variant = variants_of(r.pair_type, r.map_id)[r.variant]
         assert (r.density, r.drivers, r.layout) == (variant.density, variant.drivers, variant.layout)
         assert 0.0 < r.initial_speed <= 22.2
         assert r.route_length > 0.0
+        assert bool(r.place) == (r.split in PAIRED)
 
 
-def test_no_place_is_in_both_splits(rows: list[ScenarioSpec]) -> None:
-    assert verify_split(rows) == []
+def test_no_place_is_in_two_splits(rows: list[ScenarioSpec]) -> None:
+    """Nor is one of the first edition in test; dev and holdout are of the second one."""
+    assert verify_split([r for r in rows if r.split in PAIRED]) == []
+    for split in set(EDITIONS) - set(PAIRED):
+        assert verify_split([r for r in rows if r.split in (split, "test")]) == []
 
 
 def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str, PoolRow]) -> None:
     split = split_pool(list(pool.values()))
-    assert {r.map_id: r.split for r in rows}.items() <= split.items()
+    elsewhere = {(r.split, r.map_id) for r in rows if split[r.map_id] != r.split}
+    assert not {name for name, _ in elsewhere} & {*PAIRED, "test"}
+    assert len(elsewhere) <= MOVED_MOST
     share = Counter(split.values())
     assert share["test"] / (share["test"] + share["train"]) == pytest.approx(0.2, abs=0.05)
+    assert min(share["dev"], share["holdout"]) > 500
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_every_stratum(rows: list[ScenarioSpec], pool: dict[str, PoolRow], type_id: str) -> None:
-    """Quotas are met, but for what the build says it missed; no two maps of a type are one place."""
-    quota = load_recipe(type_id, load_catalog()).maps
+    """Today's quotas are met, but for what the build says it missed; no two maps of a type are one place."""
+    recipe = load_recipe(type_id, CATALOG)
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))
     report = {e["split"]: e for e in entries if e["type_id"] == type_id}
-    apart = load_recipe(type_id, load_catalog()).numbers.get("apart_m", APART_M)
-    for split, share in (("train", 1), ("test", TEST_PER_TRAIN)):
-        maps = sorted({r.map_id for r in rows if (r.scenario_type, r.split) == (type_id, split)})
+    apart = recipe.numbers.get("apart_m", APART_M)
+    for split in EDITIONS:
+        maps = sorted({r.map_id for r in signed(rows, split, type_id)})
         if not maps:
             continue
-        counts = Counter(stratum_of(pool[m]) for m in maps)
-        missed = report[split]["missed"]
-        assert report[split]["short"] == 0
-        assert set(counts) <= set(quota)
-        for stratum, wanted in quota.items():
-            assert counts[stratum] >= wanted // share - missed.get(stratum, 0)
+        assert report[split]["short"] == 0 or split == "holdout"
         at = np.array([(pool[m].east, pool[m].north) for m in maps])
         gaps = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1)) + np.eye(len(at)) * 1e9
         assert gaps.min() >= apart
+        if split in PAIRED:
+            counts = Counter(stratum_of(pool[m]) for m in maps)
+            assert set(counts) <= set(recipe.maps)
+            for stratum, wanted in recipe.maps.items():
+                quota = wanted * MAPS[split] // MAPS["train"]
+                assert counts[stratum] >= quota - report[split]["missed"].get(stratum, 0)
 
 
 def test_posted_limits_in_about_equal_shares(rows: list[ScenarioSpec]) -> None:
-    values = {r.map_id: r.sign_value for r in rows if r.scenario_type == "speed_limit"}
-    counts = Counter(values.values())
-    assert set(counts) == {20.0, 30.0, 40.0}
-    assert min(counts.values()) >= 0.2 * len(values)
+    """Less so in the first edition, where a map has one limit for all its variants."""
+    for split in {"test", "train"} & EDITIONS.keys():
+        asked = load_recipe("speed_limit", CATALOG).choices["limits_kmh"] if split in PAIRED else (20, 30, 40)
+        counts = Counter(r.sign_value for r in signed(rows, split, "speed_limit"))
+        assert set(counts) == set(map(float, asked))
+        least = 0.6 if split in PAIRED else 0.4
+        assert min(counts.values()) >= least * counts.total() / len(asked)
 
 
 def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
     """Cars per lane-km within a quarter of what was asked, in every scene with traffic; unbiased on the whole."""
     dense = [proofs[r.scenario_id] for r in rows if r.density > 0]
     ratios = np.array([c.realised_density / c.asked_density for c in dense])
-    assert len(ratios) == 9 * len({(r.scenario_type, r.map_id) for r in rows})
+    assert len(ratios) == sum(r.variant > 0 for r in rows)
     assert np.abs(ratios - 1.0).max() <= 0.25 + 1e-3
     assert abs(float(ratios.mean()) - 1.0) < 0.07
 
@@ -143,7 +189,7 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
 def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
     named: dict[Path, dict[str, str]] = defaultdict(dict)
     for r in rows:
-        named[store_path(r.split, r.scenario_type)] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
+        named[store_path(r.split, r.pair_type)] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
     assert {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()} == set(named)
     store = SceneStore()
     for path, files in named.items():
@@ -153,7 +199,7 @@ def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
 def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
     """Every 97th row: all types and variants are in it."""
     chosen = sorted(rows, key=lambda r: r.scenario_id)[::97]
-    assert {r.scenario_type for r in chosen} == set(TYPES)
+    assert {r.pair_type for r in chosen} == set(TYPES)
     assert len({r.variant for r in chosen}) == 10
     return chosen
 
@@ -164,7 +210,7 @@ def test_a_sample_has_the_right_hashes_and_is_sound(rows: list[ScenarioSpec]) ->
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_a_busy_scene_runs_in_sumo(rows: list[ScenarioSpec], type_id: str) -> None:
-    spec = next(r for r in rows if (r.scenario_type, r.split, r.density) == (type_id, "test", 5.5))
+    spec = next(r for r in rows if (r.pair_type, r.split, r.density) == (type_id, "test", 5.5))
     scene, roads = SceneLoader().load(spec)
     lane = roads.network.lane(scene.start.lane)
     x, y = lane.line.point_at(scene.start.s)

@@ -12,6 +12,7 @@ from tsbench.core.seeds import ROOT_SEED
 from tsbench.dataset.scenes import split, variants
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
+from tsbench.scenarios.spec import SIGNED
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -67,16 +68,17 @@ def test_split_and_certificate() -> None:
 
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_the_rows_that_there_are(part: str) -> None:
-    rows = read_table(table_path(part))
+    rows = [row for row in read_table(table_path(part)) if row.half == SIGNED]
     assert len(rows) == {"train": 23_200, "test": 5_800}[part] == benchmark.ROWS[part]
-    maps = {row.map_id: row for row in rows if row.scenario_type == "yield"}
+    maps = {row.map_id: row for row in rows if row.pair_type == "yield"}
     assert len(maps) == benchmark.MAPS[part]
     assert Counter(row.variant for row in rows) == dict.fromkeys(range(benchmark.VARIANTS), len(rows) // 10)
 
 
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_limits_are_shared_out_as_the_page_says(part: str) -> None:
-    limits = Counter((r.scenario_type, r.sign_value) for r in read_table(table_path(part)) if not r.variant)
+    rows = read_table(table_path(part))
+    limits = Counter((r.pair_type, r.sign_value) for r in rows if not r.variant and r.half == SIGNED)
     for columns in (("20", "30", "40"), ("40", "50", "60")):
         page = [row for row in table("scenes.md", "type", *columns) if row["split"] == part]
         assert page

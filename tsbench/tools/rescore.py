@@ -18,7 +18,7 @@ from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
-from tsbench.run.log.manifest import Manifest, planners_of, read_manifest
+from tsbench.run.log.manifest import Manifest, floors_of, planners_of, read_manifest
 from tsbench.run.log.record import Row
 from tsbench.run.log.score import score
 from tsbench.run.log.tables import read_table
@@ -178,6 +178,7 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
         contract_hash=manifest["contract"],
         edition=str(manifest.get("edition", "")),
         asked=asked,
+        floors=floors_of(manifest),
         allow_partial=holes,
     )
     with io_errors_as_input_errors(path):

@@ -133,13 +133,16 @@ def test_the_same_row_gives_the_same_certificate(maker: SceneMaker) -> None:
     first = prove(maker, spec)
     assert prove(maker, spec).digest == first.digest
     assert prove(maker, replace(spec, horizon=40)).digest != first.digest
-    again = prover(maker).again(spec, first)
+    (again,) = prover(maker).again([(spec, first)])
     assert again == replace(first, reproduced=True, arrival_gap_s=again.arrival_gap_s)
     # Other code, or another processor, may have made it, and it holds; what it found has to be found again.
-    certifier = prover(maker)
-    assert certifier.again(spec, replace(first, code="older", digest="0")).reproduced is True
-    assert certifier.again(spec, replace(first, expert_time_s=first.expert_time_s + 0.1)).reproduced is False
-    assert certifier.again(spec, replace(first, arrival_gap_s=2.0)).reproduced is False
+    made = [
+        {"code": "older", "digest": "0"},
+        {"expert_time_s": first.expert_time_s + 0.1},
+        {"arrival_gap_s": 2.0},
+    ]
+    renewed = [prover(maker).again([(spec, replace(first, **fields))]) for fields in made]
+    assert [c.reproduced for (c,) in renewed] == [True, False, False]
     other = replace(first, tempted_outcome="timeout", engaged=False)
     assert first.differences(other) == [
         "tempted_outcome was 'arrived', is 'timeout'",

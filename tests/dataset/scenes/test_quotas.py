@@ -28,7 +28,7 @@ from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}
@@ -52,10 +52,13 @@ def strewn(n: int, tagged: Callable[[int], bool] = lambda _: True) -> list[PoolR
 
 
 class Pool:
-    """Builds nothing: a site of one row with the files it names, or the reason that a map is given."""
+    """Builds nothing: a site of one row with the files it names, or the reason that a map is given.
 
-    def __init__(self, unfit: dict[str, str] | None = None) -> None:
-        self.unfit, self.asked = unfit or {}, []  # type: ignore[var-annotated]
+    rejected: why draws were not kept, on every map.
+    """
+
+    def __init__(self, unfit: dict[str, str] | None = None, rejected: tuple[str, ...] = ()) -> None:
+        self.unfit, self.rejected, self.asked = unfit or {}, rejected, []  # type: ignore[var-annotated]
 
     def shutdown(self, cancel_futures: bool) -> None:
         pass
@@ -73,7 +76,8 @@ class Pool:
         for file in files.values() if rows else ():
             (root / file).parent.mkdir(parents=True, exist_ok=True)
             (root / file).write_bytes(gzip.compress(file.encode()))
-        return _Done({"map_id": name, "rows": rows, "certificates": [], "reason": reason})
+        told = {"reason": reason, "rejected": list(self.rejected)}
+        return _Done({"map_id": name, "rows": rows, "certificates": [], **told})
 
 
 class _Done:
@@ -107,6 +111,18 @@ def test_quotas_are_filled_exactly(tmp_path: Path) -> None:
 def test_the_test_split_gets_a_quarter(tmp_path: Path) -> None:
     _, counts, _, _ = fill(tmp_path, strewn(12), split="test")
     assert counts == {k: v // 4 for k, v in QUOTA.items()}
+
+
+def test_dev_gets_one_map_of_whatever_stratum(tmp_path: Path) -> None:
+    names, _, missed, _ = fill(tmp_path, strewn(12), split="dev")
+    assert (len(names), missed) == (1, {})
+
+
+def test_draws_that_were_not_kept_are_counted_by_reason(tmp_path: Path) -> None:
+    pool = Pool({"c-curved-2-1": "unfit"}, ("one drive passes both halves", "lead of 1.2 m", "lead of 3 m"))
+    *_, report = fill(tmp_path, strewn(12), pool)
+    tried = 24 + sum(report.reasons.values())
+    assert report.draws == {"lead of # m": 2 * tried, "one drive passes both halves": tried}
 
 
 def test_only_maps_of_the_split(tmp_path: Path) -> None:
@@ -210,7 +226,7 @@ def test_a_build_that_was_broken_off_goes_on(tmp_path: Path) -> None:
     assert len(rest.asked) == len(whole.asked) - kept
     record = json.loads(next((tmp_path / "build" / "detour_right").glob("*.json")).read_text())
     assert set(record) == {"stamp", "result"}
-    assert set(record["result"]) == {"map_id", "rows", "certificates", "reason"}
+    assert set(record["result"]) == {"map_id", "rows", "certificates", "reason", "rejected"}
 
 
 def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
@@ -231,11 +247,13 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
 
     first = build(tmp_path / "a")
     assert {name for name in first if name.startswith("scenes")} == {
-        f"scenes/{split}/detour_right.parquet" for split in ("train", "test")
+        f"scenes/{split}/detour_right.parquet" for split in SPLITS
     }
     store = SceneStore(tmp_path / "a")
+    assert read_table(table_path("dev", tmp_path / "a")) == []
     for split in ("train", "test"):
         table = read_table(table_path(split, tmp_path / "a"))
+        assert {r.place for r in table} == {min(r.map_id for r in table)}, "one OSM way"
         assert len(table) == (24 if split == "train" else 6)
         named = {name for r in table for name in (r.net, r.additional)}
         assert set(store.names(split, "detour_right")) == named

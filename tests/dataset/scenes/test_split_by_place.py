@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
+from episode_builders import spec
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pool_builders import row
 
-from tsbench.dataset.scenes.overview import places
-from tsbench.dataset.scenes.split import TILE_M, choose_test_tiles, split_pool, tile_of
+from tsbench.dataset.scenes import split as split_module
+from tsbench.dataset.scenes.places import places_of, with_places
+from tsbench.dataset.scenes.split import (
+    DEV_TILES,
+    HOLDOUT_TILES,
+    TILE_M,
+    choose_test_tiles,
+    split_pool,
+    tile_of,
+)
 from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -57,28 +67,55 @@ def gap(a: PoolRow, b: PoolRow) -> float:
     return math.hypot(dx, dy)
 
 
-@settings(deadline=None, max_examples=60)
+SPLITS = {"train", "dev", "holdout", "test"}
+
+
+@settings(deadline=None, max_examples=80)
 @given(pools())
 def test_maps_of_different_splits_are_three_hundred_metres_apart(rows: list[PoolRow]) -> None:
     split = split_pool(rows)
     assert set(split) == {r.map_id for r in rows}
-    assert set(split.values()) <= {"train", "test", "buffer"}
+    assert set(split.values()) <= {*SPLITS, "buffer"}
     for a, b in combinations(rows, 2):
-        if {split[a.map_id], split[b.map_id]} == {"train", "test"}:
+        sides = {split[a.map_id], split[b.map_id]}
+        if len(sides) == 2 and "buffer" not in sides:
             assert gap(a, b) >= 300.0 - 1e-6
-    for r in rows:
-        if split[r.map_id] == "buffer":
-            assert any(split[o.map_id] == "test" and gap(r, o) <= 300.0 + 1e-6 for o in rows)
 
 
 @settings(deadline=None, max_examples=60)
 @given(pools())
-def test_no_ring_is_in_both_splits(rows: list[PoolRow]) -> None:
+def test_no_ring_is_in_two_splits(rows: list[PoolRow]) -> None:
     split = split_pool(rows)
     for ring in {r.junction_ids for r in rows if r.family == "roundabout"}:
-        sides = {split[r.map_id] for r in rows if r.junction_ids == ring}
-        assert not {"train", "test"} <= sides
-        assert "test" not in sides or sides == {"test"}
+        assert len({split[r.map_id] for r in rows if r.junction_ids == ring} - {"buffer"}) <= 1
+
+
+def at(tile: tuple[int, int], name: str, offset: float = 0.0) -> PoolRow:
+    """A map of 100 m in the middle of a tile, so many metres further east."""
+    east, north = ((k + 0.5) * TILE_M for k in tile)
+    return row(name, "junction", "T", east=east + offset, north=north, half=50.0)
+
+
+def test_holdout_goes_before_test_and_test_before_dev(monkeypatch: pytest.MonkeyPatch) -> None:
+    held, mine = min(HOLDOUT_TILES), min(DEV_TILES)
+    rows = [at(held, "a"), at(mine, "b"), at((0, 0), "c"), at((0, 1), "d")]
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({held, (0, 0)}))
+    assert split_pool(rows) == {"a": "holdout", "b": "dev", "c": "test", "d": "train"}
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({mine}))
+    assert split_pool(rows)["b"] == "test"
+
+
+def test_who_is_near_another_split_is_in_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({(0, 0)}))
+    monkeypatch.setattr(split_module, "DEV_TILES", frozenset({(2, 0)}))
+    monkeypatch.setattr(split_module, "HOLDOUT_TILES", frozenset({(4, 0)}))
+    # Across the border of a tile, with 299 and 301 m between the extents.
+    rows = [at((k, 0), f"{k}{side}", side * 950.0) for k in (0, 2, 4) for side in (-1, 1)]
+    for k, gap_m in ((0, 299.0), (2, 301.0), (4, 299.0)):
+        rows.append(at((k, 0), f"{k}+", 950.0 + 100.0 + gap_m))
+    split = split_pool(rows)
+    assert [split[f"{k}+"] for k in (0, 2, 4)] == ["buffer", "train", "buffer"]
+    assert {split[f"{k}{side}"] for k in (0, 2, 4) for side in (-1, 1)} == {"test", "dev", "holdout"}
 
 
 @settings(deadline=None, max_examples=20)
@@ -111,10 +148,35 @@ def test_tiles_are_squares_of_two_kilometres() -> None:
     assert tile_of(row("a", east=2000.0, north=-0.1)) == (1, -1)
 
 
-def test_places_are_three_hundred_metres_apart() -> None:
-    assert places([]) == 0
-    assert places([(0, 0), (299, 0), (598, 0), (301, 0)]) == 2
-    assert places([(0, 0), (301, 0), (0, 301)]) == 3
+def apart(*maps: PoolRow) -> list[PoolRow]:
+    """The same maps, each on an OSM way of its own."""
+    return [replace(m, osm_ids=(k,)) for k, m in enumerate(maps)]
+
+
+def test_maps_within_three_hundred_metres_are_one_place_and_what_they_join() -> None:
+    near = [
+        row(name, east=east, half=50.0)
+        for name, east in (("a", 0.0), ("b", 400.0), ("c", 801.0), ("d", 1202.0))
+    ]
+    assert places_of(apart(*near)) == {"a": "a", "b": "a", "c": "c", "d": "d"}
+    assert set(places_of(apart(*near, row("ab", east=600.0, half=50.0))).values()) == {"a", "d"}
+    assert places_of([]) == {}
+
+
+def test_maps_of_one_ring_or_one_way_are_one_place_however_far_apart() -> None:
+    far = [row(f"r-{k}", "roundabout", "ring", east=5000.0 * k, junctions=("ring",)) for k in range(2)]
+    assert set(places_of(apart(*far)).values()) == {"r-0"}
+    assert set(places_of(apart(far[0], replace(far[1], source="another"))).values()) == {"r-0", "r-1"}
+    way = [replace(row(f"c-{k}", east=5000.0 * k), osm_ids=(7, k)) for k in range(2)]
+    assert set(places_of(way).values()) == {"c-0"}
+
+
+def test_rows_get_the_place_of_their_map_among_the_maps_of_their_table() -> None:
+    maps = apart(
+        *(row(name, east=east, half=50.0) for name, east in (("a", 0.0), ("b", 400.0), ("c", 800.0)))
+    )
+    rows = [replace(spec(name), map_id=name) for name in ("a", "c", "gone")]
+    assert [r.place for r in with_places(rows, maps)] == ["a", "c", ""]
 
 
 @settings(deadline=None, max_examples=30)

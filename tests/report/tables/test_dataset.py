@@ -10,10 +10,16 @@ from tsbench.report.analyses.model import Analysis
 from tsbench.report.tables.dataset import dataset_page, dataset_tables
 
 STOP = TypeStats(
-    "stop", "test", 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84,
+    "stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25,
 )  # fmt: skip
 REPORT = [
-    {"type_id": "stop", "split": "test", "missed": {"X": 2}, "reasons": {"others | go first": 3}},
+    {
+        "type_id": "stop",
+        "split": "test",
+        "missed": {"X": 2},
+        "reasons": {"others | go first": 3},
+        "draws": {"no": 4},
+    },
 ]
 
 
@@ -30,8 +36,11 @@ def test_a_share_is_whole_only_where_it_is() -> None:
     assert rows["gap s"] == 0.84
 
 
-def test_no_gap_is_no_figure() -> None:
-    assert cells(dataset_tables([replace(STOP, gap_s=math.nan)], REPORT)[0])["gap s"] is None
+def test_where_there_is_nobody_and_no_pair_there_is_no_figure() -> None:
+    rows = cells(dataset_tables([STOP], REPORT)[0])
+    assert (rows["pairs"], rows["seen"]) == (200, "25.0")
+    rows = cells(dataset_tables([replace(STOP, gap_s=math.nan, pairs=0, seen=math.nan)], REPORT)[0])
+    assert (rows["gap s"], rows["seen"]) == (None, "")
 
 
 def test_quotas_and_reasons() -> None:
@@ -39,9 +48,10 @@ def test_quotas_and_reasons() -> None:
     assert maps["maps by stratum"] == "T 12, X 8"
     assert maps["quota missed"] == "X 2"
     assert maps["maps passed over, by reason"] == "3 others | go first"
+    assert maps["draws passed over"] == "4 no"
 
 
 def test_the_page_counts_rows_by_split() -> None:
     page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT))
-    assert "1,000 rows (test 200, train 800)" in page
+    assert "1,200 rows (test 400, train 800)" in page
     assert "others &#124; go first" in page

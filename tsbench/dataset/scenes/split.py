@@ -1,15 +1,16 @@
 """The split of the whole pool by place, before any sign is assigned.
 
 Source: docs/spec/scenes.md, "Split". Moscow is cut into square tiles of 2 km (a common metric frame for all extracts);
-a fifth of the tiles is test, some are dev, and one whole extract is holdout, of which nothing is ever learned. A map
-whose extent comes within 300 m of a map of a split that goes before its own belongs to none, so that no place, road or
-junction is in two, whatever extract it was cut from.
+a fifth of the tiles is test. One district is holdout, of which nothing is ever learned, and a few tiles of what would
+be train are dev. A map whose extent comes within 300 m of another split's without being one of it belongs to none, so
+that no place, road or junction is in two, whatever extract it was cut from.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 import shapely
@@ -19,11 +20,16 @@ from tsbench.scenarios.map_pool import PoolRow
 
 TILE_M = 2000.0
 APART_M = 300.0
-TEST_SHARE, DEV_SHARE = 0.2, 0.06
-HOLDOUT = "nw-moscow"
+TEST_SHARE = 0.2
 CANDIDATES = 400
+BUFFER = "buffer"
 
 Tile = tuple[int, int]
+
+# The south-east around Kuzminki, 8 km by 8 km: maps for all types are there, and hardly one was in use before.
+HOLDOUT_TILES = frozenset(product(range(211, 215), range(3084, 3088)))
+# Together they have many maps for every type, and few that were in use before.
+DEV_TILES = frozenset({(195, 3082), (201, 3085), (208, 3088), (208, 3091), (210, 3091)})
 
 
 def tile_of(row: PoolRow) -> Tile:
@@ -36,8 +42,8 @@ def _stratum(row: PoolRow) -> str:
     return f"{row.family}/{row.shape}/{row.slot}/{lanes}/{'tagged' if row.well_tagged else 'plain'}"
 
 
-def choose_tiles(rows: Sequence[PoolRow], wanted: float, key: int) -> frozenset[Tile]:
-    """The tiles of a split: of 400 draws seeded by `key`, the one closest to the wanted share in every stratum.
+def choose_test_tiles(rows: Sequence[PoolRow]) -> frozenset[Tile]:
+    """The tiles of the test split: of 400 seeded draws, the one closest to a fifth in every stratum.
 
     Strata: family, shape, slot, lane bucket, tagging. Roundabouts have no say: one ring is many maps of one place.
     """
@@ -50,11 +56,11 @@ def choose_tiles(rows: Sequence[PoolRow], wanted: float, key: int) -> frozenset[
         counts[strata[_stratum(row)], column[tile_of(row)]] += 1
     share = counts / counts.sum(axis=1, keepdims=True)
     weight = np.sqrt(counts.sum(axis=1))
-    rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, key]))
+    rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, 0x5917]))
     best, best_cost = np.zeros(len(tiles), dtype=bool), math.inf
     for _ in range(CANDIDATES):
-        chosen = rng.random(len(tiles)) < wanted
-        error = share @ chosen - wanted
+        chosen = rng.random(len(tiles)) < TEST_SHARE
+        error = share @ chosen - TEST_SHARE
         cost = float(np.sum(weight * error * error))
         if cost < best_cost:
             best, best_cost = chosen, cost
@@ -69,29 +75,34 @@ def extents(rows: Sequence[PoolRow]) -> np.ndarray:
 
 
 def split_pool(rows: Sequence[PoolRow]) -> dict[str, str]:
-    """map_id -> holdout | test | dev | train | buffer (near a map of a split before its own, in none)."""
-    test = choose_tiles(rows, TEST_SHARE, 0x5917)
-    dev = choose_tiles([r for r in rows if tile_of(r) not in test], DEV_SHARE, 0xDE5)
-    split = [
-        "holdout"
-        if r.source == HOLDOUT
-        else "test"
-        if tile_of(r) in test
-        else "dev"
-        if tile_of(r) in dev
-        else "train"
-        for r in rows
+    """map_id -> test | holdout | dev | train | buffer (near a map of another split, in none)."""
+    test_tiles, boxes, first = choose_test_tiles(rows), extents(rows), _first_of_ring(rows)
+
+    def among(tiles: frozenset[Tile]) -> np.ndarray:
+        return np.array([tile_of(rows[k]) in tiles for k in first])
+
+    split = np.where(among(test_tiles), "test", "train").astype(object)
+    split[(split == "train") & _near(boxes, split == "test")] = BUFFER
+    holdout = among(HOLDOUT_TILES)
+    split[_near(boxes, holdout)] = BUFFER
+    split[holdout] = "holdout"
+    dev = (split == "train") & among(DEV_TILES)
+    split[(split == "train") & _near(boxes, dev)] = BUFFER
+    split[dev] = "dev"
+    return {row.map_id: name for row, name in zip(rows, split.tolist(), strict=True)}
+
+
+def _first_of_ring(rows: Sequence[PoolRow]) -> list[int]:
+    """Of each map the first of its place: all entry arms of one ring are one."""
+    first: dict[tuple[str, ...], int] = {}
+    return [
+        first.setdefault((r.source, *(r.junction_ids if r.family == "roundabout" else (r.map_id,))), i)
+        for i, r in enumerate(rows)
     ]
-    # All entry arms of one ring are one place.
-    rings: dict[tuple[str, ...], int] = {}
-    for i, row in enumerate(rows):
-        if row.family == "roundabout":
-            split[i] = split[rings.setdefault((row.source, *row.junction_ids), i)]
-    boxes, names = extents(rows), np.array(split)
-    done: list[str] = []
-    for name in ("holdout", "test", "dev"):
-        done.append(name)
-        tree, later = shapely.STRtree(boxes[names == name]), np.flatnonzero(~np.isin(names, done))
-        near = tree.query(boxes[later], predicate="dwithin", distance=APART_M)[0]
-        names[later[np.unique(near)]] = "buffer"
-    return {row.map_id: str(name) for row, name in zip(rows, names, strict=True)}
+
+
+def _near(boxes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """(n,) Is a map within 300 m of one of the chosen, or one of these?"""
+    near = np.zeros(len(boxes), dtype=bool)
+    near[shapely.STRtree(boxes[chosen]).query(boxes, predicate="dwithin", distance=APART_M)[0]] = True
+    return near
