@@ -53,7 +53,8 @@ def test_needless_obedience_is_an_event_of_the_target_sign() -> None:
     record = make_record(replace(plain, facts=replace(plain.facts, needless=needless)), True)
     assert (record.row["scd"], record.row["violations"], record.row["needless"]) == (False, 2, 1)
     assert record.row["violation_clause"] == "needless_stop"
-    assert [(e["number"], e["target"], e["rule"]) for e in record.events][0] == (0, True, "needless")
+    first = record.events[0]
+    assert (first["number"], first["target"], first["rule"]) == (0, True, "needless")
 
 
 def test_an_error_has_no_figures() -> None:
