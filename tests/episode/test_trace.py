@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,12 @@ def an_episode(n: int = 50) -> EpisodeFacts:
         made.Track("car.1", made.straight(n, 40.0, 1.6, np.pi, 9.0)),
         made.Track("bus.0", late, made.ActorKind.BUS, (12.0, 2.5)),
     ]
-    return made.facts(
+    facts = made.facts(
         egos, tracks, outcome=Outcome.COLLISION, contact=Contact(n - 1, "vehicle", "bus.0", True),
         target=made.verdict(made.violation(other="bus.0"), made.violation(9.5), steps=21),
         others=(made.verdict(engaged=False),),
     )  # fmt: skip
+    return replace(facts, needless=(made.violation(4.0, rule="needless", clause="needless_stop"),))
 
 
 def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
@@ -60,6 +62,8 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert (trace.planner, trace.outcome, trace.error) == ("idm", Outcome.COLLISION, "none")
     assert trace.contact == episode.contact
     assert (trace.target, trace.others) == (episode.target, episode.others)
+    assert trace.needless == episode.needless
+    assert [event.start_s for event in trace.events] == [3.1, 4.0, 9.5]
     assert trace.start_remaining_m == episode.start_remaining_m
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
@@ -72,6 +76,7 @@ def test_the_facts_are_found_again(tmp_path: Path) -> None:
         episode.route.s, episode.route.d, episode.route.remaining,
     )  # fmt: skip
     assert (again.outcome, again.contact, again.target) == (episode.outcome, episode.contact, episode.target)
+    assert again.needless == episode.needless
 
 
 def test_the_same_episode_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -175,6 +180,13 @@ def test_other_metadata(tmp_path: Path, change: Callable[[dict[str, Any]], objec
     with pytest.raises(InputError, match=words) as caught:
         read_trace(path)
     assert str(caught.value).startswith(str(path))
+
+
+def test_a_trace_from_before_contrast_scenes(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    edited(path, lambda head: head.pop("needless"))
+    assert read_trace(path).needless == ()
 
 
 def test_names_make_safe_files(tmp_path: Path) -> None:

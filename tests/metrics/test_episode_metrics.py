@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import episode_builders as made
@@ -22,7 +23,7 @@ from tsbench.sim.world import EgoState
 PROMISED = [
     "sign_compliant", "sign_engaged", "destination", "scd", "route_completion", "driving_score", "efficiency",
     "collision", "collision_partner", "at_fault", "off_road", "comfort", "mean_speed", "duration_s", "steps",
-    "violations", "violation_clause", "violation_time_s", "violation_x", "violation_y", "violation_value",
+    "violations", "needless", "violation_clause", "violation_time_s", "violation_x", "violation_y", "violation_value",
     "violation_threshold",
 ]  # fmt: skip
 
@@ -68,6 +69,16 @@ def test_a_violation_is_told_by_its_first_event() -> None:
     )
     assert (m.violation_value, m.violation_threshold) == (54.1, 41.0)
     assert m.driving_score == pytest.approx(100 * 0.9**3)
+
+
+def test_needless_obedience_is_no_pass_and_no_violation_of_the_sign() -> None:
+    needless = (made.violation(2.0), made.violation(5.0))
+    facts = replace(made.facts(driving(391), outcome=Outcome.ARRIVED), needless=needless)
+    m = episode_metrics(facts)
+    assert (m.sign_compliant, m.destination, m.scd) == (True, True, False)
+    assert (m.needless, m.violations, m.all_violations) == (2, 0, 0)
+    assert (m.violation_clause, m.violation_time_s) == ("over_limit", 2.0)
+    assert m.driving_score == 100.0
 
 
 def test_completion_and_score_of_a_contact() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import pytest
 from labelled import HERE, scene_of, snapshots
@@ -30,7 +31,7 @@ def _ticks(
         "net": "t", "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}], "contrast": clauses,
         "ego": {
             "path": ["w_in_0", "e_out_0"], "start": _LINE_M - before_line,
-            "speed": [[DT_S, v, w] for v, w in zip(speeds, speeds[1:], strict=False)],
+            "speed": [[DT_S, v, w] for v, w in pairwise(speeds)],
         },
     }  # fmt: skip
     scene = scene_of(case, HERE)

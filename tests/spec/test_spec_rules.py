@@ -61,3 +61,8 @@ def test_who_has_priority() -> None:
         if "priority_to" in sign.rule.options
     }
     assert page == catalogue
+
+
+def test_what_is_needless() -> None:
+    page = {row["needless"]: float(row["value"]) for row in table("contrast.md", "needless", "value")}
+    assert page == dict(CATALOG.needless.thresholds)

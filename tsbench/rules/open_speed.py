@@ -23,8 +23,8 @@ _STRAIGHT_RAD = 0.001
 class OpenSpeed:
     """The fastest at which the ego has been, and where that is slow, what a calm driver would have reached meanwhile.
 
-    So it is no excuse to have come slowly. The lane's limit and a leader near ahead hold it down as they do the ego; who
-    is held up sets off anew. cruise: share of the limit to which the calm driver speeds up.
+    So it is no excuse to have come slowly. The lane's limit and a leader near ahead hold it down as they do the ego;
+    who is held up sets off anew. cruise: share of the limit to which the calm driver speeds up.
     """
 
     def __init__(self, network: RoadNetwork, rule: RuleSpec, cruise: float = 1.0) -> None:

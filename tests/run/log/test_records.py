@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pyarrow as pa
@@ -44,6 +45,16 @@ def test_a_finished_episode() -> None:
     ]  # fmt: skip
     assert record.detail == ""
     assert record.timing["ticks"] == 29
+
+
+def test_needless_obedience_is_an_event_of_the_target_sign() -> None:
+    needless = (episode_builders.violation(0.2, rule="needless", clause="needless_stop"),)
+    plain = result()
+    record = make_record(replace(plain, facts=replace(plain.facts, needless=needless)), True)
+    assert (record.row["scd"], record.row["violations"], record.row["needless"]) == (False, 2, 1)
+    assert record.row["violation_clause"] == "needless_stop"
+    first = record.events[0]
+    assert (first["number"], first["target"], first["rule"]) == (0, True, "needless")
 
 
 def test_an_error_has_no_figures() -> None:
