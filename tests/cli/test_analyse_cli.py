@@ -77,10 +77,14 @@ def test_main_has_the_published_figures_below_its_own(run, tmp_path: Path) -> No
     ]  # fmt: skip
     strict, completed, published = rows[2:5]
     # Yield 22 of 24; speed limit 23 of 24, without the error 23 of 23.
-    assert float(strict["scd_overall"]) == pytest.approx(100 * (22 / 24 + 23 / 24) / 2, abs=1e-6)
-    assert float(completed["scd_overall"]) == pytest.approx(100 * (22 / 24 + 1) / 2, abs=1e-6)
-    assert (strict["n"], completed["n"], completed["scd_speed_n"]) == ("48", "47", "23")
-    assert (published["scd_overall"], published["driving_score"], published["n"]) == ("3.2", "35.6", "")
+    assert float(strict["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 23 / 24) / 2, abs=1e-6)
+    assert float(completed["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 1) / 2, abs=1e-6)
+    assert (strict["n"], completed["n"], completed["signed_scd_speed_n"]) == ("48", "47", "23")
+    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == (
+        "3.2",
+        "35.6",
+        "",
+    )
     assert {r["contract"] for r in rows} == {CONTRACT}
     assert "mine[1]_$x$" in out
     assert r"mine[1]\_\$x\$" in (tmp_path / "out" / "main.tex").read_text()
@@ -110,7 +114,7 @@ def test_types_have_n_for_every_planner(run, tmp_path: Path) -> None:
     assert [(r["type"], r["figure"]) for r in rows] == [
         ("yield", "strict"), ("speed_limit", "strict"), ("speed_limit", "completed"),
     ]  # fmt: skip
-    assert [r["ppo_episodes"] for r in rows] == ["24", "24", "23"]
+    assert [r["ppo_count"] for r in rows] == ["24", "24", "23"]
     assert float(rows[0]["idm"]) == pytest.approx(100 * 21 / 24, abs=1e-6)
     assert "87.5" in out
 
@@ -140,7 +144,7 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
     run("intervals", "r", "--out", "out")
     rows = table(tmp_path / "out" / "intervals.csv")
     first = rows[0]
-    assert (first["planner"], first["group"], first["episodes"], first["maps"]) == (
+    assert (first["planner"], first["group"], first["n"], first["places"]) == (
         "idm",
         "all types",
         "48",
@@ -154,7 +158,7 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
 def test_correlations_are_over_planners(run, tmp_path: Path) -> None:
     four(tmp_path / "r")
     out, _ = run("correlations", "r", "--out", "out")
-    assert "Conventional metrics and SCD over 4 planners" in out
+    assert "Conventional metrics and signed SCD over 4 planners" in out
     assert "fewer than 5 planners: no interval" in out
     rows = {(r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "out" / "correlations.csv")}
     score = rows["all types", "driving_score", "strict"]
@@ -188,12 +192,12 @@ def test_ablation_pairs_by_scenario(run, tmp_path: Path) -> None:
     )
     assert "without a partner, left out: ppo" in out
     rows = {r["metric"]: r for r in table(tmp_path / "out" / "ablation.csv")}
-    yields = rows["SCD, priority"]
-    assert [yields[k] for k in ("pairs", "lost", "gained", "maps")] == ["6", "5", "0", "6"]
+    yields = rows["signed SCD, priority"]
+    assert [yields[k] for k in ("n", "lost", "gained", "places")] == ["6", "5", "0", "6"]
     assert float(yields["difference"]) == pytest.approx(-500 / 6, abs=1e-5)
     assert yields["p"] == "0.0625"
     assert yields["mde"] != ""
-    assert rows["SCD, speed"]["difference"] == "0.0"
+    assert rows["signed SCD, speed"]["difference"] == "0.0"
 
 
 @pytest.mark.usefixtures("no_pictures")

@@ -131,7 +131,7 @@ def test_few_maps_say_why_there_is_no_interval(run, tmp_path: Path) -> None:
     make_run(tmp_path / "a", episodes("idm", maps=3))
     make_run(tmp_path / "b", episodes("idm", maps=3, yield_m0_v0=lost()))
     out, _ = run("a", "b")
-    assert "no interval (only 3 maps, fewer than 5): " in out
+    assert "no interval (only 3 places, fewer than 5): " in out
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 
+from tsbench.core.seeds import planner_seed
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.traffic import Car
@@ -276,7 +277,7 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     hidden = {s for o in scripted.Scripted.seen for s in ((x.code, x.value) for x in o.signs)}
     assert hidden == {("", None)}
     first = scripted.Scripted.seen[0].signs[0]
-    assert first == replace(plain, code="", value=None)
+    assert repr(first) == repr(replace(plain, code="", value=None, edge="", lane=-1, position_m=math.nan))
     # The judge is not masked.
     assert bare.facts is not None
     assert masked.facts is not None
@@ -292,8 +293,11 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
     assert expert.privilege is not None
     assert expert.privilege.sign.code == "3.24"
     assert plain.seed == expert.seed
-    runner(root, "Follow").run(replace(spec, seed=8))
+    assert plain.seed == planner_seed(spec.pair_name)
+    assert all(o.truth is not None for o in scripted.Scripted.seen)
+    runner(root, "Follow").run(replace(spec, scenario_id="another", seed=8))
     assert scripted.Scripted.contexts[-1].seed != plain.seed
+    assert all(o.truth is None for o in scripted.Scripted.seen)
 
 
 def test_one_planner_for_all_episodes_of_a_runner(root: Path, on_road) -> None:

@@ -7,6 +7,7 @@ A case (`tests/cases/<rule>/<case>.yaml`):
     net: name of a net under tests/cases/nets.
     mirrored: code of the target's plate in the mirror image, where that is another one.
     signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params.
+    contrast: of `needless_*`, where the target binds nobody: the clause that the folder is named after, its params.
     obstacles: id, lane, s (centre, m along the lane), length, width; as needed d (m left), turn (deg).
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
         order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases, or [seconds,
@@ -38,6 +39,8 @@ from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import CLAUSES, ContrastClause
+from tsbench.signs.plate_params import read_params
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
@@ -114,7 +117,7 @@ def _route(spec: Spec, net: RoadNetwork) -> tuple[str, ...]:
     return tuple(dict.fromkeys(net.lane(name).edge for name in spec["path"]))
 
 
-def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
+def _sign(spec: Spec, number: int, net: RoadNetwork, binds: bool) -> SignInstance:
     lane = net.edge_lanes(spec["edge"])[0]
     x, y = lane.line.point_at(spec["position_m"], -3.0)
     role = spec.get("role", "context" if number else "target")
@@ -124,7 +127,7 @@ def _sign(spec: Spec, number: int, net: RoadNetwork) -> SignInstance:
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
         role=role, ends=spec.get("ends"),
-        params=plate_params(spec["code"], params, binds=role == "target"),
+        params=plate_params(spec["code"], params, binds=role == "target" and binds),
     )  # fmt: skip
 
 
@@ -138,7 +141,11 @@ def _obstacle(spec: Spec, net: RoadNetwork) -> Obstacle:
 def scene_of(case: Spec, view: Transform) -> Scene:
     """The case's scene as seen through a transform."""
     net = network(case["net"])
-    signs = [_sign(s, k, net) for k, s in enumerate(case["signs"])]
+    clauses = tuple(
+        ContrastClause(name, read_params(CLAUSES[name], {k: str(v) for k, v in params.items()}))
+        for name, params in case.get("contrast", {}).items()
+    )
+    signs = [_sign(s, k, net, not clauses) for k, s in enumerate(case["signs"])]
     if view.mirror and "mirrored" in case:
         signs[0] = replace(signs[0], code=case["mirrored"])
     return Scene(
@@ -146,7 +153,7 @@ def scene_of(case: Spec, view: Transform) -> Scene:
         network=view.network(net), signs=tuple(view.sign(s) for s in signs), target=signs[0].id,
         obstacles=tuple(view.obstacle(_obstacle(o, net)) for o in case.get("obstacles", [])),
         start=EgoStart(net.lanes[0].id, 0.0, 0.0), destination=Destination(net.lanes[0].edge, 0.0),
-        convoy=None, horizon=600, seed=0,
+        convoy=None, horizon=600, seed=0, contrast=clauses,
     )  # fmt: skip
 
 
@@ -217,8 +224,9 @@ class Judgement:
 
 
 def judge(played: Play) -> Judgement:
-    """What the target's monitor makes of a case. Never kept: a changed rule must show."""
-    monitor, _ = make_monitors(load_catalog(), played.scene)
+    """What a case's monitor, the clause's or the target's, makes of it. Never kept: a changed rule must show."""
+    monitors = make_monitors(load_catalog(), played.scene)
+    monitor = monitors.needless[0] if monitors.needless else monitors.target
     completed_at = None
     for tick in played.ticks:
         monitor.update(tick)

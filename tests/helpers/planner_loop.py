@@ -9,14 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
+from tsbench.episode.observation import ego_on_map
+from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.sealed import seal
 from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitor
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.navigation import Navigator
@@ -58,7 +62,7 @@ class World:
     bodies: list[Body] = field(default_factory=list)
     obstacles: tuple[Obstacle, ...] = ()
     signs: tuple[SignView, ...] = ()
-    privilege: Privilege | None = None
+    target: SignInstance | None = None
     time: float = 0.0
     states: list[EgoState] = field(default_factory=list)
     offsets: list[float] = field(default_factory=list)
@@ -69,7 +73,7 @@ class World:
     arrived: bool = False
 
     def __post_init__(self) -> None:
-        self.graph = LaneGraph(self.network)
+        self.view = seal(self.network)
         self.table = ActorTable()
         for body in self.bodies:
             self.table.add(body.id, body.kind, body.length, body.width, body.route)
@@ -80,11 +84,16 @@ class World:
 
     def run(self, planner: Planner, seconds: float) -> World:
         """Drive until arrival or the end of the time."""
-        locator, navigator = LaneLocator(self.network), Navigator(self.graph, self.destination)
+        view, locator = self.view, LaneLocator(self.network)
+        destination = Destination(*view.on_edge(self.destination.edge, self.destination.s))
+        navigator, witness = Navigator(view.graph, destination), Witness(self.network, view)
         lane = self.network.lane(self.start_lane)
         x, y = lane.line.point_at(self.start_s)
         motion = Motion(x, y, lane.line.heading_at(self.start_s), self.start_speed)
-        planner.reset(PlannerContext(1, self.network, self.graph, self.destination, DT_S, self.privilege))
+        told = None
+        if self.target is not None:
+            told = Privilege(self.target, load_catalog().sign(self.target.code).rule, self.network, view)
+        planner.reset(PlannerContext(1, view.map, view.graph, destination, DT_S, told))
         last = lane.index
         for step in range(round(seconds / DT_S)):
             self.time = step * DT_S
@@ -96,7 +105,8 @@ class World:
             self.states.append(ego)
             actors = self._actors()
             self.snapshots.append(WorldSnapshot(step, self.time, ego, actors))
-            route = navigator.update(ego)
+            seen = ego_on_map(view, ego)
+            route = navigator.update(seen)
             self.offsets.append(route.d)
             on_edge = last >= 0 and self.network.lanes[last].edge == self.destination.edge
             if on_edge and abs(s - self.destination.s) <= 5.0:
@@ -104,8 +114,9 @@ class World:
                 return self
             history = np.array([[ego.x, ego.y, ego.heading, ego.speed]])
             observation = Observation(
-                step, self.time, ego, history, route, actors, self.signs, self.obstacles
-            )
+                step, self.time, seen, history, route, witness.see(actors, ego), self.signs, self.obstacles,
+                self.snapshots[-1] if told else None,
+            )  # fmt: skip
             command = planner.act(observation)
             assert isinstance(command, Control)
             assert math.isfinite(command.acceleration)
@@ -178,8 +189,8 @@ def ids(network: RoadNetwork, source: str, target: str) -> Sequence[str]:
 
 def verdict(world: World) -> Verdict:
     """What the rule's own monitor says of a finished episode."""
-    assert world.privilege is not None
-    sign = world.privilege.sign
+    sign = world.target
+    assert sign is not None
     scene = Scene(
         net=SceneFile(Path("test.net.xml"), b""), additional=SceneFile(Path("test.add.xml"), b""),
         network=world.network, signs=(sign,), target=sign.id, obstacles=world.obstacles,

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.run.log.manifest import new_manifest
-from tsbench.run.log.schema import EPISODES, SCHEMA_VERSION, TABLES
+from tsbench.run.log.schema import EPISODES, LATER, SCHEMA_VERSION, TABLES
 from tsbench.run.log.tables import file_hashes
 from tsbench.run.planner_info import PlannerInfo
 
@@ -30,7 +30,7 @@ def episode(planner: str, kind: int, number: int, variant: int, **other: Any) ->
         "sign_compliant": True, "sign_engaged": True, "destination": True, "scd": True, "route_completion": 100.0,
         "driving_score": 100.0, "collision": False, "off_road": False, "comfort": 0.9, "mean_speed": 7.0,
     }  # fmt: skip
-    return dict.fromkeys(EPISODES.names) | given | other
+    return dict.fromkeys(EPISODES.names) | LATER | given | other
 
 
 def lost(clause: str = "did_not_yield") -> dict[str, Any]:
@@ -53,21 +53,39 @@ def episodes(
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
 
 
+def pairs(planner: str, **changes: dict[str, Any]) -> list[dict[str, Any]]:
+    """As `episodes`, each with a contrast half: speed limits post another value, yield's plate is a main road's."""
+    signed = [row | {"pair_id": row["scenario_id"], "place": row["map_id"]} for row in episodes(planner)]
+    other = {"half": "contrast"}
+    contrast = [row | other | {"scenario_id": f"{row['scenario_id']}-c"} for row in signed]
+    contrast = [
+        row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast
+    ]
+    rows = signed + contrast
+    return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
+
+
 def make_run(
     path: Path,
     rows: list[dict[str, Any]],
     asked: int | None = None,
     contract: str = CONTRACT,
     events: list[dict[str, Any]] | None = None,
+    floors: tuple[str, ...] = (),
     **effective: Any,
 ) -> Path:
-    """Write a run folder. asked: scenarios of each planner, by default those with a record; events: violations."""
+    """Write a run folder.
+
+    asked: scenarios of each planner, by default those with a record; events: violations; floors: planners that are.
+    """
     path.mkdir(parents=True)
     names = list(dict.fromkeys(row["planner"] for row in rows))
     n = len(rows) // len(names) if asked is None else asked
     manifest = json.loads(_manifest())
     manifest["contract"] = contract
-    manifest["planners"] = [asdict(PlannerInfo(name, name, False, True, (), None, None)) for name in names]
+    manifest["planners"] = [
+        asdict(PlannerInfo(name, name, False, True, (), None, None, name in floors)) for name in names
+    ]
     manifest["effective"] |= {"scenarios": n} | effective
     rows = sorted(rows, key=lambda row: (row["planner"], row["scenario_id"]))
     for name, schema in TABLES.items():

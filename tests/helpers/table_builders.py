@@ -25,11 +25,27 @@ def row(planner: str = "idm", kind: str = "yield", group: str = "priority", map_
         "scenario_type": kind,
         "group": group,
     }
-    return {**names, "map_id": map_id, "outcome": outcome, **metrics}
+    alone = {"pair_id": "", "half": "signed", "place": ""}
+    return {**names, "map_id": map_id, "outcome": outcome, **alone, **metrics}
+
+
+def pair(signed: bool = True, contrast: bool = True, *, outcomes: tuple[str, str] = ("arrived", "arrived"),
+         contrast_kind: str = "", **other: Any) -> list[dict[str, Any]]:  # fmt: skip
+    """Both rows of a pair, and whether they were passed. contrast_kind: type of the contrast plate, "" = the same."""
+    first = row(scd=signed, outcome=outcomes[0], **other)
+    name = first["scenario_id"]
+    second = row(scd=contrast, outcome=outcomes[1], **other) | {
+        "scenario_id": f"{name}-c",
+        "half": "contrast",
+    }
+    second["scenario_type"] = contrast_kind or first["scenario_type"]
+    return [made | {"pair_id": name} for made in (first, second)]
 
 
 def records(rows: list[dict[str, Any]]) -> pa.Table:
-    text = {"planner", "scenario_id", "scenario_type", "group", "map_id", "outcome"}
+    text = {
+        "planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place",
+    }  # fmt: skip
     flags = {"scd", "destination", "sign_compliant", "sign_engaged", "collision", "off_road"}
     kinds = {k: pa.string() if k in text else pa.bool_() if k in flags else pa.float64() for k in row()}
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))

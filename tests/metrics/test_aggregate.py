@@ -37,21 +37,21 @@ def test_macro_and_episode_weighted_means() -> None:
     rows += [row(kind="b", map_id=f"b{k}") for k in range(8)]
     rows += [row(kind="c", group="speed", map_id=f"c{k}", scd=False) for k in range(2)]
     p = only(rows)
-    assert {k: f.completed.value for k, f in p.types.items()} == {"a": 50.0, "b": 100.0, "c": 0.0}
-    assert {g: f.completed.value for g, f in p.groups.items()} == {"priority": 75.0, "speed": 0.0}
-    assert p.overall.completed.value == 50.0
-    assert p.overall.completed.parts == 3
+    assert {k: f.completed.value for k, f in p.primary.types.items()} == {"a": 50.0, "b": 100.0, "c": 0.0}
+    assert {g: f.completed.value for g, f in p.primary.groups.items()} == {"priority": 75.0, "speed": 0.0}
+    assert p.primary.overall.completed.value == 50.0
+    assert p.primary.overall.completed.parts == 3
     assert p.metrics["driving_score"].completed.value == pytest.approx((9 * 100 + 3 * 50) / 12)
-    assert p.type_groups == {"a": "priority", "b": "priority", "c": "speed"}
+    assert p.primary.type_groups == {"a": "priority", "b": "priority", "c": "speed"}
 
 
 def test_errors_are_failures_in_the_strict_figure() -> None:
     rows = [row(map_id=f"m{k}", outcome="sim_error" if k < 2 else "arrived") for k in range(10)]
     p = only(rows)
     assert (p.asked, p.recorded, p.completed) == (10, 10, 8)
-    assert p.overall.strict is not None
-    assert (p.overall.strict.value, p.overall.strict.n) == (80.0, 10)
-    assert (p.overall.completed.value, p.overall.completed.n) == (100.0, 8)
+    assert p.primary.overall.strict is not None
+    assert (p.primary.overall.strict.value, p.primary.overall.strict.n) == (80.0, 10)
+    assert (p.primary.overall.completed.value, p.primary.overall.completed.n) == (100.0, 8)
     score = p.metrics["driving_score"]
     assert score.strict is not None
     assert (score.strict.value, score.completed.value) == (80.0, 100.0)
@@ -62,9 +62,9 @@ def test_errors_are_failures_in_the_strict_figure() -> None:
 
 def test_nothing_but_errors() -> None:
     p = only([row(map_id=f"m{k}", outcome="planner_error") for k in range(6)])
-    assert p.overall.strict is not None
-    assert p.overall.strict.value == 0.0
-    assert p.overall.completed.value is None
+    assert p.primary.overall.strict is not None
+    assert p.primary.overall.strict.value == 0.0
+    assert p.primary.overall.completed.value is None
     assert p.metrics["comfort"].completed.reason == "no episode"
 
 
@@ -125,7 +125,7 @@ def test_deterministic_for_a_contract_and_different_for_another() -> None:
     table = records(random_rows())
     texts = [summarise(table, contract_hash=c, asked={"idm": 144}).to_json() for c in ("a", "a", "b")]
     assert texts[0] == texts[1]
-    ends = [json.loads(t)["planners"][0]["overall"]["strict"] for t in texts]
+    ends = [json.loads(t)["planners"][0]["scores"]["signed_scd"]["overall"]["strict"] for t in texts]
     assert ends[0]["value"] == ends[2]["value"]
     assert ends[0]["low"] != ends[2]["low"]
 
@@ -140,7 +140,12 @@ def test_a_planner_scores_the_same_in_any_company() -> None:
 @given(st.integers(0, 1000), st.floats(0.0, 0.5))
 def test_figures_hold_together(seed: int, errors: float) -> None:
     p = only(random_rows(types=4, maps=5, variants=2, errors=errors, seed=seed))
-    for figure in (p.overall, *p.groups.values(), *p.types.values(), *p.metrics.values()):
+    for figure in (
+        p.primary.overall,
+        *p.primary.groups.values(),
+        *p.primary.types.values(),
+        *p.metrics.values(),
+    ):
         for e in (figure.strict, figure.completed):
             if e is None or e.value is None or e.low is None or e.high is None:
                 continue
@@ -148,13 +153,19 @@ def test_figures_hold_together(seed: int, errors: float) -> None:
             assert e.value <= e.high + 1e-6
         if figure.strict is not None and figure.completed.n:
             assert figure.strict.n >= figure.completed.n
-    kinds = [f.strict.value for f in p.types.values() if f.strict is not None]
-    assert p.overall.strict is not None
-    assert p.overall.strict.value == pytest.approx(np.mean([k for k in kinds if k is not None]))
+    kinds = [f.strict.value for f in p.primary.types.values() if f.strict is not None]
+    assert p.primary.overall.strict is not None
+    assert p.primary.overall.strict.value == pytest.approx(np.mean([k for k in kinds if k is not None]))
 
 
 def test_json_has_a_stable_order_and_no_nan() -> None:
     text = summary(random_rows(errors=0.05)).to_json()
     content = json.loads(text, parse_constant=lambda c: pytest.fail(c))
     assert list(content)[:3] == ["schema", "title", "contract_hash"]
-    assert list(content["planners"][0]["groups"]) == ["priority", "speed", "obstacles", "routing"]
+    assert list(content["planners"][0]["scores"]) == ["signed_scd"]
+    assert list(content["planners"][0]["scores"]["signed_scd"]["groups"]) == [
+        "priority",
+        "speed",
+        "obstacles",
+        "routing",
+    ]

@@ -74,7 +74,7 @@ def test_clusters_count_not_episodes() -> None:
 def test_fewer_than_five_clusters_have_no_interval() -> None:
     estimate = ClusterBootstrap("h").estimate("x", *binary([0.1, 0.5, 0.5, 0.9]), 100.0, True)
     assert (estimate.value, estimate.low, estimate.high) == (50.0, None, None)
-    assert estimate.reason == f"only 4 maps, fewer than {MIN_CLUSTERS}"
+    assert estimate.reason == f"only 4 places, fewer than {MIN_CLUSTERS}"
 
 
 def test_one_episode_on_each_map_is_wilson() -> None:
@@ -88,7 +88,7 @@ def test_maps_that_are_all_alike_claim_no_certainty() -> None:
     estimate = ClusterBootstrap("h").estimate("x", *binary([0.0] * 20), 1.0, True)
     assert (estimate.method, estimate.low, estimate.high) == ("wilson", 0.0, pytest.approx(0.1611, abs=5e-5))
     plain = ClusterBootstrap("h").estimate("x", np.full((20, 1), 7.0), np.ones((20, 1)), 1.0, False)
-    assert (plain.value, plain.low, plain.reason) == (7.0, None, "all maps alike")
+    assert (plain.value, plain.low, plain.reason) == (7.0, None, "all places alike")
 
 
 def test_macro_mean_weighs_parts_alike() -> None:

@@ -132,12 +132,12 @@ def test_what_is_the_same_differs_by_nothing_but_proves_little() -> None:
     a = np.random.default_rng(0).random(100) < 0.5
     d = between(a, a)
     assert (d.value, d.p, d.won, d.lost, d.significant) == (0.0, 1.0, 0, 0, False)
-    assert (d.method, d.reason) == ("newcombe", "all maps alike: over maps")
+    assert (d.method, d.reason) == ("newcombe", "all places alike: over places")
     # Wilson's bound for 0 of 20 maps (Newcombe 1998): 16.1 %.
     assert (d.low, d.high) == (pytest.approx(-16.11, abs=0.01), pytest.approx(16.11, abs=0.01))
     assert d.mde is not None
     plain = between(a * 0.5, a * 0.5, COMFORT)
-    assert (plain.low, plain.mde, plain.p, plain.reason) == (None, None, None, "all maps alike")
+    assert (plain.low, plain.mde, plain.p, plain.reason) == (None, None, None, "all places alike")
 
 
 def test_all_won() -> None:
@@ -199,7 +199,7 @@ def test_macro_mean_weighs_types_alike() -> None:
 
 def test_few_maps_have_no_interval_but_a_p() -> None:
     d = between(np.zeros(20), np.ones(20))
-    assert (d.low, d.reason) == (None, "only 4 maps, fewer than 5")
+    assert (d.low, d.reason) == (None, "only 4 places, fewer than 5")
     assert d.p is not None
     assert d.p < 0.05
     assert between(np.zeros(0), np.zeros(0)).reason == "no pair"
@@ -251,26 +251,31 @@ def test_errors_count_in_the_strict_figure_only() -> None:
         for k in range(10)
     ]
     c = compared(rows)
-    figure = c.types["yield"]
+    figure = c.primary.types["yield"]
     assert figure.strict is not None
     assert (figure.strict.value, figure.strict.n, figure.strict.lost) == (-20.0, 10, 2)
     assert (figure.completed.value, figure.completed.n) == (0.0, 8)
-    assert (c.pairs, c.completed, len(c.flips)) == (10, 8, 2)
+    assert (c.scenarios, c.completed, len(c.flips)) == (10, 8, 2)
     assert c.metrics["collision"].strict is None
     assert c.metrics["collision"].completed.n == 8
 
 
 def test_a_comparison_agrees_with_its_records() -> None:
     c = compared(random_rows(("idm", "idm-e"), errors=0.05))
-    assert list(c.groups) == ["priority", "speed", "obstacles", "routing"]
-    strict = [f.strict for f in c.types.values() if f.strict is not None]
-    assert c.overall.strict is not None
-    assert c.overall.strict.value == pytest.approx(np.mean([d.value for d in strict]))
+    assert list(c.primary.groups) == ["priority", "speed", "obstacles", "routing"]
+    strict = [f.strict for f in c.primary.types.values() if f.strict is not None]
+    assert c.primary.overall.strict is not None
+    assert c.primary.overall.strict.value == pytest.approx(np.mean([d.value for d in strict]))
     assert sum(f.won for f in c.flips) == sum(d.won or 0 for d in strict)
     assert sum(not f.won for f in c.flips) == sum(d.lost or 0 for d in strict)
     assert [f.won for f in c.flips] == sorted(f.won for f in c.flips)
     assert all(d.p_holm is not None and d.p is not None and d.p_holm >= d.p for d in strict)
-    for figure in (c.overall, *c.groups.values(), *c.types.values(), c.metrics["efficiency"]):
+    for figure in (
+        c.primary.overall,
+        *c.primary.groups.values(),
+        *c.primary.types.values(),
+        c.metrics["efficiency"],
+    ):
         for d in (figure.main, figure.completed):
             assert d.low is not None
             assert d.high is not None
@@ -283,9 +288,11 @@ def test_the_contract_seeds_the_draws_and_order_does_not_matter() -> None:
     first = compared(rows)
     assert compared(rows[::-1]) == first
     other = compared(rows, seed="d")
-    assert other.overall.main.value == first.overall.main.value
-    assert replace(other.overall.main, low=0, high=0) == replace(first.overall.main, low=0, high=0)
-    assert other.overall.main.low != first.overall.main.low
+    assert other.primary.overall.main.value == first.primary.overall.main.value
+    assert replace(other.primary.overall.main, low=0, high=0) == replace(
+        first.primary.overall.main, low=0, high=0
+    )
+    assert other.primary.overall.main.low != first.primary.overall.main.low
 
 
 def test_scenarios_that_are_not_the_same_are_named() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from planner_loop import Body, World, cones, constant, front_of, load, verdict
-from test_expert import KMH, privilege
+from test_expert import KMH, target_plate
 
 import tsbench
 from tsbench.planners.base import SignView
@@ -49,7 +49,7 @@ def test_it_obeys_a_speed_limit() -> None:
         SignView("3.24", 30.0, px, py, 0.0, "ab", -1, 200.0, 1.0),
         SignView("3.25", 30.0, ex, ey, 0.0, "ab", -1, 400.0, 1.0),
     )
-    world = drive(signs=signs, privilege=privilege("3.24", "ab", 30.0, 200.0, zone_edges="ab"))
+    world = drive(signs=signs, target=target_plate("3.24", "ab", 30.0, 200.0, zone_edges="ab"))
     assert world.arrived
     inside = [e.speed * KMH for e in world.states if 201.0 < front_of(e) < 399.0]
     assert 27.0 < min(inside) <= max(inside) < 31.0

@@ -86,7 +86,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
     scene = _scene(rule)
     for seed in range(4):
         first, second = (
-            _run(make_monitors(load_catalog(), scene)[0], _random_ticks(rule, seed)) for _ in range(2)
+            _run(make_monitors(load_catalog(), scene).target, _random_ticks(rule, seed)) for _ in range(2)
         )
         assert first == second
 
@@ -95,7 +95,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
 def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
     scene = _scene(rule)
-    monitor, _ = make_monitors(load_catalog(), scene)
+    monitor = make_monitors(load_catalog(), scene).target
     tick = _random_ticks(rule, 1, 1)[0]
     for value in (float("nan"), float("inf")):
         nowhere = replace(tick, ego=replace(tick.ego))
@@ -182,5 +182,5 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     own = scene.target_sign
     binding = replace(own, id="second", role="context", position_m=100.0)
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
-    _, others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery)))
+    others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery))).others
     assert [m.sign.id for m in others] == ["second"]

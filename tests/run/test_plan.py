@@ -160,3 +160,14 @@ def test_a_type_selects_both_halves_and_a_limit_keeps_pairs(
     drawn = plan_of(variants="one-per-map").scenarios
     assert len(drawn) == 4
     assert len({row.pair_id for row in drawn}) == 2
+    signed = plan_of(types=("yield",), half="signed", limit=3)
+    assert ids(signed) == ["yield-000-0", "yield-000-1", "yield-001-0"]
+    assert {row.scenario_type for row in plan_of(half="contrast").scenarios} == {"speed_limit"}
+    # Half a pair proves nothing: three rows are one pair, and so is one row.
+    assert ids(plan_of(limit=3)) == ids(plan_of(limit=1)) == ["yield-000-0", "yield-000-0-c"]
+
+
+def test_a_half_that_is_not_there(plan_of) -> None:
+    assert len(plan_of(half="signed").scenarios) == 40
+    with pytest.raises(InputError, match="--half contrast: none of the chosen scenarios is one"):
+        plan_of(half="contrast")

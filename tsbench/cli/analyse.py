@@ -10,11 +10,12 @@ from tsbench.cli import options
 from tsbench.cli.console import show_analysis
 
 _KINDS = {
-    "main": "SCD and conventional metrics of every planner, the published figures below its own.",
-    "types": "SCD of every planner on every type, and a heat map.",
+    "main": "SCD (paired, signed, contrast) and conventional metrics of every planner, published figures below them.",
+    "types": "SCD (paired, signed, contrast) of every planner on every type, and a heat map.",
     "intervals": "SCD overall and by group with intervals, beside the published figures.",
-    "ablation": "What signs are worth: runs with and without --mask-signs, paired by scenario.",
-    "failures": "Complied or not, arrived or not, and what ended the rest.",
+    "ablation": "What signs are worth: the same scenes with and without --mask-signs.",
+    "failures": "Each half: complied or not, arrived or not, what ended the rest, needless obedience.",
+    "floor": "Every planner beside those that read no plate: SCD overall, by group and by type.",
     "correlations": "Spearman's correlation of each conventional metric with SCD, over planners, by group.",
 }
 
@@ -57,6 +58,8 @@ def pages(pages: tuple[Path, ...], folder: Path) -> None:
     <!-- analysis main | columns planner, SCD all | contract -->
     <!-- end -->
     <!-- analysis types | bare -->            without intervals
+    <!-- end -->
+    <!-- analysis floor | where over = all --> some rows
     <!-- end -->
     <!-- analysis metrics -->                 the columns of an episode's metrics
     <!-- end -->

@@ -14,7 +14,7 @@ from tsbench.cli.console import table_console
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import EXECUTORS
-from tsbench.run.plan import TRACES, VARIANTS, Request
+from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Options, RunResult
 from tsbench.run.session import run as run_session
@@ -24,6 +24,10 @@ which_variants = click.option(
     "--variants", type=click.Choice(VARIANTS), default="all", show_default=True,
     help="The nominal variant, all, or one drawn for each map.",
 )  # fmt: skip
+which_half = click.option(
+    "--half", type=click.Choice(WHICH_HALVES), default=BOTH, show_default=True,
+    help="Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
+)  # fmt: skip
 
 
 @click.command()
@@ -31,9 +35,10 @@ which_variants = click.option(
 @options.split(required=True)
 @options.types
 @options.limit(
-    "Scenarios for each planner: types in turn, nominal ones first; of one per map, drawn at random."
+    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of one per map, drawn at random."
 )
 @which_variants
+@which_half
 @options.run_workers
 @click.option(
     "--memory-limit", type=click.IntRange(min=512), default=int(Limits.most_memory), show_default=True, metavar="MB",
@@ -56,7 +61,7 @@ which_variants = click.option(
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @options.allow_partial
 def run(
-    planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str,
+    planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str, half: str,
     memory_limit: int, **others: Any,
 ) -> None:  # fmt: skip
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
@@ -64,7 +69,7 @@ def run(
     Exit codes: 0 complete, 1 with error outcomes or holes, 2 wrong usage or bad input, 130 interrupted.
     """
     request, limits = (
-        Request(planners, split, types, limit, variants),
+        Request(planners, split, types, limit, variants, half),
         Limits(most_memory=float(memory_limit)),
     )
     asked = Options(request=request, limits=limits, **others)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import MISSING, is_dataclass
+from dataclasses import fields as dataclass_fields
 from functools import cache
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -15,7 +16,9 @@ _NOT_FINITE = ("nan", "inf", "-inf")
 
 
 def from_plain(kind: type[T], value: Any) -> T:
-    """A value of a type: a dataclass with exactly its fields, or what such fields may be. ValueError for others."""
+    """A value of a type: a dataclass with its fields (those with a default
+    may be missing), or what such fields may be. ValueError for others.
+    """
     made: T = _made(kind, value)
     return made
 
@@ -23,9 +26,10 @@ def from_plain(kind: type[T], value: Any) -> T:
 def _made(kind: Any, value: Any) -> Any:
     if isinstance(kind, type) and is_dataclass(kind):
         fields = _fields(kind)
-        if not isinstance(value, Mapping) or value.keys() != fields.keys():
+        needed = {f.name for f in dataclass_fields(kind) if f.default is f.default_factory is MISSING}
+        if not isinstance(value, Mapping) or not needed <= value.keys() <= fields.keys():
             raise ValueError(f"{kind} has the fields {sorted(fields)}, not {value!r:.80}")
-        return kind(**{name: _made(of, value[name]) for name, of in fields.items()})
+        return kind(**{name: _made(fields[name], one) for name, one in value.items()})
     origin, parts = get_origin(kind) or kind, get_args(kind)
     if NoneType in parts:
         return None if value is None else _made(parts[0], value)

@@ -21,6 +21,7 @@ from tsbench.envs.seen import KINDS
 from tsbench.envs.stepped_episode import Step, process_episode
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
+from tsbench.metrics.episode import passed
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Observation
@@ -164,10 +165,9 @@ def _known(name: str, value: str, known: Any) -> None:
 def _verdict(result: EpisodeResult) -> dict[str, Any]:
     facts = result.facts
     assert facts is not None
-    arrived = facts.outcome is Outcome.ARRIVED
     return {
         "sign_compliant": facts.target.compliant,
-        "scd": facts.target.compliant and arrived,
+        "scd": passed(facts),
         "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
         "at_fault": facts.contact is not None and facts.contact.at_fault,
     }

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from tsbench.core.benchmark import ARRIVAL_M
 from tsbench.episode.fault import contact_at_fault
-from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.base import Monitor, Verdict, Violation
 from tsbench.sim.contact import touched_actor, touched_obstacle
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
@@ -91,7 +91,8 @@ class EpisodeFacts:
     """All that happened in one episode, the input of every per-episode metric.
 
     snapshots: one per tick, step 0 first. route: the navigation view at the last tick. target: verdict on the
-    scenario's own sign; others: verdicts on the other signs. start_remaining_m: way to go at step 0.
+    scenario's own sign; others: verdicts on the other signs. needless: what was obeyed in a contrast scene although no
+    plate asks for it, in order of time. start_remaining_m: way to go at step 0.
     """
 
     scene: Scene
@@ -102,3 +103,9 @@ class EpisodeFacts:
     contact: Contact | None
     target: Verdict
     others: tuple[Verdict, ...]
+    needless: tuple[Violation, ...] = ()
+
+    @property
+    def obeyed(self) -> bool:
+        """Was the target's rule kept, and nothing obeyed beside it that no plate asks for?"""
+        return self.target.compliant and not self.needless

@@ -208,8 +208,8 @@ class Episode:
         self.commands: list[tuple[float, float]] = []
         self.planner_s: list[float] = []
         self.sim_s = 0.0
-        self.target, self.others = make_monitors(catalog, scene)
-        self.ending = TerminationCheck(scene, self.target)
+        self.monitors = make_monitors(catalog, scene)
+        self.ending = TerminationCheck(scene, self.monitors.target)
         self.view = roads.view
         self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
         self.observer = Observer(scene, self.view, mask, privileged)
@@ -258,13 +258,12 @@ class Episode:
     def drive(self) -> Generator[Observation, Control | Trajectory | None, Outcome]:
         """The loop, until exactly one outcome."""
         clock = time.perf_counter
-        beat, monitors = self._beat, (self.target, *self.others)
+        beat = self._beat
         step = 0
         while True:
             snapshot = self.snapshots[-1]
             beat(Phase.SCORING)
-            for monitor in monitors:
-                monitor.update(snapshot)
+            self.monitors.update(snapshot)
             ended = self.ending.at(snapshot)
             if ended is not None:
                 return ended
@@ -322,6 +321,5 @@ class Episode:
     def facts(self, outcome: Outcome) -> EpisodeFacts:
         return EpisodeFacts(
             scene=self.scene, snapshots=self.snapshots, route=self.route, start_remaining_m=self.start_remaining,
-            outcome=outcome, contact=self.ending.contact, target=self.target.finish(),
-            others=tuple(m.finish() for m in self.others),
+            outcome=outcome, contact=self.ending.contact, **self.monitors.finish()._asdict(),
         )  # fmt: skip

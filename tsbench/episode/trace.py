@@ -30,7 +30,7 @@ from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
 from tsbench.roads.sealed import SealedRoads
-from tsbench.rules.base import Verdict
+from tsbench.rules.base import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
@@ -58,8 +58,8 @@ class Trace:
     """One episode as it was recorded.
 
     snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
-    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, start_remaining_m:
-    as in `EpisodeFacts`.
+    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless,
+    start_remaining_m: as in `EpisodeFacts`.
     """
 
     spec: ScenarioSpec
@@ -72,6 +72,12 @@ class Trace:
     start_remaining_m: float
     snapshots: list[WorldSnapshot]
     commands: Array
+    needless: tuple[Violation, ...] = ()
+
+    @property
+    def events(self) -> list[Violation]:
+        """What counts against the episode: events of the target's rule, and needless obedience, in order of time."""
+        return sorted((*self.target.violations, *self.needless), key=lambda event: event.start_s)
 
     def routes(self, view: SealedRoads, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""
@@ -83,7 +89,7 @@ class Trace:
         return EpisodeFacts(
             scene=scene, snapshots=self.snapshots, route=self.routes(view, scene)[-1],
             start_remaining_m=self.start_remaining_m, outcome=self.outcome, contact=self.contact,
-            target=self.target, others=self.others,
+            target=self.target, others=self.others, needless=self.needless,
         )  # fmt: skip
 
 
@@ -96,7 +102,7 @@ def trace_of(result: EpisodeResult) -> Trace:
         )
     return Trace(
         result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
-        facts.start_remaining_m, facts.snapshots, result.commands,
+        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless,
     )  # fmt: skip
 
 
@@ -153,6 +159,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "contact": None if facts.contact is None else asdict(facts.contact),
         "target": verdict_to_dict(facts.target),
         "others": [verdict_to_dict(v) for v in facts.others],
+        "needless": [_plain(asdict(v)) for v in facts.needless],
         "start_remaining_m": _plain(facts.start_remaining_m),
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
     }
@@ -237,6 +244,8 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
         commands=commands.astype(np.float64, copy=False),
+        # Traces from before contrast scenes have none.
+        needless=tuple(from_plain(Violation, event) for event in meta.get("needless", ())),
     )
 
 

@@ -1,14 +1,15 @@
 """From episode records to the figures of a report: per type, group, overall.
 
 Source: docs/spec/metrics.md, "Aggregation".
-Two figures always go together: *strict* (error outcomes count as failures, every asked scenario is in the
-denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole.
+Two readings always go together: *strict* (error outcomes count as failures, every asked scenario is in the
+denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair of which one
+half has no record is in no figure of pairs.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -17,29 +18,51 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.breakdown import Mask, Twice, break_down
+from tsbench.metrics.breakdown import Mask, Scores, Twice, break_down
 from tsbench.metrics.episode import METRICS, Metric
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
 from tsbench.metrics.records import Records, split_records
 from tsbench.signs.catalog import load_catalog
 
-SUMMARY_SCHEMA = 2
+SUMMARY_SCHEMA = 3
 
 
 @dataclass(frozen=True)
 class PlannerSummary:
-    """Everything about one planner, the figures as in `Breakdown`. Shares are in %. outcomes: episodes by outcome."""
+    """Everything about one planner, the figures as in `Breakdown`. Shares are in %.
+
+    floor: a driver that reads no plate. placed: places are known, otherwise each map counts as one. outcomes: episodes
+    by outcome.
+    """
 
     planner: str
+    floor: bool
     asked: int
     recorded: int
     completed: int
+    placed: bool
     outcomes: Mapping[str, int]
-    overall: Twice[Estimate]
-    groups: Mapping[str, Twice[Estimate]]
-    types: Mapping[str, Twice[Estimate]]
-    type_groups: Mapping[str, str]
+    scores: Mapping[str, Scores[Estimate]]
     metrics: Mapping[str, Twice[Estimate]]
+
+    @property
+    def label(self) -> str:
+        return label(self.planner, self.floor)
+
+    @property
+    def primary(self) -> Scores[Estimate]:
+        """Paired SCD; of records without pairs the first figure of SCD that they have."""
+        return next(iter(self.scores.values()))
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """The types that any figure of SCD is over."""
+        return frozenset(kind for scores in self.scores.values() for kind in scores.types)
+
+
+def label(planner: str, floor: bool) -> str:
+    """A planner's name as tables show it."""
+    return f"{planner} (floor)" if floor else planner
 
 
 @dataclass(frozen=True)
@@ -67,19 +90,23 @@ def summarise(
     contract_hash: str,
     asked: Mapping[str, int],
     edition: str = "",
+    floors: Collection[str] = (),
     allow_partial: bool = False,
 ) -> Summary:
     """Aggregate the records of a run.
 
-    asked: scenarios asked of each planner. edition: as in `Summary`. Raises InputError for holes (asked without a
-    record) unless partial figures are allowed, for records never asked for, and for malformed ones.
+    asked: scenarios asked of each planner. edition: as in `Summary`. floors: planners that read no plate. Raises
+    InputError for holes (asked without a record) unless partial figures are allowed, for records never asked for, and
+    for malformed ones.
     """
     records = split_records(episodes)
     holes = _holes(records, asked)
     name_holes(holes, asked, allow_partial)
     bootstrap = ClusterBootstrap(contract_hash)
     planners = tuple(
-        _planner(name, records[name], n, bootstrap) for name, n in sorted(asked.items()) if name in records
+        _planner(name, name in floors, records[name], n, bootstrap)
+        for name, n in sorted(asked.items())
+        if name in records
     )
     units = {name: metric.unit for name, metric in METRICS.items()}
     return Summary(
@@ -109,17 +136,22 @@ def _holes(records: Mapping[str, Records], asked: Mapping[str, int]) -> dict[str
 
 
 def _title(planners: tuple[PlannerSummary, ...], asked: Mapping[str, int], holes: Mapping[str, int]) -> str:
-    types = len({kind for p in planners for kind in p.types})
+    types = len({kind for p in planners for kind in p.kinds})
     text = f"{types} of {len(load_catalog().types)} types, {sum(asked.values())} episodes asked"
     return f"PARTIAL, {sum(holes.values())} episodes missing: {text}" if holes else text
 
 
-def _planner(name: str, records: Records, asked: int, bootstrap: ClusterBootstrap) -> PlannerSummary:
-    def measure(metric: Metric, label: str, values: Sequence[Array], use: Mask, macro: bool) -> Estimate:
+def _planner(
+    name: str, floor: bool, records: Records, asked: int, bootstrap: ClusterBootstrap
+) -> PlannerSummary:
+    def measure(
+        metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
+    ) -> Estimate:
         part, parts = (records.kind[use], len(records.kinds)) if macro else (0, 1)
-        total, count = sums_by_cluster(values[0][use], records.map_code[use], part, parts)
+        total, count = sums_by_cluster(values[0][use], records.place[use], part, parts)
         return bootstrap.estimate(label, total, count, metric.scale, metric.binary)
 
     outcomes = {outcome.value: records.outcomes.count(outcome.value) for outcome in Outcome}
     whole = int(np.count_nonzero(~records.error))
-    return PlannerSummary(name, asked, len(records), whole, outcomes, *break_down([records], measure))
+    figures = break_down([records], measure)
+    return PlannerSummary(name, floor, asked, len(records), whole, records.placed, outcomes, *figures)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode import METRICS, SCD, Metric
-from tsbench.metrics.records import Records
+from tsbench.metrics.records import PARTS, Records
 
 STRICT, COMPLETED = "strict", "completed"
 
@@ -61,24 +61,36 @@ class Twice(Generic[T]):
             yield COMPLETED, self.completed
 
 
-class Breakdown(NamedTuple, Generic[T]):
-    """overall, groups: macro SCD; types: SCD of each; type_groups: their groups; metrics: episode-weighted."""
+@dataclass(frozen=True)
+class Scores(Generic[T]):
+    """One figure of SCD. overall, groups: macro means over types; types: of each; type_groups: their groups."""
 
     overall: Twice[T]
     groups: Mapping[str, Twice[T]]
     types: Mapping[str, Twice[T]]
     type_groups: Mapping[str, str]
+
+    def panels(self, everything: str) -> dict[str, Twice[T]]:
+        """The macro means: of all types, under the name `everything`, then of each group."""
+        return {everything: self.overall, **self.groups}
+
+
+class Breakdown(NamedTuple, Generic[T]):
+    """scores: by figure of SCD, the primary one first, those alone that the records have; metrics: episode-weighted."""
+
+    scores: Mapping[str, Scores[T]]
     metrics: Mapping[str, Twice[T]]
 
 
 class Measure(Protocol[T_co]):
-    """Measures one metric. values: (n,) of each side; use: (n,) those that count; macro: mean over types, not episodes.
+    """Measures one metric of `records` (those of the first side, for what all sides share).
 
-    label: names the bootstrap's draws.
+    values: (n,) of each side; use: (n,) those that count; macro: mean over types, not episodes. label: names the
+    bootstrap's draws.
     """
 
     def __call__(
-        self, metric: Metric, label: str, values: Sequence[Array], use: Mask, macro: bool
+        self, metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
     ) -> T_co: ...
 
 
@@ -89,26 +101,36 @@ def twice(
     values = [side.values[metric.column] for side in sides]
     failed = np.logical_or.reduce([side.error for side in sides])
     known = ~np.logical_or.reduce([np.isnan(v) for v in values])
-    completed = measure(metric, label, values, use & ~failed & known, macro)
+    completed = measure(metric, label, sides[0], values, use & ~failed & known, macro)
     if metric.failure is None:
         return Twice(None, completed)
     if not (use & failed).any():
         return Twice(completed, completed)
     whole = [np.where(side.error, metric.failure, v) for side, v in zip(sides, values, strict=True)]
-    return Twice(measure(metric, label, whole, use, macro), completed)
+    return Twice(measure(metric, label, sides[0], whole, use, macro), completed)
 
 
 def break_down(sides: Sequence[Records], measure: Measure[T]) -> Breakdown[T]:
     """All figures of records of the same scenarios."""
+    scores = {}
+    for part in PARTS:
+        halves = [side.of(part) for side in sides]
+        if len(halves[0]):
+            scores[part] = _scores(halves, measure)
+    everyone = np.ones(len(sides[0]), dtype=bool)
+    metrics = {name: twice(sides, measure, metric, "overall", everyone) for name, metric in METRICS.items()}
+    return Breakdown(scores, metrics)
+
+
+def _scores(sides: Sequence[Records], measure: Measure[T]) -> Scores[T]:
     first = sides[0]
     panels = {
         panel: twice(sides, measure, SCD, panel_label(panel), use, macro=True)
         for panel, use in first.panels().items()
     }
-    group_of, everyone = first.type_groups(), np.ones(len(first), dtype=bool)
+    group_of = first.type_groups()
     types = {k: twice(sides, measure, SCD, f"type {k}", first.kind == first.kinds.index(k)) for k in group_of}
-    metrics = {name: twice(sides, measure, metric, "overall", everyone) for name, metric in METRICS.items()}
-    return Breakdown(panels.pop(""), panels, types, group_of, metrics)
+    return Scores(panels.pop(""), panels, types, group_of)
 
 
 def panel_label(panel: str) -> str:

@@ -1,4 +1,4 @@
-"""Two planners compared scenario by scenario: what changed by type and group, and which scenarios flipped.
+"""Two planners compared over the same pairs and scenarios: what changed by type and group, and what flipped.
 
 Source: docs/spec/metrics.md, "Aggregation". As everywhere, strict and completed figures go together.
 """
@@ -6,7 +6,7 @@ Source: docs/spec/metrics.md, "Aggregation". As everywhere, strict and completed
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
@@ -14,13 +14,13 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.breakdown import Mask, Twice, break_down
+from tsbench.metrics.breakdown import Mask, Scores, Twice, break_down
 from tsbench.metrics.episode import SCD, Metric
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import Difference, Pairs, adjust, difference
-from tsbench.metrics.records import split_records
+from tsbench.metrics.records import Records, split_records
 
-_SAME = ("scenario_id", "scenario_type", "group", "map_id")
+_SAME = ("scenario_id", "scenario_type", "group", "map_id", "pair_id", "half")
 _SHOWN = {"outcome": "outcome", "clause": "violation_clause", "error": "error"}
 
 
@@ -35,6 +35,8 @@ class Flip:
     scenario_type: str
     group: str
     map_id: str
+    pair_id: str
+    half: str
     won: bool
     outcome_a: str
     clause_a: str | None
@@ -46,16 +48,21 @@ class Flip:
 
 @dataclass(frozen=True)
 class Comparison:
-    """B against A, the figures as in `Breakdown`, types after Holm. flips: lost ones first, then by type."""
+    """B against A, the figures as in `Breakdown`, types after Holm. flips: lost ones first, then by type.
 
-    overall: Twice[Difference]
-    groups: Mapping[str, Twice[Difference]]
-    types: Mapping[str, Twice[Difference]]
-    type_groups: Mapping[str, str]
+    scenarios: that both drove; completed: those without an error outcome on either side.
+    """
+
+    scores: Mapping[str, Scores[Difference]]
     metrics: Mapping[str, Twice[Difference]]
     flips: tuple[Flip, ...]
-    pairs: int
+    scenarios: int
     completed: int
+
+    @property
+    def primary(self) -> Scores[Difference]:
+        """Paired SCD; of records without pairs the first figure of SCD that they have."""
+        return next(iter(self.scores.values()))
 
 
 def shared_scenarios(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
@@ -82,19 +89,24 @@ def compare(a: pa.Table, b: pa.Table, seed: str) -> Comparison:
     (left,), (right,) = (split_records(table).values() for table in (a, b))
     bootstrap = ClusterBootstrap(seed)
 
-    def measure(metric: Metric, label: str, values: Sequence[Array], use: Mask, macro: bool) -> Difference:
+    def measure(
+        metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
+    ) -> Difference:
         x, y = (v[use] for v in values)
-        return difference(
-            bootstrap, label, Pairs(x, y, left.map_code[use], left.kind[use], len(left.kinds)), metric, macro
-        )
+        pairs = Pairs(x, y, records.place[use], records.kind[use], len(records.kinds))
+        return difference(bootstrap, label, pairs, metric, macro)
 
     found = break_down([left, right], measure)
-    # Holm over the strict figures of the types, and over the completed ones.
-    strict = adjust({kind: figure.main for kind, figure in found.types.items()}, SCD.scale)
-    completed = adjust({kind: figure.completed for kind, figure in found.types.items()}, SCD.scale)
-    types = {kind: Twice(strict[kind], completed[kind]) for kind in found.types}
+    scores = {part: _adjusted(figures) for part, figures in found.scores.items()}
     whole = int(np.count_nonzero(~left.error & ~right.error))
-    return Comparison(*found._replace(types=types), _flips(a, b), len(left), whole)
+    return Comparison(scores, found.metrics, _flips(a, b), len(left), whole)
+
+
+def _adjusted(figures: Scores[Difference]) -> Scores[Difference]:
+    """Holm over the strict figures of the types, and over the completed ones."""
+    strict = adjust({kind: figure.main for kind, figure in figures.types.items()}, SCD.scale)
+    completed = adjust({kind: figure.completed for kind, figure in figures.types.items()}, SCD.scale)
+    return replace(figures, types={kind: Twice(strict[kind], completed[kind]) for kind in figures.types})
 
 
 def _flips(a: pa.Table, b: pa.Table) -> tuple[Flip, ...]:

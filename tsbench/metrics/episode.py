@@ -21,6 +21,11 @@ from tsbench.sim.world import DT_S
 Number = bool | int | float | str | None
 
 
+def passed(facts: EpisodeFacts) -> bool:
+    """SCD of an episode: arrived, the target's rule kept, and in a contrast scene nothing obeyed needlessly."""
+    return facts.outcome is Outcome.ARRIVED and facts.obeyed
+
+
 class Episode:
     """An episode that has ended, with what several metrics share. Raises ValueError for one without a tick."""
 
@@ -39,8 +44,9 @@ class Episode:
         return route_completion(self.facts, self.tracks)
 
     def first(self, field: str) -> Any:
-        """A field of the target's first violation, None without one."""
-        return getattr(self.target.violations[0], field) if self.target.violations else None
+        """A field of the first event that counts against SCD, None without one."""
+        against = (*self.target.violations, *self.facts.needless)
+        return getattr(min(against, key=lambda v: v.start_s), field) if against else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +76,9 @@ class Metric:
 
 
 SCD = Metric(
-    "scd", bool, lambda e: e.target.compliant and e.arrived,
-    "compliant and arrived: the primary metric; false for an error outcome",
+    "scd", bool, lambda e: passed(e.facts),
+    "compliant and arrived, and in a contrast scene nothing obeyed needlessly: the primary metric; false for an error "
+    "outcome",
     unit="%", scale=100.0, failure=0.0, about_rule=True,
 )  # fmt: skip
 # In the order of the records' columns.
@@ -136,7 +143,14 @@ EPISODE_METRICS = (
     Metric("duration_s", float, lambda e: round(e.steps * DT_S, 6), "s until the end"),
     Metric("steps", int, lambda e: e.steps, "steps until the end"),
     Metric("violations", int, lambda e: len(e.target.violations), "events of the target sign"),
-    Metric("violation_clause", str, lambda e: e.first("clause"), "the target's first event: what was broken"),
+    Metric(
+        "needless", int, lambda e: len(e.facts.needless),
+        "events of needless obedience, in contrast scenes only; `violations` and `all_violations` do not count them",
+    ),
+    Metric(
+        "violation_clause", str, lambda e: e.first("clause"),
+        "the first event of the target sign, or of needless obedience: what was broken",
+    ),
     Metric("violation_time_s", float, lambda e: e.first("start_s"), "its start"),
     Metric("violation_x", float, lambda e: e.first("x"), "where the ego was then, m"),
     Metric("violation_y", float, lambda e: e.first("y"), "where the ego was then, m"),

@@ -1,6 +1,7 @@
-"""95 % intervals: cluster bootstrap over maps, Wilson where nothing clusters. Source: docs/spec/metrics.md.
+"""95 % intervals: cluster bootstrap over places, Wilson where nothing clusters. Source: docs/spec/metrics.md.
 
-Variants on one map are alike, so maps are drawn, not episodes. All planners of a summary see the same draws.
+Variants on one map are alike, and so are maps of one place, so places are drawn, not episodes. All planners of a
+summary see the same draws.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class Estimate:
     """A mean with its interval and what it rests on.
 
     value: None where no episode counts. low, high: None where there is no interval; `reason` says why. n:
-    episodes that count; clusters: maps that they are on; parts: types that a macro mean is over (1
+    episodes that count; clusters: places that they are at; parts: types that a macro mean is over (1
     otherwise).
     """
 
@@ -89,16 +90,16 @@ class ClusterBootstrap:
     ) -> tuple[float | None, float | None, str, str]:
         clusters, parts = count.shape
         if clusters < MIN_CLUSTERS:
-            return None, None, "none", f"only {clusters} maps, fewer than {MIN_CLUSTERS}"
+            return None, None, "none", f"only {clusters} places, fewer than {MIN_CLUSTERS}"
         alone = parts == 1 and bool((count == 1).all())
         if binary and alone:
-            return *wilson(round(float(total.sum())), clusters), "wilson", "one episode on each map"
+            return *wilson(round(float(total.sum())), clusters), "wilson", "one episode at each place"
         rates = total.sum(axis=1) / count.sum(axis=1)
         if np.ptp(rates) < 1e-12:
             if binary:
                 # All draws would be equal: an interval of no width would claim certainty.
-                return *wilson(round(value * clusters), clusters), "wilson", "all maps alike: over maps"
-            return None, None, "none", "all maps alike"
+                return *wilson(round(value * clusters), clusters), "wilson", "all places alike: over places"
+            return None, None, "none", "all places alike"
         return *percentiles(self.draws(label, total, count)), "cluster bootstrap", ""
 
     def draws(self, label: str, total: Array, count: Array) -> Array:

@@ -1,6 +1,6 @@
 """Differences between two planners on the same scenarios. Source: docs/spec/metrics.md, "Aggregation".
 
-Yes/no outcomes: exact McNemar. Everything: 95 % interval from a cluster bootstrap over maps, drawn once for both.
+Yes/no outcomes: exact McNemar. Everything: 95 % interval from a cluster bootstrap over places, drawn once for both.
 What is not significant says how large a difference it would have shown (minimum detectable effect).
 """
 
@@ -27,9 +27,9 @@ class Difference:
     """One figure of A and of B over the same pairs, and B - A. Numbers in the metric's unit, p in 0-1.
 
     a, b, value: None where no pair counts. low, high: None where there is no interval; `reason` says why. n: pairs;
-    clusters: maps they are on; parts: types that a macro mean is over (1 otherwise). won, lost: pairs that only B, only
-    A has; p: exact McNemar; all three None for what is not yes/no. p_holm: p after Holm over the types. mde: minimum
-    detectable effect; None where the difference is significant, or where no difference could be.
+    clusters: places they are at; parts: types that a macro mean is over (1 otherwise). won, lost: pairs that only B,
+    only A has; p: exact McNemar; all three None for what is not yes/no. p_holm: p after Holm over the types. mde:
+    minimum detectable effect; None where the difference is significant, or where no difference could be.
     """
 
     a: float | None = None
@@ -59,7 +59,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Pairs:
-    """n pairs that count. a, b: values; cluster: map of each; part: type of each, `parts` = number of types."""
+    """n pairs that count. a, b: values; cluster: place of each; part: type of each, `parts` = number of types."""
 
     a: Array
     b: Array
@@ -179,15 +179,15 @@ def _interval(
     """(low, high, standard error, method, reason). flips: rates of won and lost pairs of a yes/no metric."""
     clusters = len(total)
     if clusters < MIN_CLUSTERS:
-        return None, None, None, "none", f"only {clusters} maps, fewer than {MIN_CLUSTERS}"
+        return None, None, None, "none", f"only {clusters} places, fewer than {MIN_CLUSTERS}"
     draws = bootstrap.draws(label, total, count)
     if np.ptp(draws) > _ALIKE:
         return *percentiles(draws), float(draws.std(ddof=1)), "cluster bootstrap", ""
     if flips is None:
-        return None, None, None, "none", "all maps alike"
+        return None, None, None, "none", "all places alike"
     from statsmodels.stats.proportion import confint_proportions_2indep
 
     # All draws are equal: an interval of no width would claim certainty.
     won, lost = (rate * clusters for rate in flips)
     low, high = confint_proportions_2indep(won, clusters, lost, clusters, method="newcomb", alpha=ALPHA)
-    return float(low), float(high), None, "newcombe", "all maps alike: over maps"
+    return float(low), float(high), None, "newcombe", "all places alike: over places"

@@ -1,9 +1,13 @@
-"""`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name."""
+"""`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name.
+
+A figure of SCD is over one part of the records: the signed halves (and what has no pair), the contrast halves, or the
+pairs, of which a record is made that passed where both halves did.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,31 +19,65 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode import METRICS, SCD
+from tsbench.scenarios.spec import CONTRAST, HALVES, pair_type
 from tsbench.signs.model import GROUPS
 
-_TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome")
+_TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place")
 _FIGURES = {metric.column: metric for metric in (SCD, *METRICS.values())}
+_Codes = npt.NDArray[np.intp]
+
+# The figures of SCD by their names in summaries, the primary one first: share of pairs with both halves passed, of
+# signed halves (and what has no pair), of contrast halves.
+PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
+PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
+# Which halves of a pair were passed: signed counts 2, contrast 1.
+PASSES = ("none", "only contrast", "only signed", "both")
 
 
 @dataclass(frozen=True)
 class Records:
-    """Records of one planner, sorted by scenario.
+    """Records of one planner, sorted by scenario: one for each of n episodes, or for each of n pairs.
 
-    kinds: scenario types, sorted by name, and groups: the group of each. kind: (n,) index into them.
-    map_code: (n,) equal for episodes on one map. outcomes: (n,). error: (n,) is the outcome an error? values:
-    per column (n,) float64, NaN where the record has none.
+    scenarios: (n,) ids, of pairs that of the signed half. kinds: scenario types, sorted by name, of both halves of a
+    pair that of the pair; groups: the group of each. kind: (n,) index into them. place: (n,) equal for what is at one
+    place; placed: all places are known, otherwise a map counts as one. outcomes: (n,). error: (n,) is the outcome an
+    error? contrast: (n,) is it a contrast half? values: per column (n,) float64, NaN where the record has none.
+    partner: (n,) the other half's number, -1 where it has no record.
     """
 
+    scenarios: tuple[str, ...]
     kinds: tuple[str, ...]
     groups: tuple[str, ...]
-    kind: npt.NDArray[np.intp]
-    map_code: npt.NDArray[np.intp]
+    kind: _Codes
+    place: _Codes
+    placed: bool
     outcomes: tuple[str, ...]
     error: npt.NDArray[np.bool_]
+    contrast: npt.NDArray[np.bool_]
+    partner: _Codes
     values: Mapping[str, Array]
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def take(self, rows: _Codes) -> Records:
+        """Some records, in this order; types without one are left out, and so are partners."""
+        kept, kind = np.unique(self.kind[rows], return_inverse=True)
+        return Records(
+            scenarios=tuple(self.scenarios[k] for k in rows), kinds=tuple(self.kinds[k] for k in kept),
+            groups=tuple(self.groups[k] for k in kept), kind=kind, place=self.place[rows], placed=self.placed,
+            outcomes=tuple(self.outcomes[k] for k in rows), error=self.error[rows], contrast=self.contrast[rows],
+            partner=np.full(len(rows), -1), values={name: column[rows] for name, column in self.values.items()},
+        )  # fmt: skip
+
+    def of(self, part: str) -> Records:
+        """The records that a figure of SCD is over: `paired_scd`, `signed_scd` or `contrast_scd`."""
+        if part != PAIRED:
+            return self.take(np.flatnonzero(self.contrast == (part == CONTRASTED)))
+        rows = np.flatnonzero(~self.contrast & (self.partner >= 0))
+        signed, contrast = self.take(rows), self.take(self.partner[rows])
+        scd = np.minimum(signed.values[SCD.column], contrast.values[SCD.column])
+        return replace(signed, error=signed.error | contrast.error, values={SCD.column: scd})
 
     def type_groups(self) -> dict[str, str]:
         """The group of each type; groups in the catalogue's order, types by name within each."""
@@ -54,6 +92,17 @@ class Records:
         groups = np.array(self.groups)[self.kind]
         of_groups = {group: groups == group for group in dict.fromkeys(self.type_groups().values())}
         return {"": np.ones(len(self), dtype=bool), **of_groups}
+
+
+def pair_passes(records: Records) -> dict[str, str]:
+    """By scenario of a pair that has both its records: which of its halves were passed, as one of PASSES."""
+    scd = records.values[SCD.column] == 1.0
+    found: dict[str, str] = {}
+    for k in np.flatnonzero(~records.contrast & (records.partner >= 0)):
+        other = records.partner[k]
+        told = PASSES[2 * int(scd[k]) + int(scd[other])]
+        found |= {records.scenarios[k]: told, records.scenarios[other]: told}
+    return found
 
 
 def group_rank(group: str) -> tuple[int, str]:
@@ -100,10 +149,39 @@ def _records(planner: str, table: Any) -> Records:
         if len(holes):
             where = scenarios[holes[0]]
             raise InputError(f"episode records: {planner}, {where}: completed, but without {column}")
-    group_of = dict(zip(_strings(table, "scenario_type"), _strings(table, "group"), strict=True))
-    kinds, kind = np.unique(np.array(_strings(table, "scenario_type")), return_inverse=True)
-    _, map_code = np.unique(np.array(_strings(table, "map_id")), return_inverse=True)
+    halves = np.array(_strings(table, "half"))
+    contrast = halves == CONTRAST
+    if not np.isin(halves, HALVES).all():
+        raise InputError(f"episode records: {planner}: a half that is none of {', '.join(HALVES)}")
+    pair_ids, types = _strings(table, "pair_id"), _strings(table, "scenario_type")
+    pair_types = [pair_type(pair, kind) for pair, kind in zip(pair_ids, types, strict=True)]
+    # The group of a pair is that of its signed half, which comes last.
+    order = np.argsort(~contrast, kind="stable")
+    named = list(zip(pair_types, _strings(table, "group"), strict=True))
+    group_of = dict(named[k] for k in order)
+    kinds, kind = np.unique(np.array(pair_types), return_inverse=True)
+    places = _strings(table, "place")
+    at = [place or f"map {one}" for place, one in zip(places, _strings(table, "map_id"), strict=True)]
     return Records(
-        kinds=tuple(kinds.tolist()), groups=tuple(group_of[k] for k in kinds.tolist()), kind=kind,
-        map_code=map_code, outcomes=tuple(outcomes), error=error, values=values,
+        scenarios=tuple(scenarios), kinds=tuple(kinds.tolist()), groups=tuple(group_of[k] for k in kinds.tolist()),
+        kind=kind, place=np.unique(np.array(at), return_inverse=True)[1], placed=all(places),
+        outcomes=tuple(outcomes), error=error, contrast=contrast,
+        partner=_partners(planner, pair_ids, contrast, scenarios), values=values,
     )  # fmt: skip
+
+
+def _partners(
+    planner: str, pair_ids: list[str], contrast: npt.NDArray[np.bool_], scenarios: list[str]
+) -> _Codes:
+    first: dict[str, int] = {}
+    partner = np.full(len(pair_ids), -1)
+    for k, pair in enumerate(pair_ids):
+        other = first.setdefault(pair, k) if pair else k
+        if other == k:
+            continue
+        if partner[other] >= 0 or contrast[other] == contrast[k]:
+            raise InputError(
+                f"episode records: {planner}, {scenarios[k]}: pair {pair} has this half more than once"
+            )
+        partner[[other, k]] = k, other
+    return partner

@@ -41,6 +41,7 @@ class PlannerEntry:
 
     target: `pkg.module:Attribute`. kind: a word for lists. privileged: is told the rule. sign_access: reads
     `Observation.signs`. chooses_route: by itself, so that no expert can lead it. parameters: how many learned ones.
+    floor: reads no plate, and is there to show how far that leads.
     """
 
     target: str
@@ -50,6 +51,7 @@ class PlannerEntry:
     chooses_route: bool = False
     parameters: int | None = None
     weights: Weights | None = None
+    floor: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,7 @@ class LoadedPlanner:
     sources: tuple[str, ...] = ()
     batched: type[Batched] | None = None
     weights: Weights | None = None
+    floor: bool = False
 
     def answered_by(self, infer: Callable[[], Infer]) -> LoadedPlanner:
         """The same planner with answers from elsewhere in place of a network of its own; it must be `batched`."""
@@ -108,7 +111,7 @@ def entry(name: str) -> PlannerEntry:
     """What is known of a registered planner or its expert; not imported where the entry point names a PlannerEntry."""
     if name.endswith(EXPERT) and name not in _registered():
         base = entry(name.removesuffix(EXPERT))
-        return replace(base, kind="expert", privileged=True, sign_access=True)
+        return replace(base, kind="expert", privileged=True, sign_access=True, floor=False)
     point = _registered()[name]
     target = import_attribute(point.module, point.attr, f"planner {name!r}")
     if isinstance(target, PlannerEntry):
@@ -142,7 +145,7 @@ def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) 
         name=spec if known else attribute, factory=factory, privileged=facts.privileged,
         sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec, sources=(source,),
         batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
-        weights=facts.weights,
+        weights=facts.weights, floor=facts.floor,
     )  # fmt: skip
 
 
@@ -153,6 +156,7 @@ def _declared(target: object, place: str) -> PlannerEntry:
         privileged=bool(getattr(target, "privileged", False)),
         sign_access=bool(getattr(target, "sign_access", True)),
         chooses_route=bool(getattr(target, "chooses_route", False)),
+        floor=bool(getattr(target, "floor", False)),
     )
 
 
@@ -174,6 +178,7 @@ def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
         factory=lambda **options: wrap(base.factory(**options)),
         privileged=True,
         sign_access=True,
+        floor=False,
         spec=spec,
         sources=(*base.sources, _EXPERT_MODULE),
     )

@@ -160,9 +160,12 @@ class MapGraph(Frozen):
                     heapq.heappush(queue, (total, order[succ], succ))
         return None
 
-    def path(self, edges: tuple[str, ...], lane: int, s: float, destination: Destination) -> RoutePath | None:
+    def path(
+        self, edges: tuple[str, ...], lane: int, s: float, destination: Destination, room: float = math.inf
+    ) -> RoutePath | None:
         """Reference path along `edges` from arc length `s` of `lane`, with the fewest lane changes.
 
+        room: metres that there are for a change on the first edge, at most those to its end.
         `lane` lies on the first edge, or is an internal lane that leads into it. None where the lanes do not connect.
         """
         changes = self._changes_to_go(edges)
@@ -185,7 +188,7 @@ class MapGraph(Frozen):
             if not keep:
                 return None
             chosen = min(keep)[2]
-            builder.along(lane, chosen, s)
+            builder.along(lane, chosen, s, math.inf if k else room)
             if last:
                 break
             steps = [c for c in self._steps(edge, edges[k + 1]) if c[0] == chosen]
@@ -265,13 +268,13 @@ class _PathBuilder:
                 return connection.to_lane
         return -1
 
-    def along(self, lane: int, target: int, s: float) -> None:
-        """Along an edge from arc length s of `lane`, changing to `target` (same edge) where it differs."""
+    def along(self, lane: int, target: int, s: float, room: float) -> None:
+        """Along an edge from arc length s of `lane`, changing to `target` (same edge), if another, in some room."""
         if lane == target:
             self.add(lane, s)
             return
         a, b = self.graph.line_of(lane), self.graph.line_of(target)
-        span = a.length - s
+        span = min(a.length - s, room)
         steps = abs(self.graph.order_of(lane) - self.graph.order_of(target))
         length = min(40.0 * steps, max(span - 10.0, span * 0.8))
         if length < _BLEND_STEP_M:

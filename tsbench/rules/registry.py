@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from tsbench.core.modules import import_all
-from tsbench.rules.base import Monitor
-from tsbench.rules.needless import ContrastTarget
+from tsbench.rules.base import Monitor, Verdict, Violation
+from tsbench.rules.needless_detour import NeedlessDetour
+from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
+from tsbench.rules.needless_slow import NeedlessSlow
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
@@ -16,6 +21,17 @@ from tsbench.sim.world import WorldSnapshot
 MONITORS: Mapping[str, type[Monitor]] = class_of_every_kind(
     import_all("tsbench.rules"),
     Monitor,  # type: ignore[type-abstract]
+)
+
+
+# By clause of a contrast scene; each takes the params of its kind (`signs.contrast.CLAUSES`).
+NEEDLESS: Mapping[str, Callable[[Any, SignInstance, Catalog, Scene], Monitor]] = MappingProxyType(
+    {
+        "needless_stop": NeedlessStop,
+        "needless_yield": NeedlessYield,
+        "needless_slow": NeedlessSlow,
+        "needless_detour": NeedlessDetour,
+    }
 )
 
 
@@ -33,16 +49,50 @@ def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
     return (Unbound if unbound else MONITORS[rule.name])(sign, rule, scene)
 
 
-def make_monitors(catalog: Catalog, scene: Scene) -> tuple[Monitor, tuple[Monitor, ...]]:
-    """The target's monitor, and those of the context plates that bind the ego.
+class Verdicts(NamedTuple):
+    """On the target, on the other signs, and what was obeyed needlessly, in order of time."""
+
+    target: Verdict
+    others: tuple[Verdict, ...]
+    needless: tuple[Violation, ...]
+
+
+@dataclass(frozen=True)
+class Monitors:
+    """All that watch one episode: those of the target and of other plates, and those of a contrast scene's clauses."""
+
+    target: Monitor
+    others: tuple[Monitor, ...]
+    needless: tuple[Monitor, ...]
+
+    def update(self, snapshot: WorldSnapshot) -> None:
+        """Take in one tick."""
+        for monitor in (self.target, *self.others, *self.needless):
+            monitor.update(snapshot)
+
+    def finish(self) -> Verdicts:
+        """What they say, once the episode is over."""
+        events = [event for monitor in self.needless for event in monitor.finish().violations]
+        return Verdicts(
+            self.target.finish(),
+            tuple(monitor.finish() for monitor in self.others),
+            tuple(sorted(events, key=lambda event: (event.start_s, event.clause))),
+        )
+
+
+def make_monitors(catalog: Catalog, scene: Scene) -> Monitors:
+    """Those of the target, of the context plates that bind the ego, and of the scene's clauses.
 
     A context plate without params speaks to other traffic and is scenery. End plates belong to the plate that they
     end.
     """
-    others = tuple(
-        make_monitor(sign, catalog, scene)
-        for sign in scene.signs
-        if sign.role == "context" and sign.id != scene.target and sign.params is not None
+    sign = scene.target_sign
+    return Monitors(
+        make_monitor(sign, catalog, scene),
+        tuple(
+            make_monitor(other, catalog, scene)
+            for other in scene.signs
+            if other.role == "context" and other.id != scene.target and other.params is not None
+        ),
+        tuple(NEEDLESS[clause.name](clause.params, sign, catalog, scene) for clause in scene.contrast),
     )
-    target = make_monitor(scene.target_sign, catalog, scene)
-    return ContrastTarget(target, catalog) if scene.contrast else target, others

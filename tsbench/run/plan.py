@@ -10,12 +10,14 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.scenarios.map_pool import known_map_ids, pool_file
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog
 
 VARIANTS = ("0", "all", "one-per-map")
+BOTH = "both"
+WHICH_HALVES = (BOTH, *HALVES)
 TRACES = ("none", "violations", "all")
 
 
@@ -23,8 +25,9 @@ TRACES = ("none", "violations", "all")
 class Request:
     """The options that choose episodes, as asked for.
 
-    planners: specs in the order given. types: type ids and group names, empty = all. limit: scenarios for
-    each planner, None = all. variants: one of VARIANTS.
+    planners: specs in the order given. types: ids and group names of types of pairs (a row without a pair counts as
+    one), empty = all. limit: scenarios for each planner, None = all. variants: one of VARIANTS. half: one of
+    WHICH_HALVES.
     """
 
     planners: tuple[str, ...]
@@ -32,6 +35,7 @@ class Request:
     types: tuple[str, ...] = ()
     limit: int | None = None
     variants: str = "all"
+    half: str = BOTH
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,9 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
     missing = [t for t in request.types if t in types and t not in present]
     if missing or not chosen:
         raise InputError(f"{path}: has no scenario of {', '.join(missing or request.types) or 'any type'}")
-    chosen = choose_variants(chosen, request.variants)
+    chosen = choose_half(choose_variants(chosen, request.variants), request.half)
+    if not chosen:
+        raise InputError(f"{path}: --half {request.half}: none of the chosen scenarios is one")
     if request.limit is not None:
         # What was drawn is not narrowed to nominal variants by a limit.
         first = _draw if request.variants == "one-per-map" else _nominal
@@ -102,6 +108,13 @@ def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[Scenari
     return sorted(chosen, key=lambda row: row.scenario_id)
 
 
+def choose_half(rows: Sequence[ScenarioSpec], half: str) -> list[ScenarioSpec]:
+    """Rows of the asked half, order kept; a row without a pair is a signed one."""
+    if half not in WHICH_HALVES:
+        raise InputError(f"--half {half}: expected {', '.join(WHICH_HALVES)}")
+    return [row for row in rows if half in (BOTH, row.half)]
+
+
 def _draw(row: ScenarioSpec) -> tuple[str, str]:
     """A fixed draw, the same on every machine and in every process."""
     return _draw_of(row.pair_name), row.scenario_id
@@ -116,15 +129,22 @@ def _nominal(row: ScenarioSpec) -> tuple[int, str]:
 
 
 def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:
-    """At most `limit` rows: from the types in turn, of each the first pairs or rows: a small run touches many."""
+    """At most `limit` rows: from the types in turn, of each the first pairs or rows: a small run touches many.
+
+    No pair is taken in part, so there may be one row less; the first is taken whatever the limit.
+    """
     if limit < 1:
         raise InputError(f"--limit {limit}: expected at least 1")
     by_type: dict[str, dict[str, list[ScenarioSpec]]] = {t: {} for t in types}
     for row in rows:
         by_type[row.pair_type].setdefault(row.pair_name, []).append(row)
     layers = zip_longest(*(pairs.values() for pairs in by_type.values()), fillvalue=[])
-    in_turn = [row for layer in layers for pair in layer for row in pair]
-    return sorted(in_turn[:limit], key=lambda row: row.scenario_id)
+    chosen: list[ScenarioSpec] = []
+    for pair in (pair for layer in layers for pair in layer):
+        if chosen and len(chosen) + len(pair) > limit:
+            break
+        chosen += pair
+    return sorted(chosen, key=lambda row: row.scenario_id)
 
 
 def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> None:

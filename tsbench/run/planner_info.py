@@ -21,7 +21,8 @@ from tsbench.run.contract import code_files
 @dataclass(frozen=True, slots=True)
 class PlannerInfo:
     """A planner in `run.json`. name: in records; spec: what the user wrote. served_on: devices on which its network is
-    worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash.
+    worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash. floor: as the planner's
+    entry says; runs from before there were floors do not say.
     """
 
     name: str
@@ -31,6 +32,7 @@ class PlannerInfo:
     served_on: tuple[str, ...]
     weights_sha256: str | None
     code_sha256: str | None
+    floor: bool = False
 
 
 def describe(spec: str) -> PlannerInfo:
@@ -46,6 +48,7 @@ def describe(spec: str) -> PlannerInfo:
         spec=loaded.spec,
         privileged=loaded.privileged,
         sign_access=loaded.sign_access,
+        floor=loaded.floor,
         served_on=tuple(device for device in DEVICES if is_served(loaded.batched, device)),
         weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
         # The contract has the rest.

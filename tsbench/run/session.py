@@ -24,10 +24,10 @@ from tsbench.run.execution.messages import RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
-from tsbench.run.log.manifest import new_manifest
+from tsbench.run.log.manifest import floors_of, new_manifest
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
-from tsbench.run.plan import Plan, Request, make_plan
+from tsbench.run.plan import BOTH, Plan, Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
@@ -174,6 +174,7 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
     parts = ["+".join(quote(name, safe="") for name in shown), request.split]
     parts += ["+".join(request.types)] if request.types else []
     parts += [f"variants-{request.variants}"] if request.variants != "all" else []
+    parts += [f"{request.half}-half"] if request.half != BOTH else []
     parts += [f"limit-{request.limit}"] if request.limit is not None else []
     parts += ["masked"] if options.mask_signs else []
     return "-".join([*parts, contract[:8]])
@@ -191,7 +192,7 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: O
     if not holes or options.allow_partial:
         summary = summarise(
             episodes, contract_hash=contract, edition=folder.manifest["edition"], asked=asked,
-            allow_partial=options.allow_partial,
+            floors=floors_of(folder.manifest), allow_partial=options.allow_partial,
         )  # fmt: skip
     return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
@@ -241,6 +242,7 @@ def _effective(options: Options, plan: Plan) -> dict[str, Any]:
         "split": plan.request.split,
         "types": list(plan.types),
         "variants": plan.request.variants,
+        "half": plan.request.half,
         "limit": plan.request.limit,
         "scenarios": len(plan.scenarios),
         "trace": options.trace,

@@ -6,6 +6,12 @@ from dataclasses import dataclass
 
 SCHEMA_VERSION = 1
 SIGNED, CONTRAST = "signed", "contrast"
+HALVES = (SIGNED, CONTRAST)
+
+
+def pair_type(pair_id: str, scenario_type: str) -> str:
+    """The type of a row's pair: that of its signed row, which is in the pair's id. "" = no pair: the row's own."""
+    return pair_id.partition("-")[0] or scenario_type
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +55,7 @@ class ScenarioSpec:
     @property
     def pair_type(self) -> str:
         """The type of the pair: its signed row's. It selects both halves, and names the store of their files."""
-        return self.pair_id.partition("-")[0] or self.scenario_type
+        return pair_type(self.pair_id, self.scenario_type)
 
     @property
     def pair_name(self) -> str:

@@ -97,8 +97,8 @@ _KINDS = (
 NEEDLESS = RuleKind(
     "needless",
     None,
-    "before_line_m standing_mps standing_s passage_time_ratio lateral_mps2 slow_zone_m slow_speed_ratio "
-    f"leader_gap_s lane_s {_ROAD}",
+    "before_line_m behind_m standing_mps standing_s react_s passage_speed_ratio lowest_speed_ratio "
+    f"cruise_ratio calm_mps2 lateral_mps2 slow_zone_m slow_speed_ratio leader_gap_s leader_least_m lane_s {_ROAD}",
     "needless_stop needless_yield needless_slow needless_detour",
 )
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})

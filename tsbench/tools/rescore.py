@@ -18,7 +18,7 @@ from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
-from tsbench.run.log.manifest import Manifest, planners_of, read_manifest
+from tsbench.run.log.manifest import Manifest, floors_of, planners_of, read_manifest
 from tsbench.run.log.record import Row
 from tsbench.run.log.score import score
 from tsbench.run.log.tables import read_table
@@ -138,13 +138,12 @@ class Judge:
                     yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
 
     def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
-        target, others = make_monitors(self._catalog, scene)
-        ending = TerminationCheck(scene, target)
+        monitors = make_monitors(self._catalog, scene)
+        ending = TerminationCheck(scene, monitors.target)
         outcome, seen = None, []
         for snapshot in trace.snapshots:
             seen.append(snapshot)
-            for monitor in (target, *others):
-                monitor.update(snapshot)
+            monitors.update(snapshot)
             outcome = ending.at(snapshot)
             if outcome is not None:
                 break
@@ -154,8 +153,7 @@ class Judge:
             snapshots=seen,
             outcome=outcome or Outcome.OFF_ROAD,
             contact=ending.contact,
-            target=target.finish(),
-            others=tuple(monitor.finish() for monitor in others),
+            **monitors.finish()._asdict(),
         )
 
 
@@ -180,6 +178,7 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
         contract_hash=manifest["contract"],
         edition=str(manifest.get("edition", "")),
         asked=asked,
+        floors=floors_of(manifest),
         allow_partial=holes,
     )
     with io_errors_as_input_errors(path):

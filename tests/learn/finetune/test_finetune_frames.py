@@ -11,11 +11,12 @@ import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive, succeeded
+from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
+from tsbench.metrics.episode import passed
 from tsbench.planners.base import PlannerContext
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft
@@ -74,7 +75,7 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     drive = RecordedDrive(row, recorded)
     driven = drive.run(drivers)
     assert driven is not None
-    assert succeeded(driven.facts)
+    assert passed(driven.facts)
     frames = SOURCE.frames(driven, drivers, np.random.default_rng(0))
     own = frames[::2]
 
@@ -105,7 +106,7 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
 def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Drivers) -> None:
     driven = PlannerDrive(row, "idm").run(drivers)
     assert driven is not None
-    assert not succeeded(driven.facts)
+    assert not passed(driven.facts)
     assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
 
 

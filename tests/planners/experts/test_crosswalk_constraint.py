@@ -9,13 +9,11 @@ from labelled import CASES
 from planner_loop import Body, World, constant, verdict
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind
 
@@ -47,7 +45,7 @@ def world(
     start = CROSSING_X - before - EGO_LENGTH_M / 2
     return World(
         network, f"ab_{lane}", start, speed, Destination("bc", 90.0), bodies=list(people),
-        privilege=Privilege(sign, load_catalog().sign("5.19").rule),
+        target=sign,
     )  # fmt: skip
 
 

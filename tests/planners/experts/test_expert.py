@@ -10,35 +10,35 @@ from planner_loop import Body, World, constant, front_of, ids, load, verdict
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
+from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance, plate_params
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 KMH = 3.6
 
 
-def privilege(code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str) -> Privilege:
-    sign = SignInstance(
+def target_plate(
+    code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str
+) -> SignInstance:
+    return SignInstance(
         "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, plate_params(code, params)
     )
-    return Privilege(sign, load_catalog().sign(code).rule)
 
 
 # --- give way ---
 
-YIELD = privilege("2.4", "sc", junction="c", approach="sc", main_in="wc ec")
+YIELD = target_plate("2.4", "sc", junction="c", approach="sc", main_in="wc ec")
 
 
 def junction(network: RoadNetwork, target: str, bodies: list[Body], speed: float = 8.0) -> World:
     lane = network.lane("sc_0").line.length
     return World(
-        network, "sc_0", lane - 62.0, speed, Destination(target, 60.0), bodies=bodies, privilege=YIELD
+        network, "sc_0", lane - 62.0, speed, Destination(target, 60.0), bodies=bodies, target=YIELD
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def test_is_slow_enough_at_the_plate_and_until_the_end_plate(limit: float, ends:
     plate = SignView("3.25", limit, 0.0, 0.0, 0.0, "ab", -1, end, 10.0)
     world = World(
         network, "ab_0", start, v0, Destination("ab", 400.0), signs=(plate,) if ends else (),
-        privilege=privilege("3.24", "ab", limit, line, zone_edges="ab"),
+        target=target_plate("3.24", "ab", limit, line, zone_edges="ab"),
     ).run(Expert(Idm()), 90.0)  # fmt: skip
     assert world.arrived
     inside = [e.speed * KMH for e in world.states if line < front_of(e) < end]
@@ -169,7 +169,7 @@ def detour(bodies: list[Body], speed: float = 11.0, code: str = "4.2.1", lane: s
     near = 97.5
     return World(
         network, lane, near - 60.0 - EGO_LENGTH_M / 2, speed, Destination("ab", 190.0), bodies=bodies,
-        obstacles=(island,), privilege=privilege(code, "ab", None, near, obstacle="obstacle_0"),
+        obstacles=(island,), target=target_plate(code, "ab", None, near, obstacle="obstacle_0"),
     )  # fmt: skip
 
 
@@ -216,8 +216,8 @@ def test_never_leaves_its_lane_beside_somebody() -> None:
 
 def test_takes_the_compliant_branch_and_is_not_led_back() -> None:
     network = load("cross")
-    rule = privilege("3.18.2", "ec", junction="c", approach="ec")
-    world = World(network, "ec_0", 60.0, 8.0, Destination("cs", 60.0), privilege=rule)
+    rule = target_plate("3.18.2", "ec", junction="c", approach="ec")
+    world = World(network, "ec_0", 60.0, 8.0, Destination("cs", 60.0), target=rule)
     # Left from `ec` is `cs`; the other way to it leads round by the north-west corner and `nc`.
     world.run(Expert(Idm()), 120.0)
     driven = [network.lanes[e.lane].edge for e in world.states if e.lane >= 0]
@@ -231,9 +231,9 @@ def test_takes_the_compliant_branch_and_is_not_led_back() -> None:
 
 def test_says_so_where_no_way_is_allowed() -> None:
     network = load("corridor")
-    rule = privilege("4.1.2", "ab", junction="b", approach="ab")
+    rule = target_plate("4.1.2", "ab", junction="b", approach="ab")
     with pytest.raises(InputError, match="no way to edge 'bd'"):
-        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0), privilege=rule).run(Expert(Idm()), 1.0)
+        World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0), target=rule).run(Expert(Idm()), 1.0)
 
 
 # --- the wrapper ---
@@ -254,8 +254,8 @@ def test_holds_any_base_at_the_line_and_within_the_limit() -> None:
     vehicles = [car(network, "wc", "ce", 3.0, constant(0.0))]
     world = junction(network, "cn", vehicles).run(Expert(Stubborn()), 15.0)
     assert front_to_line(world, -1) > 0.7
-    limit = privilege("3.24", "sc", 30.0, 60.0, zone_edges="sc")
-    world = World(network, "sc_0", 5.0, 5.0, Destination("cn", 60.0), privilege=limit).run(
+    limit = target_plate("3.24", "sc", 30.0, 60.0, zone_edges="sc")
+    world = World(network, "sc_0", 5.0, 5.0, Destination("cn", 60.0), target=limit).run(
         Expert(Stubborn()), 30.0
     )
     assert max(e.speed for e in world.states if front_of(e) > 60.0 and e.s > 60.0) * KMH <= 30.0
@@ -266,7 +266,7 @@ def test_leads_a_base_that_has_its_own_way() -> None:
     assert passes_clear(rule_world, "right")
 
 
-def test_needs_its_privilege() -> None:
+def test_needs_its_plate() -> None:
     network = load("corridor")
     with pytest.raises(InputError, match="privilege"):
         World(network, "ab_0", 60.0, 8.0, Destination("bd", 60.0)).run(Expert(Idm()), 1.0)
@@ -277,12 +277,12 @@ def test_needs_its_privilege() -> None:
 
 def test_gives_way_at_other_junctions_as_the_network_has_it() -> None:
     network = load("cross")
-    rule = privilege("3.18.2", "nne", junction="ne", approach="nne")
+    rule = target_plate("3.18.2", "nne", junction="ne", approach="nne")
     stream = [car(network, "wc", "ce", 20.0 + 12.0 * k, constant(7.0)) for k in range(5)]
-    world = World(network, "sc_0", 60.0, 8.0, Destination("cn", 60.0), bodies=stream, privilege=rule)
+    world = World(network, "sc_0", 60.0, 8.0, Destination("cn", 60.0), bodies=stream, target=rule)
     world.run(Expert(Idm()), 60.0)
     assert world.arrived
     assert not touched(world)
     assert min(e.speed for e in world.states) < 0.5
-    onto = World(network, "wc_0", 60.0, 8.0, Destination("ce", 60.0), privilege=rule)
+    onto = World(network, "wc_0", 60.0, 8.0, Destination("ce", 60.0), target=rule)
     assert min(e.speed for e in onto.run(Expert(Idm()), 60.0).states) > 7.0

@@ -10,23 +10,22 @@ from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
-from tsbench.planners.experts.rules.junction import crossing, paths_through
+from tsbench.planners.experts.rules.junction import Crossing, crossing, paths_through
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
-from tsbench.roads.junction_paths import junction_paths
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.junction_paths import JunctionPath, junction_paths
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.priority import PriorityVehicle
+from tsbench.roads.sealed import seal
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 
-def privilege(code: str, main_in: str = "wc ec") -> Privilege:
+def target_plate(code: str, main_in: str = "wc ec") -> SignInstance:
     params = GiveWayParams("sc", "c", tuple(main_in.split()))
-    sign = SignInstance("sign_0", code, None, "sc", -1, 80.0, 0.0, 0.0, 0.0, "target", None, params)
-    return Privilege(sign, load_catalog().sign(code).rule)
+    return SignInstance("sign_0", code, None, "sc", -1, 80.0, 0.0, 0.0, 0.0, "target", None, params)
 
 
 def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: str) -> World:
@@ -34,7 +33,7 @@ def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: s
     start = network.lane("sc_0").line.length - 62.0
     world = World(
         network, "sc_0", start, speed, Destination(target, 60.0), bodies=list(bodies),
-        privilege=privilege(code, **params),
+        target=target_plate(code, **params),
     )  # fmt: skip
     return world.run(Expert(Idm()), 60.0)
 
@@ -118,16 +117,22 @@ def test_where_the_main_road_bends_only_the_arm_on_the_right_counts() -> None:
     assert verdict(drive("2.1", "cn", *far, main_in="ec")).compliant
 
 
+def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], ruled: int) -> Crossing:
+    """Where the ego's route from the south to `target` meets ways through the junction."""
+    view, sign = seal(network), target_plate("2.4")
+    path = view.graph.path(("sc", target), view.map.lane("sc_0").index, 10.0, Destination(target, 50.0))
+    assert path is not None
+    told = Privilege(sign, load_catalog().sign(sign.code).rule, network, view)
+    found = crossing(told, path, "sc", ways, ruled)
+    assert found is not None
+    return found
+
+
 def way_pair(network: RoadNetwork, target: str) -> tuple[frozenset[str], frozenset[str]]:
     """Of a passage to `target`: ways that go first, and all that meet the ego's, as "from to"."""
-    graph = LaneGraph(network)
-    lane = network.lane("sc_0")
-    path = graph.path(("sc", target), lane.index, 10.0, Destination(target, 50.0))
-    assert path is not None
     ruled = junction_paths(network, ("wc", "ec"))
     ways = (*ruled, *paths_through(network, "sc", ("wc", "ec")))
-    found = crossing(network, path, "sc", ways, len(ruled))
-    assert found is not None
+    found = passage(network, target, ways, len(ruled))
     names = [f"{w.source.edge} {w.target.edge}" for w in ways]
     first = frozenset(names[k] for k in found.first if k >= len(ruled))
     return first, frozenset(n for n, z in zip(names, found.zones, strict=True) if z is not None)
@@ -148,11 +153,7 @@ def seen(
 ) -> ObservedVehicle:
     network = load("cross")
     way = next(w for w in junction_paths(network, (source,)) if w.target.edge in ("cs", "ce"))
-    path = LaneGraph(network).path(("sc", "cw"), network.lane("sc_0").index, 10.0, Destination("cw", 50.0))
-    assert path is not None
-    found = crossing(network, path, "sc", (way,), 1)
-    assert found is not None
-    zone = found.zones[0]
+    zone = passage(network, "cw", (way,), 1).zones[0]
     assert zone is not None
     return ObservedVehicle(PriorityVehicle(0, 0, 0, s, 4.5, speed), way, zone, accel, standing)
 

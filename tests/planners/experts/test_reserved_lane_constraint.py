@@ -6,14 +6,13 @@ import pytest
 from labelled import CASES
 from planner_loop import Body, World, constant, front_of, verdict
 
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.pure_pursuit import pursue_route
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.world import ActorKind
 
@@ -22,16 +21,15 @@ SAME, AGAINST = read_network(NETS / "reserved.net.xml"), read_network(NETS / "co
 CODES = {"5.14.1": SAME, "5.14.2": SAME, "5.11.1": AGAINST, "5.11.2": AGAINST}
 
 
-def privilege(code: str) -> Privilege:
+def target_plate(code: str) -> SignInstance:
     params = ReservedLaneParams(("bc",), "ab", ("bc_0" if code.startswith("5.14") else "cb_0",))
-    sign = SignInstance("sign_0", code, None, "bc", -1, 0.0, 0.0, 0.0, 0.0, "target", None, params)
-    return Privilege(sign, load_catalog().sign(code).rule)
+    return SignInstance("sign_0", code, None, "bc", -1, 0.0, 0.0, 0.0, 0.0, "target", None, params)
 
 
 def world(code: str, *bodies: Body, speed: float = 10.0, start: float = 20.0) -> World:
     network: RoadNetwork = CODES[code]
     lane, goal = ("ab_0", Destination("cd", 40.0)) if network is SAME else ("ab_2", Destination("bc", 80.0))
-    return World(network, lane, start, speed, goal, bodies=list(bodies), privilege=privilege(code))
+    return World(network, lane, start, speed, goal, bodies=list(bodies), target=target_plate(code))
 
 
 def user(code: str) -> Body:
@@ -84,8 +82,8 @@ def test_whoever_starts_beside_is_left_alone(code: str) -> None:
     """Where navigation keeps out of the lane, the guard has nothing to do."""
     network = CODES[code]
     goal = Destination("cd", 40.0) if network is SAME else Destination("bc", 80.0)
-    free = World(network, "ab_1", 20.0, 10.0, goal, privilege=privilege(code)).run(Idm(), 40.0)
-    led = World(network, "ab_1", 20.0, 10.0, goal, privilege=privilege(code)).run(Expert(Idm()), 40.0)
+    free = World(network, "ab_1", 20.0, 10.0, goal, target=target_plate(code)).run(Idm(), 40.0)
+    led = World(network, "ab_1", 20.0, 10.0, goal, target=target_plate(code)).run(Expert(Idm()), 40.0)
     assert led.states == free.states
     assert verdict(led).violations == ()
 

@@ -7,13 +7,12 @@ from collections.abc import Callable
 import pytest
 from planner_loop import Body, World, constant, front_of, load, verdict
 
-from tsbench.planners.base import Planner, Privilege, SignView
+from tsbench.planners.base import Planner, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.roads.destination import Destination
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -22,11 +21,10 @@ BASES: tuple[Callable[[], Planner], ...] = (Idm, IdmS1, IdmS2, IdmS3, IdmS4)
 LINE = 100.0
 
 
-def privilege(code: str, edge: str, value: float, at: float, zone: str) -> Privilege:
-    sign = SignInstance(
+def target_plate(code: str, edge: str, value: float, at: float, zone: str) -> SignInstance:
+    return SignInstance(
         "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, ZoneParams(tuple(zone.split()))
     )
-    return Privilege(sign, load_catalog().sign(code).rule)
 
 
 @pytest.mark.parametrize("base", BASES)
@@ -36,11 +34,11 @@ def test_a_zone_is_kept_to_on_every_edge(
 ) -> None:
     network = load("corridor")
     plate = SignView(end, limit, 0.0, 0.0, 0.0, "bd", -1, 40.0, 10.0)
-    rule = privilege(code, "ab", limit, 150.0, "ab bd")
+    rule = target_plate(code, "ab", limit, 150.0, "ab bd")
 
     def drive(planner: Planner) -> World:
         return World(
-            network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=(plate,), privilege=rule
+            network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=(plate,), target=rule
         ).run(planner, 90.0)  # fmt: skip
 
     obedient, blind = drive(Expert(base())), drive(Idm())
@@ -54,7 +52,7 @@ def min_speed(minimum: float, deficit: float, bodies: list[Body]) -> World:
     start = LINE - 30.0 - EGO_LENGTH_M / 2
     return World(
         load("long"), "ab_0", start, (minimum - deficit) / KMH, Destination("ab", LINE + 160.0), bodies=bodies,
-        privilege=privilege("4.6", "ab", minimum, LINE, "ab"),
+        target=target_plate("4.6", "ab", minimum, LINE, "ab"),
     )  # fmt: skip
 
 

@@ -54,6 +54,14 @@ def test_what_stands_between_the_marks_is_written_anew_and_nothing_else(tmp_path
     assert path.read_bytes() == before
 
 
+def test_some_rows_of_a_table(tmp_path: Path, folder: Path) -> None:
+    path = page(tmp_path, "<!-- analysis main | where planner = idm | columns n, SCD all -->\n<!-- end -->")
+    refresh(path, folder)
+    assert path.read_text(encoding="utf-8").splitlines()[1:-1] == [
+        "| n | SCD all |", "|---:|---:|", "| 580 | 3.3 (2.9–3.4) |",
+    ]  # fmt: skip
+
+
 def test_a_figure_is_copied_to_where_the_page_shows_it(tmp_path: Path, folder: Path) -> None:
     path = page(tmp_path, "<!-- figure main -->\n![All](images/all.png)\n")
     assert refresh(path, folder) == [path, tmp_path / "images" / "all.png"]
@@ -75,6 +83,7 @@ def test_a_contract_that_is_not_named_is_refused(tmp_path: Path, folder: Path) -
         ("<!-- analysis main -->\n", "<!-- end -->"),
         ("<!-- analysis types -->\n<!-- end -->", "types.md"),
         ("<!-- analysis main | columns speed -->\n<!-- end -->", "'speed'"),
+        ("<!-- analysis main | where speed = 1 -->\n<!-- end -->", "'speed'"),
         ("<!-- analysis main | short -->\n<!-- end -->", "'short'"),
         ("<!-- figure types -->\n![x](x.png)", "types.png"),
     ],

@@ -63,7 +63,7 @@ def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]
     summary = read_pool([run], False).summary
     text = unescape(re.sub(r"<[^>]+>", " ", page))
     for planner in summary.planners:
-        e = planner.overall.strict
+        e = planner.primary.overall.strict
         assert e is not None
         assert f"{e.value:.1f}" in text
         assert f"{e.low:.1f}–{e.high:.1f}" in text

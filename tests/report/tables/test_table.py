@@ -44,12 +44,12 @@ def test_it_fits_and_says_what_it_rests_on() -> None:
 
 def test_figures_are_those_of_the_summary() -> None:
     summary = made()
-    overall = summary.planners[0].overall.strict
+    overall = summary.planners[0].primary.overall.strict
     assert overall is not None
     text = printed(summary)
     assert f"{overall.value:.1f}" in text
     assert f"{overall.low:.1f}–{overall.high:.1f}" in text
-    kind = summary.planners[0].types["type03"].strict
+    kind = summary.planners[0].primary.types["type03"].strict
     assert kind is not None
     assert f"| {kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f}) | {kind.n} | 8 |" in to_markdown(summary)
 
@@ -66,10 +66,10 @@ def test_no_figure_stands_without_what_it_rests_on() -> None:
     summary = made(errors=0.1)
     p = summary.planners[0]
     lines = to_markdown(summary).splitlines()
-    completed = p.overall.completed
+    completed = p.primary.overall.completed
     row = f"| idm | completed | {completed.n} | {completed.value:.1f} ({completed.low:.1f}–{completed.high:.1f}) |"
     assert any(line.startswith(row) for line in lines)
-    fewer = {kind: figure.completed for kind, figure in p.types.items() if figure.completed.n < 24}
+    fewer = {kind: figure.completed for kind, figure in p.primary.types.items() if figure.completed.n < 24}
     assert fewer
     for kind, completed in fewer.items():
         strict, below = (line for line in lines if f"| {kind} |" in line)
@@ -84,7 +84,7 @@ def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 8, "idm-e": 8}, allow_partial=True)
     (line,) = (line for line in to_markdown(summary).splitlines() if "| yield |" in line)
     cells = [cell.strip() for cell in line.split("|")]
-    assert (cells[5], cells[7], cells[8]) == ("8", "6", "6–8")
+    assert (cells[6], cells[8], cells[9]) == ("8", "6", "6–8")
 
 
 def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
@@ -102,7 +102,7 @@ def test_partial_figures_say_so_first() -> None:
 def test_few_maps_say_why_there_is_no_interval() -> None:
     rows = [row(map_id=f"m{k}", scd=k == 0) for k in range(3)]
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 3})
-    assert "no interval for the overall SCD: only 3 maps, fewer than 5" in printed(summary)
+    assert "no interval for the overall signed SCD: only 3 places, fewer than 5" in printed(summary)
 
 
 def test_many_planners_still_fit() -> None:

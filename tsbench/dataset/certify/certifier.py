@@ -22,7 +22,7 @@ from tsbench.dataset.certify.pair import (
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import SCD, Episode
+from tsbench.metrics.episode import passed
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -44,7 +44,7 @@ class _Drive:
     @property
     def passed(self) -> bool:
         """Did it get SCD?"""
-        return self.result.facts is not None and bool(SCD.of(Episode(self.result.facts)))
+        return self.result.facts is not None and passed(self.result.facts)
 
 
 @dataclass(frozen=True)
@@ -185,6 +185,6 @@ def _digest(*results: EpisodeResult) -> str:
         digest.update(np.array(egos, dtype=np.float64).tobytes())
         for snapshot in result.facts.snapshots:
             digest.update(snapshot.actors.pose.tobytes())
-        for violation in result.facts.target.violations:
+        for violation in (*result.facts.target.violations, *result.facts.needless):
             digest.update(violation.sentence.encode())
     return digest.hexdigest()

@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.episode.observation import destination_on_map
-from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.learn.finetune.handover import Handover
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
 from tsbench.learn.imitation.frames import frames_of
 from tsbench.learn.oracle.trajectories import Recorded, Replayer
+from tsbench.metrics.episode import passed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
@@ -48,7 +48,7 @@ class FinetuneSource:
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
-        if not succeeded(driven.facts):
+        if not passed(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
         catalog = load_catalog()
         sign = catalog.sign(driven.facts.scene.target_sign.code)
@@ -58,11 +58,6 @@ class FinetuneSource:
         ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
         return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
-
-
-def succeeded(facts: EpisodeFacts) -> bool:
-    """SCD: arrived, and the target rule was kept."""
-    return facts.outcome is Outcome.ARRIVED and facts.target.compliant
 
 
 @dataclass(frozen=True, slots=True, eq=False)

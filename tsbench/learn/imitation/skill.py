@@ -19,7 +19,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 
 class End(NamedTuple):
-    """Of an episode: its outcome, whether the sign was obeyed, its error."""
+    """Of an episode: its outcome, whether the sign was obeyed (`EpisodeFacts.obeyed`), its error."""
 
     outcome: Outcome
     obeyed: bool
@@ -89,7 +89,7 @@ def _drive(
     ends = []
     for row in rows:
         result = runner.run(row)
-        obeyed = result.facts is not None and result.facts.target.compliant
+        obeyed = result.facts is not None and result.facts.obeyed
         ends.append(End(result.outcome, obeyed, result.error if result.outcome.is_error else ""))
     runner.close()
     return ends

@@ -15,11 +15,12 @@ import numpy as np
 
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
-from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import Commands, Intents, QuantisedPlanner, fingerprints, steps_of
 from tsbench.metrics.comfort import comfort
+from tsbench.metrics.episode import passed
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row
@@ -93,7 +94,7 @@ def _figures(facts: EpisodeFacts) -> Row:
     tracks = tracks_of(facts.snapshots)
     ego, others = fingerprints(facts.snapshots)
     return {
-        "scd": facts.target.compliant and facts.outcome is Outcome.ARRIVED,
+        "scd": passed(facts),
         "compliant": facts.target.compliant,
         "engaged": facts.target.engaged,
         "steps": facts.snapshots[-1].step,

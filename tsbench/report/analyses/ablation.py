@@ -13,11 +13,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.breakdown import Twice
 from tsbench.metrics.compare import Comparison, compare, shared_scenarios
 from tsbench.metrics.episode import METRICS
-from tsbench.metrics.paired import Difference
-from tsbench.report.analyses.columns import text_columns
+from tsbench.metrics.records import PARTS
+from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
@@ -75,15 +74,15 @@ def _compare(plain: Pool, masked: Pool, planner: str) -> Comparison:
 
 def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Analysis:
     columns = (
-        *text_columns("planner", "metric", "figure"), Column("pairs", "pairs", Kind.COUNT),
+        *text_columns("planner", "metric", "figure"), Column("n", "n", Kind.COUNT),
         Column("with_signs", "with\nsigns", Kind.NUMBER), Column("masked", "masked", Kind.NUMBER),
         Column("difference", "masked\n- with"), Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER),
         Column("lost", "lost", Kind.COUNT), Column("gained", "gained", Kind.COUNT),
-        Column("maps", "maps", Kind.COUNT),
+        Column("places", "places", Kind.COUNT),
     )  # fmt: skip
-    rows = tuple(row for name, c in found.items() for row in _rows(name, c))
-    pairs = sorted({c.pairs for c in found.values()})
-    told = "–".join(str(n) for n in dict.fromkeys((pairs[0], pairs[-1])))
+    rows = tuple(row for name, c in found.items() for row in _rows(plain.label(name), c))
+    scenarios = sorted({c.scenarios for c in found.values()})
+    told = "–".join(str(n) for n in dict.fromkeys((scenarios[0], scenarios[-1])))
     missing = sum(sum(pool.holes.values()) for pool in (plain, masked))
     title = f"PARTIAL, {missing} episodes missing: " if missing else ""
     title += (
@@ -91,26 +90,24 @@ def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Ana
     )
     alone = [name for name in (*plain.planners, *masked.planners) if name not in found]
     notes = (
-        "SCD: sign-compliant and arrived, %, macro mean over types; other metrics are means over episodes. "
-        "Masked: plates are seen without code and value",
-        "masked - with: paired over the same scenes, 95 % interval (paired cluster bootstrap over maps); "
-        "p: exact McNemar; MDE: what is not significant would have been found with 80 % power from this on; "
-        "lost, gained: pairs that only the run with signs, only the masked one has",
-        "strict: error outcomes count as failures; completed, where it differs: pairs without an error outcome. "
-        "By type: tsbench compare RUN:PLANNER MASKED:PLANNER",
+        f"{SCD_NOTE}; other metrics are means over episodes. Masked: plates are seen without code and value",
+        "masked - with: over the same n pairs (paired SCD) or scenes, 95 % interval (paired cluster bootstrap over "
+        "places); p: exact McNemar; MDE: what is not significant would have been found with 80 % power from this on; "
+        "lost, gained: what only the run with signs, only the masked one has",
+        f"{READINGS_NOTE}. By type: tsbench compare RUN:PLANNER MASKED:PLANNER",
         *([f"without a partner, left out: {', '.join(alone)}"] if alone else []),
     )
     table = Table(columns, rows, 4)
-    draw = partial(_draw, found, title, plain.contract)
+    draw = partial(_draw, {plain.label(name): c for name, c in found.items()}, title, plain.contract)
     return Analysis("ablation", title, plain.contract, table, notes, draw)
 
 
-def _panels(c: Comparison) -> dict[str, Twice[Difference]]:
-    return {ALL: c.overall, **c.groups}
-
-
 def _rows(planner: str, c: Comparison) -> Iterator[Row]:
-    named = {f"SCD, {name}": figure for name, figure in _panels(c).items()}
+    named = {
+        f"{NAMES[part]}, {name}": figure
+        for part, scores in c.scores.items()
+        for name, figure in scores.panels(ALL).items()
+    }
     named |= {name: c.metrics[name] for name in _METRICS}
     for k, (name, figure) in enumerate(named.items()):
         for second, (reading, d) in enumerate(figure.readings()):
@@ -120,23 +117,22 @@ def _rows(planner: str, c: Comparison) -> Iterator[Row]:
 
 
 def _draw(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:
-    names = list(dict.fromkeys(name for c in found.values() for name in _panels(c)))
-    panels = {}
-    for name in names:
-        rows = []
-        for planner, c in found.items():
-            figure = _panels(c).get(name)
+    part = next(part for part in PARTS if any(part in c.scores for c in found.values()))
+    figures = {planner: c.scores[part].panels(ALL) for planner, c in found.items() if part in c.scores}
+    panels: dict[str, list[ForestRow]] = {name: [] for named in figures.values() for name in named}
+    for name, rows in panels.items():
+        for planner in found:
+            figure = figures.get(planner, {}).get(name)
             marks = () if figure is None else (difference_mark(figure, colour_of(name), mean=True),)
             rows.append(ForestRow(planner, marks, "" if figure is None else lost_won(figure)))
-        panels[name] = rows
     key = {
         "significant (exact McNemar, 5 %)": Mark(0.0, 0.0, 0.0, INK, marker="D"),
         "not significant": Mark(0.0, 0.0, 0.0, INK, marker="D", filled=False),
         "minimum detectable effect": Mark(0.0, 0.0, 0.0, PALE, marker="|"),
     }
     unit = (
-        "SCD with signs masked minus SCD with signs, percentage points (strict), 95 % interval; "
-        "right: lost/gained of pairs"
+        f"{NAMES[part]} with signs masked minus that with signs, percentage points (strict), 95 % interval; "
+        "right: lost/gained of n"
     )
     drawing = forest_panels(panels, unit, (-100.0, 100.0), key)
     put_title(drawing, title, contract)

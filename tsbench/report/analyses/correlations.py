@@ -18,7 +18,14 @@ from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import COMPLETED, STRICT
 from tsbench.metrics.episode import METRICS
 from tsbench.metrics.intervals import LEVEL
-from tsbench.report.analyses.columns import pick, present_panels, text_columns
+from tsbench.report.analyses.columns import (
+    NAMES,
+    panels_of,
+    pick,
+    present_panels,
+    present_parts,
+    text_columns,
+)
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.published import published, published_metric, published_scd
@@ -62,8 +69,9 @@ def correlations(pool: Pool) -> Analysis:
         raise InputError(
             f"correlations are over planners: at least {LEAST_PLANNERS} are needed, the runs have {len(pool.planners)}"
         )
+    scd = NAMES[present_parts(pool.summaries)[0]]
     columns = (
-        Column("group", "SCD of", Kind.TEXT), *text_columns("metric", "figure"),
+        Column("group", f"{scd} of", Kind.TEXT), *text_columns("metric", "figure"),
         Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
         Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
         Column("planners_overall", "planners", Kind.COUNT),
@@ -83,20 +91,20 @@ def correlations(pool: Pool) -> Analysis:
                 cells = [part for value in values for part in (value, None if value is None else value.n)]
                 rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))
     notes = (
-        "ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with SCD (macro mean over "
+        f"ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with {scd} (macro mean over "
         "types); below it its 95 % interval (Bonett and Wright 2000), from 5 planners on",
         "strict: error outcomes count as failures where a metric has a value for that; completed: episodes without one",
         "published: from the reference's table, which has no metric by group, over its planners, whichever ran here",
         *_without(rows),
     )
-    title = pool.title(f"Conventional metrics and SCD over {len(pool.planners)} planners")
+    title = pool.title(f"Conventional metrics and {scd} over {len(pool.planners)} planners")
     table = Table(columns, tuple(rows), 3)
     return Analysis("correlations", title, pool.contract, table, notes, partial(_draw, pool, title))
 
 
 def _ours(pool: Pool, panel: str, over: str, metric: str, reading: str) -> Value:
-    """SCD of `panel` against the metric over the episodes of `over`."""
-    figures = (p.overall if panel == ALL else p.groups.get(panel) for p in pool.summaries)
+    """The primary SCD of `panel` against the metric over the episodes of `over`."""
+    figures = (panels_of(p, present_parts(pool.summaries)[0]).get(panel) for p in pool.summaries)
     scd = [None if (e := pick(figure, reading)) is None else e.value for figure in figures]
     return spearman([metric_mean(pool, name, over, metric, reading) for name in pool.planners], scd)
 
@@ -142,7 +150,7 @@ def _draw(pool: Pool, title: str) -> Figure:
         "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
         "published, metric over all episodes": published_mark(0.0),
     }
-    unit = "Spearman's ρ with SCD, from -1 to 1; right: planners"
+    unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; right: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key)
     put_title(figure, title, pool.contract)
     return figure

@@ -1,4 +1,4 @@
-"""The failure split: did it comply, did it arrive, and what ended the episodes that did not arrive.
+"""The failure split of each half: did it comply, did it arrive, and what ended the episodes that did not arrive.
 
 Shares of episodes (not macro means): the classes of a row exclude each other and sum up to all of its n episodes.
 """
@@ -6,7 +6,7 @@ Shares of episodes (not macro means): the classes of a row exclude each other an
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -15,11 +15,13 @@ from matplotlib.figure import Figure
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.records import Records
-from tsbench.report.analyses.columns import present_panels, text_columns
+from tsbench.metrics.records import CONTRASTED, SIGNED_ONES, Records
+from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
+from tsbench.scenarios.spec import CONTRAST, SIGNED
+from tsbench.signs.rule_kinds import NEEDLESS
 
 # Okabe and Ito's colours, and hatches for print in grey.
 _CLASSES = {
@@ -30,6 +32,9 @@ _CLASSES = {
     "error": ("error\noutcome", "#b0b0b0", ""),
 }
 _ENDINGS = {Outcome.COLLISION: "collision", Outcome.OFF_ROAD: "off road", Outcome.TIMEOUT: "timeout"}
+
+# Planner, panel, half, reading.
+Key = tuple[str, str, str, str]
 
 
 @dataclass(frozen=True)
@@ -42,69 +47,105 @@ class Split:
 
 def failures(pool: Pool) -> Analysis:
     splits = {key: split for p in pool.planners for key, split in _splits(pool, p)}
-    columns = [*text_columns("planner", "group", "figure"), Column("n", "n", Kind.COUNT)]
+    contrasted = any(half == CONTRAST for _, _, half, _ in splits)
+    columns = [*text_columns("planner", "group", "half", "figure"), Column("n", "n", Kind.COUNT)]
     columns += [Column(key, f"{head}, %") for key, (head, *_) in _CLASSES.items()]
     for kept in ("complied", "violated"):
         columns += [Column(f"{kept}_{end.value}", f"{kept},\n{word}, %") for end, word in _ENDINGS.items()]
+    if contrasted:
+        columns += [Column(clause, f"{clause.replace('_', ' ')}, %") for clause in NEEDLESS.clauses.split()]
     rows = []
-    for (planner, group, reading), split in splits.items():
-        cells: list[Cell] = [Value.of(split.shares.get(column.key)) for column in columns[4:]]
+    for (planner, group, half, reading), split in splits.items():
+        cells: list[Cell] = [Value.of(split.shares.get(column.key)) for column in columns[5:]]
         first = reading == STRICT
         starts = first and group == ALL
-        rows.append(Row((planner, group, reading, split.n, *cells), starts=starts, faint=not first))
+        names = (pool.label(planner), group, half, reading)
+        rows.append(Row((*names, split.n, *cells), starts=starts, faint=not first))
     notes = (
-        "Shares of n episodes, %, with 95 % intervals (cluster bootstrap over maps; Wilson where maps do not differ). "
+        f"Shares of n episodes, %, with {INTERVAL_NOTE}. "
         "The first five are all there is; collision, off road and timeout say what ended those that did not arrive",
-        "complied: no violation of the target sign's rule up to the end of the episode. strict: all episodes; "
-        "completed: those without an error outcome",
+        "complied: no violation of the target sign's rule, and in a contrast half no needless obedience, up to the end "
+        f"of the episode. {READINGS_NOTE}",
+        *(
+            ["needless …: episodes of contrast halves with such an event, whatever else was in them"]
+            * contrasted
+        ),
     )
     title = pool.title("Failure split")
-    table = Table(tuple(columns), tuple(rows), 4, 11)
+    table = Table(tuple(columns), tuple(rows), 5, 11)
     return Analysis("failures", title, pool.contract, table, notes, partial(_draw, pool, splits, title))
 
 
-def _splits(pool: Pool, planner: str) -> Iterator[tuple[tuple[str, str, str], Split]]:
-    records = pool.records[planner]
+def _splits(pool: Pool, planner: str) -> Iterator[tuple[Key, Split]]:
     bootstrap = ClusterBootstrap(pool.contract)
-    for panel, use in records.panels().items():
-        label, name = panel_label(panel), panel or ALL
-        yield (planner, name, STRICT), _split(bootstrap, label, records, use, strict=True)
-        if (records.error & use).any():
-            whole = use & ~records.error
-            yield (planner, name, COMPLETED), _split(bootstrap, label, records, whole, strict=False)
+    halves = {
+        half: records
+        for half, part in ((SIGNED, SIGNED_ONES), (CONTRAST, CONTRASTED))
+        if len(records := pool.records[planner].of(part))
+    }
+    panels = {half: records.panels() for half, records in halves.items()}
+    for panel in dict.fromkeys(panel for found in panels.values() for panel in found):
+        for half, records in halves.items():
+            if (use := panels[half].get(panel)) is None:
+                continue
+            classes = _classes(records)
+            if half == CONTRAST:
+                classes |= _needless(pool, planner, records)
+            for reading, inside in ((STRICT, use), (COMPLETED, use & ~records.error)):
+                if reading == STRICT or (records.error & use).any():
+                    split = _split(bootstrap, panel_label(panel), records, inside, classes)
+                    if reading == COMPLETED:
+                        # There are none, so there is no class for them.
+                        split = replace(split, shares={k: v for k, v in split.shares.items() if k != "error"})
+                    yield (planner, panel or ALL, half, reading), split
 
 
-def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, strict: bool) -> Split:
-    """Where it is not strict, `use` holds no error and there is no class for them."""
+def _classes(records: Records) -> dict[str, Mask]:
     # NaN of an error compares as False with both.
     complied, violated = (records.values["sign_compliant"] == k for k in (1.0, 0.0))
     arrived, ended = (records.values["destination"] == k for k in (1.0, 0.0))
+    needless = complied & arrived & (records.values["scd"] == 0.0)
+    complied, violated = complied & ~needless, violated | needless
     outcomes = np.array(records.outcomes)
     classes: dict[str, Mask] = {
         "complied_arrived": complied & arrived,
         "complied_not_arrived": complied & ended,
         "violated_arrived": violated & arrived,
         "violated_not_arrived": violated & ended,
+        "error": records.error,
     }
-    if strict:
-        classes["error"] = records.error
     for name, kept in (("complied", complied), ("violated", violated)):
         classes |= {f"{name}_{end.value}": kept & (outcomes == end.value) for end in _ENDINGS}
+    return classes
 
+
+def _needless(pool: Pool, planner: str, records: Records) -> dict[str, Mask]:
+    broken = [pool.needless.get((planner, scenario), frozenset()) for scenario in records.scenarios]
+    return {clause: np.array([clause in found for found in broken]) for clause in NEEDLESS.clauses.split()}
+
+
+def _split(
+    bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, classes: Mapping[str, Mask]
+) -> Split:
     def share(inside: Mask) -> Estimate:
-        total, count = sums_by_cluster(inside[use].astype(np.float64), records.map_code[use], 0, 1)
+        total, count = sums_by_cluster(inside[use].astype(np.float64), records.place[use], 0, 1)
         return bootstrap.estimate(label, total, count, 100.0, binary=True)
 
     return Split(int(np.count_nonzero(use)), {name: share(inside) for name, inside in classes.items()})
 
 
-def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) -> Figure:
+def _draw(pool: Pool, splits: Mapping[Key, Split], title: str) -> Figure:
     names = present_panels(pool.summaries)
-    rows = range(len(pool.planners))
+    halves = list(dict.fromkeys(half for _, _, half, _ in splits))
+    bars = [(planner, half) for planner in pool.planners for half in halves]
+    words = [
+        f"{pool.label(planner)}, {half}" if len(halves) > 1 else pool.label(planner) for planner, half in bars
+    ]
+    rows = range(len(bars))
     figure, panels = make_panels(names, len(rows))
     for k, name in enumerate(names):
         axes = panels[k]
-        there = [splits.get((planner, name, STRICT)) for planner in pool.planners]
+        there = [splits.get((planner, name, half, STRICT)) for planner, half in bars]
         left = np.zeros(len(rows))
         for key, (head, colour, hatch) in _CLASSES.items():
             shares = np.array([(split.shares[key].value or 0.0) if split else 0.0 for split in there])
@@ -115,7 +156,7 @@ def _draw(pool: Pool, splits: Mapping[tuple[str, str, str], Split], title: str) 
             left += shares
         axes.set(xlim=(0.0, 100.0), ylim=(len(rows) - 0.4, -0.6))
         axes.set_title(name, fontsize=9, fontweight="bold", color=colour_of(name))
-        axes.set_yticks(rows, pool.planners)
+        axes.set_yticks(rows, words)
         for text in axes.get_yticklabels():
             text.set(fontsize=8, parse_math=False)
         axes.tick_params(axis="y", labelleft=not k)

@@ -6,6 +6,8 @@ A page asks by comments, which readers do not see:
 <!-- end -->
 <!-- analysis types | bare -->       values without intervals and counts
 <!-- end -->
+<!-- analysis floor | where over = type -->    the rows that have this in a column
+<!-- end -->
 <!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them
 <!-- end -->
 <!-- figure types -->                types.png is copied to where the next line's picture is
@@ -91,14 +93,19 @@ def _table(page: Path, told: str, words: list[str]) -> str:
             if not found:
                 raise InputError(f"{page}: {told.splitlines()[0]} names no contract")
             lines_after = ["", f"{found[-1]}."]
+        elif word.startswith("where "):
+            name, _, wanted_cell = (part.strip() for part in word.removeprefix("where ").partition("="))
+            rows = [rows[0], *(row for row in rows[1:] if row[_place(page, head, name)] == wanted_cell)]
         elif word.startswith("columns "):
-            wanted = [name.strip() for name in word.removeprefix("columns ").split(",")]
-            missing = [name for name in wanted if name not in head]
-            if missing:
-                raise InputError(f"{page}: no column {missing[0]!r}; there are {', '.join(head)}")
-            columns = [head.index(name) for name in wanted]
+            columns = [_place(page, head, name.strip()) for name in word.removeprefix("columns ").split(",")]
         else:
-            raise InputError(f"{page}: {word!r} is none of: bare, contract, columns A, B, …")
+            raise InputError(f"{page}: {word!r} is none of: bare, contract, columns A, B, …, where A = x")
     lines = [markdown_row(row[i] for i in columns) for row in rows]
     lines.insert(1, f"|{'|'.join(rule[i] for i in columns)}|")
     return "\n".join([*lines, *lines_after])
+
+
+def _place(page: Path, head: list[str], name: str) -> int:
+    if name not in head:
+        raise InputError(f"{page}: no column {name!r}; there are {', '.join(head)}")
+    return head.index(name)

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Twice
 from tsbench.metrics.intervals import Estimate
-from tsbench.report.analyses.columns import pick, present_types, text_columns
+from tsbench.report.analyses.columns import (
+    INTERVAL_NOTE,
+    NAMES,
+    READINGS_NOTE,
+    SCD_NOTE,
+    pick,
+    present_parts,
+    present_types,
+    text_columns,
+    with_rings,
+)
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.shown import DASH
 
@@ -20,38 +30,47 @@ _HALF = 50.0
 
 
 def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
-    """One row for each type; a second one, completed only, where some planner has error outcomes there."""
+    """Rows for each type: a figure of SCD in each, and once more completed only, where errors make a difference."""
     rows: list[Row] = []
     last = ""
     for kind, group in present_types(planners):
-        figures = [p.types.get(kind) for p in planners]
-        differ = any(figure and figure.differ for figure in figures)
-        for reading in (STRICT, COMPLETED) if differ else (STRICT,):
-            cells: list[Cell] = []
-            for figure in figures:
-                estimate = pick(figure, reading)
-                cells += [Value.of(estimate), None if estimate is None else estimate.n]
-            first = reading == STRICT
-            cells = [group, kind, reading, *cells, _maps(figures, reading)]
-            rows.append(Row(tuple(cells), starts=first and group != last, faint=not first))
-            last = group
-    columns = [*text_columns("group", "type", "figure")]
-    for name in (p.planner for p in planners):
-        columns += [Column(name, f"{name}\n%"), Column(f"{name}_episodes", "n", Kind.COUNT)]
-    columns.append(Column("maps", "maps", Kind.TEXT))
+        for part in present_parts(planners):
+            figures = [_figure(p, part, kind) for p in planners]
+            if not any(figures):
+                continue
+            differ = any(figure and figure.differ for figure in figures)
+            for reading in (STRICT, COMPLETED) if differ else (STRICT,):
+                starts, last = group != last, group
+                cells = _cells(planners, figures, kind, reading)
+                rows.append(
+                    Row((group, kind, NAMES[part], reading, *cells), starts=starts, faint=reading != STRICT)
+                )
+    columns = [*text_columns("group", "type", "score", "figure")]
+    for p in planners:
+        columns += [Column(p.planner, f"{p.label}\n%"), Column(f"{p.planner}_count", "n", Kind.COUNT)]
+    columns.append(Column("places", "places", Kind.TEXT))
     notes = (
-        "SCD: sign-compliant and arrived, % of n episodes. Below each figure its 95 % interval (cluster bootstrap over "
-        "maps; Wilson where maps do not differ)",
-        "strict: error outcomes count as failures; completed, where it differs: episodes without an error outcome",
+        f"{SCD_NOTE}. n: pairs, halves. Below each figure its {INTERVAL_NOTE}",
+        f"{READINGS_NOTE}, where that differs",
     )
-    table = Table(tuple(columns), tuple(rows), 3, 12)
+    table = Table(tuple(columns), tuple(rows), 4, 12)
     return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
 
 
-def _maps(figures: Sequence[Twice[Estimate] | None], reading: str) -> str:
-    """How many maps a row rests on; where planners of a partial run differ, from least to most."""
-    counts = [e.clusters for figure in figures if (e := pick(figure, reading)) is not None]
-    return DASH.join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
+def _figure(p: PlannerSummary, part: str, kind: str) -> Twice[Estimate] | None:
+    return p.scores[part].types.get(kind) if part in p.scores else None
+
+
+def _cells(
+    planners: Sequence[PlannerSummary], figures: Sequence[Twice[Estimate] | None], kind: str, reading: str
+) -> list[Cell]:
+    """Each planner's figure with its n, and how many places they rest on (of partial runs from least to most)."""
+    estimates = [pick(figure, reading) for figure in figures]
+    cells = [cell for e in estimates for cell in (Value.of(e), None if e is None else e.n)]
+    counts = [e.clusters for e in estimates if e is not None]
+    placed = all(p.placed for p in planners)
+    told = DASH.join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
+    return [*cells, with_rings(told, kind, placed)]
 
 
 def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
@@ -59,7 +78,8 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
 
     from tsbench.report.tables.forest import put_counts, put_title
 
-    kinds = present_types(planners)
+    primary = present_parts(planners)[0]
+    kinds = present_types(planners, primary)
     figure = Figure(
         figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained"
     )
@@ -68,22 +88,24 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
         (y, x): e.value
         for y, (kind, _) in enumerate(kinds)
         for x, p in enumerate(planners)
-        if (e := pick(p.types.get(kind), STRICT)) is not None and e.value is not None
+        if (e := pick(_figure(p, primary, kind), STRICT)) is not None and e.value is not None
     }
     shade = [[found.get((y, x), float("nan")) for x in range(len(planners))] for y in range(len(kinds))]
     image = axes.imshow(shade, cmap="cividis", vmin=0.0, vmax=100.0, aspect="auto")
     for (y, x), value in found.items():
         colour = "black" if value > _HALF else "white"
         axes.text(x, y, f"{value:.0f}", ha="center", va="center", fontsize=7, color=colour)
-    axes.set_xticks(range(len(planners)), [p.planner for p in planners], rotation=45, ha="right")
-    counts = [sorted({e.n for p in planners if (e := pick(p.types.get(kind), STRICT))}) for kind, _ in kinds]
+    axes.set_xticks(range(len(planners)), [p.label for p in planners], rotation=45, ha="right")
+    counts = [
+        sorted({e.n for p in planners if (e := pick(_figure(p, primary, kind), STRICT))}) for kind, _ in kinds
+    ]
     axes.set_yticks(range(len(kinds)), [f"{kind} ({group})" for kind, group in kinds])
     for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
         label.set(fontsize=8, parse_math=False)
     put_counts(axes, [f"n {DASH.join(str(n) for n in dict.fromkeys((c[0], c[-1])))}" for c in counts])
     axes.tick_params(length=0)
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
-    bar.set_label("SCD, % of n episodes for each planner (strict)", fontsize=8)
+    bar.set_label(f"{NAMES[primary]}, % of n for each planner (strict)", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     put_title(figure, title, contract)
     return figure

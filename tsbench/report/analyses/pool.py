@@ -8,13 +8,18 @@ from functools import cached_property
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.aggregate import PlannerSummary, Summary, name_holes, summarise
+from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
 from tsbench.report.tables.compare import SELECTION, differing
+from tsbench.run.log.manifest import floors_of
 from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.tables import read_table
+from tsbench.run.plan import BOTH
+from tsbench.signs.rule_kinds import NEEDLESS
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,29 @@ class Pool:
             contract_hash=self.contract,
             edition=self.edition,
             asked=asked,
+            floors=self.floors,
             allow_partial=bool(self.holes),
         )
+
+    @cached_property
+    def floors(self) -> frozenset[str]:
+        """Names of the planners that read no plate and are there as a floor."""
+        return frozenset().union(*(floors_of(run.manifest) for run in self.runs))
+
+    @cached_property
+    def needless(self) -> Mapping[tuple[str, str], frozenset[str]]:
+        """By planner and scenario: the clauses of needless obedience that its episode has events of."""
+        found: dict[tuple[str, str], set[str]] = {}
+        for run in self.runs:
+            events = read_table(run.path / "violations.parquet")
+            mask = pc.is_in(events["clause"], pa.array(NEEDLESS.clauses.split()))
+            for event in events.filter(mask).select(["planner", "scenario_id", "clause"]).to_pylist():
+                found.setdefault((event["planner"], event["scenario_id"]), set()).add(event["clause"])
+        return {key: frozenset(clauses) for key, clauses in found.items()}
+
+    def label(self, planner: str) -> str:
+        """A planner's name as tables show it."""
+        return label(planner, planner in self.floors)
 
     @cached_property
     def records(self) -> dict[str, Records]:
@@ -60,10 +86,12 @@ class Pool:
 
     @property
     def selection(self) -> str:
-        """Which scenarios: split and variants, and whether signs were masked."""
+        """Which scenarios: split, variants, which halves where not both, and whether signs were masked."""
         effective = self.runs[0].manifest["effective"]
+        half = effective.get("half", BOTH)
+        halves = "" if half == BOTH else f", {half} halves"
         masked = ", signs masked" if effective["mask_signs"] else ""
-        return f"{effective['split']} split, variants {effective['variants']}{masked}"
+        return f"{effective['split']} split, variants {effective['variants']}{halves}{masked}"
 
     def title(self, what: str) -> str:
         """What is shown, of what; where records are missing that comes first."""

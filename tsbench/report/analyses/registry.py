@@ -8,6 +8,7 @@ from pathlib import Path
 from tsbench.report.analyses.ablation import ablation
 from tsbench.report.analyses.correlations import correlations
 from tsbench.report.analyses.failures import failures
+from tsbench.report.analyses.floor import floor
 from tsbench.report.analyses.intervals import intervals
 from tsbench.report.analyses.main_table import main_table
 from tsbench.report.analyses.model import Analysis
@@ -20,6 +21,7 @@ OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
     "intervals": intervals,
     "failures": failures,
     "correlations": correlations,
+    "floor": floor,
 }
 
 

@@ -85,7 +85,7 @@ class BirdsEye:
 
     def _make_hud(self) -> Hud:
         trace = self.trace
-        shares = [v.start_s / self._last for v in trace.target.violations]
+        shares = [v.start_s / self._last for v in trace.events]
         return Hud(
             self.size.width, episode_title(trace), episode_subtitle(trace, self._country),
             self.scene.target_sign, shares,
@@ -143,14 +143,14 @@ class BirdsEye:
             self._trailed = tick
 
     def _mark(self, time: float) -> None:
-        events = sorted(self.trace.target.violations, key=lambda v: v.start_s)
+        events = self.trace.events
         while self._marked < len(events) and events[self._marked].start_s <= time + 1e-6:
             mark_violation(self.ground, self._ground_camera, events[self._marked])
             self._marked += 1
 
     def _moment(self, tick: int) -> FrameInfo:
         snapshot = self.trace.snapshots[tick]
-        begun = [v for v in self.trace.target.violations if v.start_s <= snapshot.time + 1e-6]
+        begun = [v for v in self.trace.events if v.start_s <= snapshot.time + 1e-6]
         ended = tick == len(self.trace.snapshots) - 1
         return FrameInfo(
             time=snapshot.time,

@@ -70,7 +70,7 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
         actors = SceneUpdateChannel("/actors", context=context)
         frames = FrameTransformChannel("/tf", context=context)
         egos = Channel("/ego", schema=_EGO_SCHEMA, context=context)
-        events = sorted(trace.target.violations, key=lambda event: event.start_s)
+        events = trace.events
         log = LogChannel("/violations", context=context)
         gone: set[str] = set()
         for tick, snapshot in enumerate(trace.snapshots):

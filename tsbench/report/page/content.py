@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from tsbench.metrics.compare import compare, shared_scenarios
-from tsbench.report.analyses.columns import difference_columns, difference_rows, text_columns
+from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.correlations import LEAST_PLANNERS
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
@@ -174,18 +174,21 @@ def comparison(pool: Pool) -> Analysis | None:
     for other in others:
         a, b = shared_scenarios(*(pool.home[name].of(name) for name in (first, other)))
         found = compare(a, b, seed=pool.contract)
-        for panel, figure in {ALL: found.overall, **found.groups}.items():
-            rows += difference_rows((other, panel), figure, starts=panel == ALL)
+        starts = True
+        for part, scores in found.scores.items():
+            for panel, figure in scores.panels(ALL).items():
+                rows += difference_rows((pool.label(other), NAMES[part], panel), figure, starts=starts)
+                starts = False
     columns = (
-        *text_columns("planner", "types"),
-        *difference_columns(f"{first}\n%", "planner\n%", "difference\npoints"),
+        *text_columns("planner", "score", "types"),
+        *difference_columns(f"{pool.label(first)}\n%", "planner\n%", "difference\npoints"),
     )
     notes = (
-        f"SCD (strict) of each planner minus that of {first}, percentage points, over the scenarios that both have; "
-        "below the difference its 95 % interval (paired cluster bootstrap over maps)",
-        "lost, won: scenarios that only the first, only the other one has; p: exact McNemar; MDE: where the "
+        f"SCD (strict) of each planner minus that of {first}, percentage points, over the n pairs or scenarios that "
+        "both have; below the difference its 95 % interval (paired cluster bootstrap over places)",
+        "lost, won: those that only the first, only the other one has; p: exact McNemar; MDE: where the "
         "difference is not significant, how large one would have been found (80 % power). By type, and each flipped "
         "scenario: tsbench compare",
     )
     title = pool.title(f"Compared with {first}")
-    return Analysis("comparison", title, pool.contract, Table(columns, tuple(rows), 3), notes)
+    return Analysis("comparison", title, pool.contract, Table(columns, tuple(rows), 4), notes)

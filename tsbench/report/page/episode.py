@@ -7,7 +7,7 @@ stand in the header as the monitors gave them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,9 +88,13 @@ def _plates(drawing: dict[str, Any]) -> tuple[str, ...]:
 
 def _about(trace: Trace) -> dict[str, Any]:
     spec = trace.spec
+    verdicts = (
+        (replace(trace.target, violations=tuple(trace.events)), True),
+        *((v, False) for v in trace.others),
+    )
     events = [
         {"target": target, **event}
-        for verdict, target in ((trace.target, True), *((v, False) for v in trace.others))
+        for verdict, target in verdicts
         for event in verdict_to_dict(verdict)["violations"]
     ]
     return {

@@ -20,7 +20,7 @@ Row = Mapping[str, Any]
 class EpisodeIndex:
     """Episodes of a pool. rows: records, by planner and scenario; traces: by row number; notes: what is odd.
 
-    stories: of the first violation of the target rule, with its unit.
+    stories: of the first event that counts against SCD, with its unit.
     """
 
     rows: Sequence[Row]
@@ -64,7 +64,7 @@ def by_interest(index: EpisodeIndex) -> list[int]:
     classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
     for row in index.traces:
         record = index.rows[row]
-        rank = 0 if record["violations"] else 1 if not record["scd"] else 2
+        rank = 0 if record["violation_clause"] else 1 if not record["scd"] else 2
         classes[rank].setdefault((record["scenario_type"], record["planner"]), []).append(row)
     return [row for queues in classes.values() for row in _in_turn(queues)]
 

@@ -15,15 +15,24 @@ from rich.text import Text
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.metrics.aggregate import name_holes
+from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.compare import Comparison, Flip, compare, shared_scenarios
 from tsbench.metrics.episode import METRICS
-from tsbench.report.analyses.columns import difference_columns, difference_rows
+from tsbench.metrics.paired import Difference
+from tsbench.report.analyses.columns import (
+    NAMES,
+    READINGS_NOTE,
+    SCD_NOTE,
+    difference_columns,
+    difference_rows,
+)
 from tsbench.report.analyses.model import Analysis, Column, Kind, Table
 from tsbench.report.analyses.shown import print_analysis
+from tsbench.run.log.manifest import floors_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
-SELECTION = ("split", "types", "variants", "limit", "scenarios")
+SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
 _EXPLAINS = ("mask_signs", "device")
 
 
@@ -34,7 +43,8 @@ class Side:
 
     @property
     def label(self) -> str:
-        return f"{self.planner} ({self.run.path})"
+        floor = ", floor" if self.planner in floors_of(self.run.manifest) else ""
+        return f"{self.planner} ({self.run.path}{floor})"
 
 
 @dataclass(frozen=True)
@@ -54,7 +64,7 @@ class Matched:
 
     @property
     def title(self) -> str:
-        text = f"A {self.a.label}, B {self.b.label}: {self.comparison.pairs} paired scenarios"
+        text = f"A {self.a.label}, B {self.b.label}: {self.comparison.scenarios} paired scenarios"
         return ": ".join(("; ".join(self.warnings), text)) if self.warnings else text
 
 
@@ -131,11 +141,11 @@ def differing(a: StoredRun, b: StoredRun, keys: Sequence[str]) -> dict[str, tupl
 
 
 _KEY = (
-    "SCD: sign-compliant and arrived, %. B-A with its 95 % interval (paired cluster bootstrap over maps). p: exact "
-    "McNemar; of types after Holm over the {m} types compared, of all else as it is; metrics that are not yes/no go by "
-    "their interval. *: significant (5 %). MDE: what is not significant would have been found with 80 % power from "
-    "this difference on (types: at Holm's strictest step); – there: no difference could have been.",
-    "Strict: an error outcome counts as a failure. Completed: pairs without an error outcome.",
+    f"{SCD_NOTE}. B-A with its 95 % interval (paired cluster bootstrap over places) over n pairs (paired SCD) or "
+    "scenes. p: exact McNemar; of types after Holm over those compared, of all else as it is; metrics that are not "
+    "yes/no go by their interval. *: significant (5 %). MDE: what is not significant would have been found with "
+    "80 % power from this difference on (types: at Holm's strictest step); – there: no difference could have been",
+    READINGS_NOTE,
 )
 
 
@@ -150,29 +160,34 @@ def print_comparison(matched: Matched, console: Console, most_flips: int) -> Non
         console.print(Text(f"{name} {side.run.rescored}", style="dim"), soft_wrap=True)
 
 
-def comparison_analyses(matched: Matched) -> tuple[Analysis, Analysis]:
+def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:
+    """A table for each figure of SCD, the primary one first, and one of the other metrics."""
     c, (a, b) = matched.comparison, matched.contracts
-    rows = list(difference_rows(("all", f"mean of {len(c.types)}"), c.overall))
-    for group, figure in c.groups.items():
-        inside = [kind for kind, g in c.type_groups.items() if g == group]
-        rows += difference_rows((group, f"mean of {len(inside)}"), figure, starts=True)
-        for kind in inside:
-            rows += difference_rows((None, kind), c.types[kind])
-    names = Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)
-    scd = Table((*names, *difference_columns("SCD A", "SCD B", "B-A")), tuple(rows), 3)
     editions = [
         f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)
     ]
     others = (f"A {editions[0]}", f"B {editions[1]}") if a != b else ()
     notes = (*(f"note: {line}" for line in matched.notes), *others)
+    first, *rest = (_scores(NAMES[part], scores) for part, scores in c.scores.items())
+    contract = a if a == b else ""
+    tables = [Analysis("scd", matched.title, contract, first, notes)]
     names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
     rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
     metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)
-    key = (_KEY[0].format(m=len(c.types)), _KEY[1], *_no_interval(c))
-    return (
-        Analysis("scd", matched.title, a if a == b else "", scd, notes),
-        Analysis("metrics", "Metrics", "", metrics, key),
-    )
+    titles = [NAMES[part][0].upper() + NAMES[part][1:] for part in c.scores][1:]
+    tables += [Analysis("scd", title, "", table, ()) for title, table in zip(titles, rest, strict=True)]
+    return (*tables, Analysis("metrics", "Metrics", "", metrics, (*_KEY, *_no_interval(c))))
+
+
+def _scores(name: str, scores: Scores[Difference]) -> Table:
+    rows = list(difference_rows(("all", f"mean of {len(scores.types)}"), scores.overall))
+    for group, figure in scores.groups.items():
+        inside = [kind for kind, g in scores.type_groups.items() if g == group]
+        rows += difference_rows((group, f"mean of {len(inside)}"), figure, starts=True)
+        for kind in inside:
+            rows += difference_rows((None, kind), scores.types[kind])
+    names = Column("group", "group", Kind.TEXT), Column("type", "type", Kind.TEXT)
+    return Table((*names, *difference_columns(f"{name}\nA", f"{name}\nB", "B-A")), tuple(rows), 3)
 
 
 def flips_csv(comparison: Comparison, path: Path) -> None:
@@ -189,7 +204,12 @@ def flips_csv(comparison: Comparison, path: Path) -> None:
 
 def _no_interval(c: Comparison) -> Iterator[str]:
     """Why some differences have none, once for each reason."""
-    named = {"overall": c.overall, **c.groups, **c.types, **c.metrics}
+    named = {
+        f"{NAMES[part]} {name}": figure
+        for part, scores in c.scores.items()
+        for name, figure in {**scores.panels("overall"), **scores.types}.items()
+    }
+    named |= c.metrics
     reasons: dict[str, list[str]] = {}
     for name, figure in named.items():
         if figure.main.low is None:

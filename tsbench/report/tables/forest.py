@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from tsbench.metrics.breakdown import Twice
 from tsbench.metrics.paired import Difference
+from tsbench.report.analyses.columns import NAMES
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.tables.compare import Matched
 
@@ -93,22 +94,27 @@ def lost_won(figure: Twice[Difference]) -> str:
 
 
 def _forest(matched: Matched) -> Figure:
-    c = matched.comparison
+    scores = matched.comparison.primary
+    named = NAMES[next(iter(matched.comparison.scores))]
 
     def row(label: str, figure: Twice[Difference], colour: str, mean: bool) -> ForestRow:
         return ForestRow(label, (difference_mark(figure, colour, mean),), lost_won(figure), mean)
 
-    rows = [row("all types", c.overall, INK, True)]
-    for group, figure in c.groups.items():
+    rows = [row("all types", scores.overall, INK, True)]
+    for group, figure in scores.groups.items():
         colour = GROUP_COLOURS.get(group, INK)
         rows.append(row(group, figure, colour, True))
-        rows += [row(kind, c.types[kind], colour, False) for kind, g in c.type_groups.items() if g == group]
+        rows += [
+            row(kind, scores.types[kind], colour, False)
+            for kind, g in scores.type_groups.items()
+            if g == group
+        ]
     drawing = Figure(figsize=(_WIDTH_IN, _MARGIN_IN + ROW_IN * len(rows)), layout="constrained")
     axes = drawing.subplots()
     draw_rows(axes, rows)
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_xlabel(
-        "SCD of B minus SCD of A, percentage points (strict), 95 % paired cluster bootstrap over maps\n"
+        f"{named} of B minus that of A, percentage points (strict), 95 % paired cluster bootstrap over places\n"
         "full: significant (exact McNemar, types after Holm); grey: minimum detectable effect; right: lost/won of n\n"
         "x: completed only, pairs without an error outcome; their n in brackets",
         fontsize=7.5,

@@ -91,7 +91,7 @@ class PageMaker:
                 broken = self._drive(name, planner, row)
                 if broken.target.violations:
                     obeyed = self._drive(EXPERT, EXPERT, row)
-                    if obeyed.outcome is Outcome.ARRIVED and obeyed.target.compliant:
+                    if obeyed.outcome is Outcome.ARRIVED and not obeyed.events:
                         return broken, obeyed
         raise InputError(
             f"{type_id}: none of {TRIES} test scenes shows {tempted} breaking the rule and {EXPERT} obeying it"

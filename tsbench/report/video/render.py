@@ -68,7 +68,7 @@ def picture_kind(
 def render_png(
     trace: Trace, scene: Scene, path: Path, time: float | None = None, country: Country | None = None
 ) -> None:
-    """One moment: the given one, else the first violation of the target, else half-way."""
+    """One moment: the given one, else the first event that counts against it, else half-way."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego
     around = [(ego.x, ego.y), (ego.x - 35, ego.y - 25), (ego.x + 35, ego.y + 25)]
@@ -82,9 +82,9 @@ def render_png(
 def _tick(trace: Trace, time: float | None) -> int:
     last = len(trace.snapshots) - 1
     if time is None:
-        if not trace.target.violations:
+        if not trace.events:
             return last // 2
-        time = min(v.start_s for v in trace.target.violations)
+        time = trace.events[0].start_s
     elif not 0.0 <= time <= trace.snapshots[-1].time + DT_S / 2:
         raise InputError(f"--time {time:g}: the episode lasts from 0 to {trace.snapshots[-1].time:.1f} s")
     return min(round(time / DT_S), last)

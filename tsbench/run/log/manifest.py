@@ -38,8 +38,9 @@ _SHAPE: dict[str, Any] = {
     "status": _STATES,
     "planners": [PlannerInfo],
     "effective": {
-        "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "limit?": (int, _NONE),
-        "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float, "collection?": str,
+        "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
+        "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float,
+        "collection?": str,
     },
     "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
     "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
@@ -90,6 +91,11 @@ def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     """The planners of a manifest, in the order of the command."""
     return [from_plain(PlannerInfo, planner) for planner in manifest["planners"]]
+
+
+def floors_of(manifest: Mapping[str, Any]) -> frozenset[str]:
+    """Names of the planners of a run that read no plate and are there as a floor."""
+    return frozenset(planner.name for planner in planners_of(manifest) if planner.floor)
 
 
 def identity(manifest: Mapping[str, Any]) -> str:

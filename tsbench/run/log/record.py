@@ -18,7 +18,7 @@ Row = dict[str, Any]
 # Columns that are copied from the scenario row.
 SPEC_COLUMNS = (
     "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "map_id", "family", "shape", "slot",
-    "variant", "split", "seed",
+    "variant", "split", "seed", "pair_id", "half", "place",
 )  # fmt: skip
 _STORY_CHARS = 1 << 16
 

@@ -8,8 +8,11 @@ import pyarrow as pa
 
 from tsbench.core.parquet import columns
 from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.scenarios.spec import SIGNED
 
 SCHEMA_VERSION = 1
+# Columns of the scenario row that older runs lack, with what they stand for there.
+LATER = {"pair_id": "", "half": SIGNED, "place": ""}
 
 _TEXT, _FLAG, _REAL, _COUNT, _LONG = pa.string(), pa.bool_(), pa.float64(), pa.int32(), pa.int64()
 _KINDS: dict[type, pa.DataType] = {str: _TEXT, bool: _FLAG, float: _REAL, int: _COUNT}
@@ -23,6 +26,7 @@ EPISODES = pa.schema(
         *_must(_COUNT, "variant"),
         *_must(_TEXT, "split"),
         *_must(_LONG, "seed"),
+        *_must(_TEXT, *LATER),
         *_must(_FLAG, "privileged"),
         *_must(_TEXT, "outcome"),
         *_may(_TEXT, "error"),

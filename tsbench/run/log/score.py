@@ -30,12 +30,9 @@ def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFact
     row = head_row(spec, planner, privileged, facts.outcome, None)
     row.update({name: _plain(value) for name, value in episode_metrics(facts).items()})
     key = {"planner": planner, "scenario_id": spec.scenario_id}
-    verdicts = [(facts.target, True), *((verdict, False) for verdict in facts.others)]
-    events = [
-        {**key, "target": target, **_event(event)}
-        for verdict, target in verdicts
-        for event in verdict.violations
-    ]
+    found = [((*facts.target.violations, *facts.needless), True)]
+    found += [(verdict.violations, False) for verdict in facts.others]
+    events = [{**key, "target": target, **_event(event)} for some, target in found for event in some]
     events.sort(key=lambda event: (not event["target"], event["start_s"], event["sign_id"], event["clause"]))
     for number, event in enumerate(events):
         event["number"] = number

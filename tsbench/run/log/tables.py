@@ -13,9 +13,9 @@ from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
 from tsbench.core.parquet import VERSION_KEY, open_table
 from tsbench.metrics.episode import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
-from tsbench.run.log.schema import SCHEMA_VERSION, TABLES
+from tsbench.run.log.schema import LATER, SCHEMA_VERSION, TABLES
 
-_LATER = tuple(metric.column for metric in EPISODE_METRICS if metric.failure is None)
+_LATER = (*LATER, *(metric.column for metric in EPISODE_METRICS if metric.failure is None))
 # Episodes in one row group. Part of the format: another number gives other bytes.
 _GROUP = 4096
 
@@ -57,12 +57,15 @@ def read_table(path: Path) -> pa.Table:
     """One of the three tables. Raises InputError for a missing, truncated or foreign one.
 
     A metric that was declared after it was written has no value in it; one whose failures count is not done without.
+    Where it is from before pairs, all its rows are signed ones without a pair.
     """
     schema = TABLES[path.name].with_metadata({VERSION_KEY: str(SCHEMA_VERSION)})
     table = open_table(path, schema, "is the folder a tsbench run that has ended?", later=_LATER)
     for field in schema:
         if field.name not in table.column_names:
-            table = table.append_column(field, pa.nulls(len(table), field.type))
+            table = table.append_column(
+                field, pa.repeat(pa.scalar(LATER.get(field.name), field.type), len(table))
+            )
     return table.select(schema.names)
 
 

@@ -26,9 +26,11 @@ class ReservedLaneConstraint(RuleConstraint):
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         self._map, self._destination = context.network, context.destination
-        lanes = [privilege.network.lane(i) for i in privilege.sign.params_as(ReservedLaneParams).lanes]
+        network, params = privilege.network, privilege.sign.params_as(ReservedLaneParams)
+        lanes = [network.lane(name) for name in params.lanes]
         # The map has no cut where the lane begins, or ends, to be reserved.
         self._ends = [end for lane in lanes for end in (lane.line.points[0], lane.line.points[-1])]
+        self._ends.append(network.edge_lanes(params.approach)[0].line.points[-1])
         self._reserved = frozenset(privilege.view.places[lane.index].lane for lane in lanes)
         self._graph = MapGraph(self._map, self._reserved)
         self._to_left = privilege.rule.option("lane") == "rightmost"
@@ -72,7 +74,8 @@ class ReservedLaneConstraint(RuleConstraint):
         if beside is None or beside.edge not in edges or not gap_free(observation, beside):
             return False
         ahead = edges[edges.index(beside.edge) :]
-        path = self._graph.path(ahead, ego.lane, ego.s, self._destination)
+        room = max(self._near - observation.route.s, 0.0)
+        path = self._graph.path(ahead, ego.lane, ego.s, self._destination, room)
         if path is None:
             return False
         # No lanes: nobody needs to ask again whether it may change them.

@@ -1,0 +1,94 @@
+"""Needless obedience: ordinary driving passes, what a driver without eyes for plates would rather do fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from labelled import HERE, scene_of, snapshots
+
+from tsbench.core.errors import InputError
+from tsbench.planners.idm import IdmParameters, free_road
+from tsbench.rules.base import Violation
+from tsbench.rules.registry import make_monitors
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import DT_S
+
+INITIAL_MPS = (3.61, 7.75, 11.05)
+LIMITS_KMH = (30, 50, 60, 70)
+_LINE_M = 92.8
+_PASSAGE = {"approach": "w_in", "exit": "e_out"}
+_BOTH = {"needless_stop": _PASSAGE, "needless_yield": _PASSAGE}
+
+
+def _ticks(
+    before_line: float, speeds: list[float], clauses: dict[str, object], limit: float
+) -> list[Violation]:
+    """What is needless about an ego whose centre starts so far before the line, with these speeds tick by tick."""
+    case = {
+        "net": "t", "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}], "contrast": clauses,
+        "ego": {
+            "path": ["w_in_0", "e_out_0"], "start": _LINE_M - before_line,
+            "speed": [[DT_S, v, w] for v, w in zip(speeds, speeds[1:], strict=False)],
+        },
+    }  # fmt: skip
+    scene = scene_of(case, HERE)
+    lanes = tuple(replace(lane, speed=limit) for lane in scene.network.lanes)
+    scene = replace(scene, network=replace(scene.network, lanes=lanes))
+    monitors = make_monitors(load_catalog(), scene)
+    for tick in snapshots(case, HERE, scene.network):
+        monitors.update(tick)
+    return list(monitors.finish().needless)
+
+
+def _drive(
+    v: float, before_line: float, limit: float, most: float, accel: float, slow_to: float = 0.0
+) -> list[float]:
+    """An IDM driver's speeds up to 40 m behind the line. slow_to: between 45 m and 5 m before it, if > 0."""
+    s, speeds, p = -before_line, [v], IdmParameters(accel=accel)
+    while s < 40.0 and len(speeds) < 600:
+        wanted = slow_to if slow_to and -45.0 < s < -5.0 else min(limit, most)
+        a = max(free_road(v, wanted, p), -3.0) if v <= wanted else max((wanted - v) / DT_S, -6.0)
+        v = max(v + a * DT_S, 0.0)
+        s += v * DT_S
+        speeds.append(v)
+    return speeds
+
+
+@pytest.mark.parametrize("limit_kmh", LIMITS_KMH)
+@pytest.mark.parametrize("initial", INITIAL_MPS)
+@pytest.mark.parametrize("accel", [1.0, 1.5, 2.5])
+@pytest.mark.parametrize("before_line", [45.0, 60.0, 90.0])
+def test_an_ordinary_driver_passes(limit_kmh: int, initial: float, accel: float, before_line: float) -> None:
+    limit = limit_kmh / 3.6
+    drive = partial(_drive, min(initial, limit), before_line, limit, accel=accel)
+    assert _ticks(before_line, drive(most=limit), _BOTH, limit) == []
+    assert _ticks(before_line, drive(most=0.8 * limit), _BOTH, limit) == []
+
+
+@pytest.mark.parametrize("limit_kmh", LIMITS_KMH[1:])
+@pytest.mark.parametrize("initial", INITIAL_MPS)
+@pytest.mark.parametrize("before_line", [60.0, 90.0])
+def test_who_crawls_or_slows_down_to_see_fails(limit_kmh: int, initial: float, before_line: float) -> None:
+    limit = limit_kmh / 3.6
+    drive = partial(_drive, initial, before_line, limit, accel=1.5)
+    crawling, peering = drive(most=4.5), drive(most=limit, slow_to=2.5)
+    for speeds in (crawling, peering):
+        assert {v.clause for v in _ticks(before_line, speeds, _BOTH, limit)} == {"needless_yield"}
+
+
+@pytest.mark.parametrize("limit_kmh", LIMITS_KMH[:2])
+@pytest.mark.parametrize("initial", INITIAL_MPS)
+def test_an_ordinary_driver_is_not_slow(limit_kmh: int, initial: float) -> None:
+    limit = limit_kmh / 3.6
+    zone = {"zone_edges": "w_in e_out", "start_m": 40.0, "end_m": 120.0, "limit_kmh": float(limit_kmh)}
+    speeds = _drive(min(initial, limit), 85.0, limit, limit, 1.5)
+    assert _ticks(85.0, speeds, {"needless_slow": zone}, limit) == []
+    slow = _drive(min(initial, 0.6 * limit), 85.0, limit, 0.6 * limit, 1.5)
+    assert [v.clause for v in _ticks(85.0, slow, {"needless_slow": zone}, limit)] == ["needless_slow"]
+
+
+def test_a_passage_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match="'w_in' does not lead to 'w_out'"):
+        _ticks(50.0, [5.0, 5.0], {"needless_stop": {"approach": "w_in", "exit": "w_out"}}, 13.9)

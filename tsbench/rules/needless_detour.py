@@ -1,0 +1,55 @@
+"""Leaving a way that the plates permit. Source: docs/spec/contrast.md, "Needless obedience". Units: s."""
+
+from __future__ import annotations
+
+import math
+
+from tsbench.rules.base import Monitor
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import Catalog
+from tsbench.signs.contrast import WayParams
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
+
+
+class NeedlessDetour(Monitor):
+    """Has the ego left the navigation's way, or lane, for longer than a moment?
+
+    Armed on the approach, disarmed on the way's exit; off the way it stays off until it comes to the approach again.
+    """
+
+    def __init__(self, params: WayParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
+        super().__init__(sign, catalog.needless, scene)
+        network = scene.network
+        self._approach, self._exits = params.approach, frozenset(params.exits)
+        self._lanes = frozenset(network.lane_index[name] for name in params.lanes)
+        self._edges = {network.lane(name).edge for name in params.lanes}
+        self._armed = False
+        self._off: list[WorldSnapshot] = []
+        self._event = self.excursion("needless_detour")
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick: the excursion begins with the first one off; it becomes an event once it has lasted."""
+        if not self._is_off(snapshot.ego):
+            self._off.clear()
+            self._event.close()
+            return
+        self._off.append(snapshot)
+        most = self.rule.thresholds["lane_s"]
+        if snapshot.time - self._off[0].time > most - DT_S / 2:
+            for tick in self._off if not self._event.open else self._off[-1:]:
+                self._event.broken(tick, tick.time - self._off[0].time + DT_S, most)
+
+    def _is_off(self, ego: EgoState) -> bool:
+        """Of a tick. In a junction, and beside all lanes, it is off as long as it has been."""
+        lane = self.scene.network.lanes[ego.lane] if ego.lane >= 0 else None
+        if lane is None or lane.internal:
+            return self._event.open
+        if lane.edge == self._approach:
+            self._armed = True
+        elif lane.edge in self._exits:
+            self._armed = False
+        # Against it drives who passes something on the oncoming lane, or brushes the strip of another arm.
+        elif self._armed and self._exits and math.cos(ego.heading - lane.line.heading_at(ego.s)) > 0.0:
+            return True
+        return lane.edge in self._edges and ego.lane not in self._lanes

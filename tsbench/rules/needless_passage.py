@@ -1,0 +1,173 @@
+"""Passing a line or a crossing where there is nobody to wait for: standing there, and coming slowly to see.
+
+Source: docs/spec/contrast.md, "Needless obedience". Units: m, s, m/s.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsbench.core.errors import InputError
+from tsbench.geometry.polyline import join
+from tsbench.roads.blocking import PriorityGap, blockers, clearance_s
+from tsbench.roads.junction_paths import junction_paths, path_zones
+from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.crossing_people import CrossingPeople
+from tsbench.rules.leaders import Leaders
+from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import Catalog
+from tsbench.signs.contrast import PassageParams
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, EgoState, WorldSnapshot
+
+_TICK_SHARE_S = DT_S / 2
+
+
+class Passage:
+    """Where the ego is on it, in metres from its line, and whether anybody makes it wait. end: of the passage."""
+
+    def __init__(self, monitor: Monitor, params: PassageParams, catalog: Catalog) -> None:
+        scene, network, t = monitor.scene, monitor.scene.network, monitor.rule.thresholds
+        ways = junction_paths(network, (params.approach,))
+        paths = [p for p in ways if p.target.edge == params.exit]
+        if not paths:
+            raise InputError(
+                f"{scene.additional}: clause needless: {params.approach!r} does not lead to {params.exit!r}"
+            )
+        self._road = monitor.road((params.approach, params.exit))
+        self._line = network.edge_lanes(params.approach)[0].line.length
+        self.end = self._road.starts[params.exit] - self._line + EGO_LENGTH_M
+        first = paths[0]
+        line = join([first.source.line, first.line, first.target.line])
+        self._bends, self._source_m = bend_speeds(line, monitor.rule), first.source.line.length
+        give_way = catalog.rule("give_way").thresholds
+        others = [
+            e.id
+            for e in network.edges.values()
+            if e.target == network.edges[params.approach].target
+            and not e.internal
+            and e.id != params.approach
+        ]
+        self._gap, foes = PriorityGap.of(give_way), junction_paths(network, others)
+        self._zones = path_zones(paths, foes, least_overlap=give_way["least_overlap_m"])
+        self._first = frozenset(j for j, foe in enumerate(foes) if foe.source.edge in params.main_in)
+        self._vehicles = PriorityVehicles(network, foes, RULE_FOLLOWING)
+        self._leaders, self._stands = Leaders(network), t["standing_mps"]
+        self._react_s, self._free_from = t["react_s"] + _TICK_SHARE_S, -math.inf
+        self._people: CrossingPeople | None = None
+        for name in params.crossing:
+            self._people = CrossingPeople(network.crossings[name], catalog.rule("crosswalk").thresholds)
+            s, _ = line.project(*self._people.middle)
+            self._crosses = (*line.point_at(s), line.heading_at(s))
+
+    def front(self, ego: EgoState) -> float | None:
+        """Metres of the ego's front past the line, < 0 before it; None where it does not drive along this road."""
+        front = self._road.front(ego)
+        return None if front is None else front - self._line
+
+    def bend(self, front: float) -> float:
+        """Speed that the way's bends allow."""
+        return at_metre(self._bends, self._source_m + front)
+
+    def held(self, snapshot: WorldSnapshot, front: float) -> bool:
+        """Is there, or was there until a moment ago, somebody to wait for?"""
+        if self._blocked(snapshot, front) or self._somebody_steps_out(snapshot) or self._jam(snapshot, front):
+            self._free_from = snapshot.time + self._react_s
+        return snapshot.time < self._free_from
+
+    def _blocked(self, snapshot: WorldSnapshot, front: float) -> bool:
+        """Does a vehicle with priority block by the rule of giving way, or is any other in the ego's way already?"""
+        speed, gap = snapshot.ego.speed, self._gap
+        vehicles = self._vehicles.find(snapshot.actors)
+        prior = [v for v in vehicles if v.path in self._first]
+        for zones in self._zones:
+            if blockers(prior, zones, front, speed, gap):
+                return True
+            for vehicle in vehicles:
+                zone = zones[vehicle.path]
+                if zone is not None and vehicle.s >= zone.b_in:
+                    left = clearance_s(vehicle, zone, front, speed, gap.least)
+                    if left is not None and left < gap.after:
+                        return True
+        return False
+
+    def _somebody_steps_out(self, snapshot: WorldSnapshot) -> bool:
+        """Is anybody on the crossing in the ego's way, or about to step onto it?"""
+        if self._people is None:
+            return False
+        people = np.flatnonzero(snapshot.actors.kind == ActorKind.PEDESTRIAN).tolist()
+        return self._people.anyone_in_the_way(*self._crosses, snapshot.actors, people)
+
+    def _jam(self, snapshot: WorldSnapshot, front: float) -> bool:
+        """Does a leader stand so that the ego could not leave the passage behind it?"""
+        reach = self.end - front + EGO_LENGTH_M
+        return any(speed < self._stands for _, speed in self._leaders.within(snapshot, reach))
+
+
+class NeedlessStop(Monitor):
+    """Has the ego stood on its passage for nobody, longer than a moment in all?"""
+
+    def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
+        super().__init__(sign, catalog.needless, scene)
+        self._passage = Passage(self, params, catalog)
+        self._stood = 0.0
+        self._event = self.excursion("needless_stop")
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick. Who drives on and comes again begins anew."""
+        t, ego = self.rule.thresholds, snapshot.ego
+        front = self._passage.front(ego)
+        if front is None or not -t["before_line_m"] <= front <= self._passage.end + t["behind_m"]:
+            self._stood = 0.0
+            self._event.close()
+        elif not self._passage.held(snapshot, front) and ego.speed < t["standing_mps"]:
+            self._stood += DT_S
+            if self._stood > t["standing_s"] + _TICK_SHARE_S:
+                self._event.broken(snapshot, self._stood, t["standing_s"])
+
+
+class NeedlessYield(Monitor):
+    """Was the ego slow on its passage for nobody: at one place very slow, or slow on the whole?"""
+
+    def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
+        super().__init__(sign, catalog.needless, scene)
+        self._passage = Passage(self, params, catalog)
+        self._open = OpenSpeed(scene.network, self.rule, self.rule.thresholds["cruise_ratio"])
+        self._means = MeanSpeeds()
+        self._crept = self.excursion("needless_yield", smaller_is_worse=True)
+        self._last: WorldSnapshot | None = None
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        t, v, passage = self.rule.thresholds, snapshot.ego.speed, self._passage
+        front = passage.front(snapshot.ego)
+        if front is None or not -t["before_line_m"] <= front <= passage.end:
+            self._open.update(snapshot)
+            self._judge()
+            self._crept.close()
+            return
+        held = passage.held(snapshot, front)
+        speed = self._open.update(snapshot, passage.bend(front), held)
+        least = t["lowest_speed_ratio"] * speed
+        if v < least:
+            self._crept.broken(snapshot, v, least)
+        else:
+            self._crept.close()
+        if not held:
+            self._means.add(v, speed)
+            self._last = snapshot
+
+    def finish(self) -> Verdict:
+        """A passage that was not completed is judged as far as it went."""
+        self._judge()
+        return super().finish()
+
+    def _judge(self) -> None:
+        slow = self._means.taken(self.rule.thresholds["passage_speed_ratio"])
+        if slow is not None and self._last is not None:
+            self.log.mark(self._last.step)
+            self.log.event("needless_yield", self._last, self._last.time, *slow)

@@ -1,0 +1,48 @@
+"""Driving slowly where nothing asks for it. Source: docs/spec/contrast.md, "Needless obedience". Units: m, m/s."""
+
+from __future__ import annotations
+
+from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
+from tsbench.rules.speed import KMH_PER_MPS
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import Catalog
+from tsbench.signs.contrast import SlowZoneParams
+from tsbench.sim.scene import Scene
+from tsbench.sim.world import WorldSnapshot
+
+
+class NeedlessSlow(Monitor):
+    """The mean speed over the zone, against that of the speed that was open."""
+
+    def __init__(self, params: SlowZoneParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
+        super().__init__(sign, catalog.needless, scene)
+        self._road = self.road(params.zone_edges)
+        self._start = params.start_m
+        self._end = min(params.end_m, params.start_m + self.rule.thresholds["slow_zone_m"])
+        self._limit = params.limit_kmh / KMH_PER_MPS
+        self._bends = bend_speeds(self._road.line, self.rule)
+        self._open, self._means = OpenSpeed(scene.network, self.rule), MeanSpeeds()
+        self._last: WorldSnapshot | None = None
+
+    def step(self, snapshot: WorldSnapshot) -> None:
+        """One tick."""
+        front = self._road.front(snapshot.ego)
+        if front is None or not self._start <= front <= self._end:
+            self._open.update(snapshot)
+            self._judge()
+            return
+        speed = self._open.update(snapshot, min(self._limit, at_metre(self._bends, front)))
+        self._means.add(snapshot.ego.speed, speed)
+        self._last = snapshot
+
+    def finish(self) -> Verdict:
+        """A zone in which the episode ends is judged as far as it went."""
+        self._judge()
+        return super().finish()
+
+    def _judge(self) -> None:
+        slow = self._means.taken(self.rule.thresholds["slow_speed_ratio"])
+        if slow is not None and self._last is not None:
+            self.log.mark(self._last.step)
+            self.log.event("needless_slow", self._last, self._last.time, *slow)

@@ -1,0 +1,85 @@
+"""The speed that is open to the ego, whatever it makes of it: what driving slowly for nobody is measured against.
+
+Source: docs/spec/contrast.md, "Needless obedience". Units: m, s, m/s, m/s2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsbench.geometry.polyline import Polyline
+from tsbench.roads.network import RoadNetwork
+from tsbench.rules.leaders import Leaders
+from tsbench.signs.catalog import RuleSpec
+from tsbench.sim.world import DT_S, WorldSnapshot
+
+# Bends are measured over this length: netconvert draws a turn as a few chords, whose corners are no bends.
+_BEND_M = 10.0
+_STRAIGHT_RAD = 0.001
+
+
+class OpenSpeed:
+    """The fastest at which the ego has been, and where that is slow, what a calm driver would have reached meanwhile.
+
+    So it is no excuse to have come slowly. The lane's limit and a leader near ahead hold it down as they do the ego; who
+    is held up sets off anew. cruise: share of the limit to which the calm driver speeds up.
+    """
+
+    def __init__(self, network: RoadNetwork, rule: RuleSpec, cruise: float = 1.0) -> None:
+        self._lanes, self._leaders = network.lanes, Leaders(network)
+        t = rule.thresholds
+        self._calm, self._gap_s, self._gap_m = t["calm_mps2"], t["leader_gap_s"], t["leader_least_m"]
+        self._cruise, self._limit = cruise, math.inf
+        self.speed = 0.0
+
+    def update(self, snapshot: WorldSnapshot, most: float = math.inf, held: bool = False) -> float:
+        """The speed at this tick. most: what place and plates allow there. held: somebody makes the ego wait."""
+        ego = snapshot.ego
+        if ego.lane >= 0:
+            self._limit = self._lanes[ego.lane].speed
+        limit, reach = min(self._limit, most), self._gap_m + self._gap_s * ego.speed
+        led = min((v for _, v in self._leaders.within(snapshot, reach)), default=math.inf)
+        reached = min(math.sqrt(self.speed**2 + 2 * self._calm * ego.speed * DT_S), self._cruise * limit)
+        self.speed = ego.speed if held else max(ego.speed, min(max(self.speed, reached), limit, led))
+        return self.speed
+
+
+class MeanSpeeds:
+    """Of the ticks of one stretch: the ego's mean speed, and that of the speed that was open to it."""
+
+    def __init__(self) -> None:
+        self._own = self._open = 0.0
+        self._count = 0
+
+    def add(self, own: float, open_speed: float) -> None:
+        """One tick."""
+        self._own, self._open, self._count = self._own + own, self._open + open_speed, self._count + 1
+
+    def taken(self, ratio: float) -> tuple[float, float] | None:
+        """Begin anew; the ego's mean speed and `ratio` times the open one where that is more, else None."""
+        own, least, count = self._own, ratio * self._open, self._count
+        self._own = self._open = 0.0
+        self._count = 0
+        return (own / count, least / count) if own < least else None
+
+
+def bend_speeds(line: Polyline, rule: RuleSpec) -> list[float]:
+    """Speed that a line's bends allow every metre, slowed down to as calmly as one speeds up."""
+    lateral, calm = rule.thresholds["lateral_mps2"], rule.thresholds["calm_mps2"]
+    half = int(_BEND_M / 2)
+    headings = np.unwrap([line.heading_at(float(s)) for s in range(int(line.length) + 1)])
+    wide = np.pad(headings, half, mode="edge")
+    turns = np.abs(wide[2 * half :] - wide[: -2 * half])
+    speeds: list[float] = np.where(
+        turns > _STRAIGHT_RAD, np.sqrt(lateral * _BEND_M / np.maximum(turns, _STRAIGHT_RAD)), math.inf
+    ).tolist()
+    for i in range(len(speeds) - 2, -1, -1):
+        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2 * calm))
+    return speeds
+
+
+def at_metre(speeds: list[float], s: float) -> float:
+    """Of `bend_speeds`, that at arc length s; beyond an end that of the end."""
+    return speeds[min(max(round(s), 0), len(speeds) - 1)]
