@@ -29,7 +29,9 @@ Tile = tuple[int, int]
 # The south-east around Kuzminki, 8 km by 8 km: maps for all types are there, and hardly one was in use before.
 HOLDOUT_TILES = frozenset(product(range(211, 215), range(3084, 3088)))
 # Together they have many maps for every type, and few that were in use before.
-DEV_TILES = frozenset({(195, 3082), (201, 3085), (208, 3088), (208, 3091), (210, 3091)})
+DEV_TILES = frozenset(
+    {(192, 3076), (195, 3082), (197, 3072), (201, 3085), (208, 3088), (208, 3091), (210, 3091)}
+)
 
 
 def tile_of(row: PoolRow) -> Tile:
