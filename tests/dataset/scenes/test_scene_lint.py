@@ -111,7 +111,7 @@ def moved(made: SceneMaker, side: float) -> SignInstance:
 @pytest.mark.parametrize("side", [-8.0, -3.2, 0.0, 3.5])
 def test_a_plate_on_the_wrong_side_in_the_lane_or_far_away(on_block: SceneMaker, side: float) -> None:
     assert problems(on_block, sign=moved(on_block, side)) == [
-        f"plate sign_0 stands {side:.1f} m right of its lane's edge"
+        f"plate sign_0 stands {side:.1f} m right of its road's edge"
     ]
 
 
