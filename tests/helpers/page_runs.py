@@ -23,15 +23,17 @@ PLANNERS = ("idm", HOSTILE)
 TRACED = ("speed_limit-m0-v0", "speed_limit-m1-v0")
 
 
-def an_episode(violated: bool = True) -> EpisodeFacts:
+def an_episode(violated: bool = True, ticks: int = 61) -> EpisodeFacts:
     """6 s: the ego drives at 10 m/s, a car comes towards it, a bus is out of sight for a second."""
-    egos = [made.ego(60.0 + k, speed=10.0) for k in range(61)]
-    bus = made.straight(61, 80.0, -1.6, 0.0, 8.0)
+    egos = [made.ego(60.0 + k, speed=10.0) for k in range(ticks)]
+    bus = made.straight(ticks, 80.0, -1.6, 0.0, 8.0)
     bus[20:30] = np.nan
     others = [
-        made.Track("car", made.straight(61, 125.0, 1.6, math.pi, 5.0)),
+        made.Track("car", made.straight(ticks, 125.0, 1.6, math.pi, 5.0)),
         made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5)),
-        made.Track("walker", made.straight(61, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)),
+        made.Track(
+            "walker", made.straight(ticks, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)
+        ),
     ]
     event = made.violation(3.0, x=90.0, y=-4.8, sentence=SENTENCE)
     target = made.verdict(event) if violated else made.verdict()
@@ -59,6 +61,26 @@ def make_run(folder: Path, planners: tuple[str, ...] = PLANNERS, **other: Any) -
     for name in planners:
         for scenario in TRACED:
             put_trace(run, name, scenario, violated=scenario == TRACED[0])
+    return run
+
+
+def make_pair_run(folder: Path) -> Path:
+    """24 pairs of each of two types by idm: of the pair TRACED[0] the contrast half is needlessly slow, of TRACED[1] the
+    signed half is broken, and that alone has a trace there."""
+    slow, broken = TRACED[0], TRACED[1]
+    changes = {
+        f"{slow}-c".replace("-", "_"): run_builders.lost("needless_slow") | {"violations": 1},
+        broken.replace("-", "_"): run_builders.lost("over_limit") | {"violations": 1},
+    }
+    run = run_builders.make_run(folder, run_builders.pairs("idm", **changes))
+    event = made.violation(3.0, clause="needless_slow", x=90.0, y=-4.8)
+    for scenario, half, facts in (
+        (slow, "signed", an_episode(violated=False)),
+        (f"{slow}-c", "contrast", replace(an_episode(ticks=91), target=made.verdict(event))),
+        (broken, "signed", an_episode()),
+    ):
+        spec = replace(made.spec(scenario), map_id="map-1-0", pair_id=scenario.removesuffix("-c"), half=half)
+        write_trace(trace_path(run, "idm", scenario), made.result(facts, "idm", spec=spec))
     return run
 
 

@@ -14,7 +14,6 @@ from table_builders import GROUPS, pair, records, row
 from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import PlannerSummary, summarise
 from tsbench.metrics.compare import compare
-from tsbench.metrics.records import pair_passes, split_records
 
 Rows = list[dict[str, Any]]
 
@@ -42,13 +41,6 @@ def test_a_pair_is_passed_where_both_halves_are() -> None:
     assert scd(p, "paired_scd") == (25.0, 4)
     assert scd(p, "signed_scd") == scd(p, "contrast_scd") == (50.0, 4)
     assert p.metrics["driving_score"].main.n == 8
-
-
-def test_which_halves_were_passed() -> None:
-    found = pair_passes(split_records(records([*four(), row(map_id="alone")]))["idm"])
-    assert found["yield-m0-0"] == found["yield-m0-0-c"] == "both"
-    assert [found[f"yield-m{k}-0-c"] for k in (1, 2, 3)] == ["only signed", "only contrast", "none"]
-    assert "yield-alone-0" not in found
 
 
 def test_what_passes_one_half_only_has_no_paired_scd() -> None:

@@ -30,8 +30,6 @@ _Codes = npt.NDArray[np.intp]
 # signed halves (and what has no pair), of contrast halves.
 PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
 PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
-# Which halves of a pair were passed: signed counts 2, contrast 1.
-PASSES = ("none", "only contrast", "only signed", "both")
 
 
 @dataclass(frozen=True)
@@ -92,17 +90,6 @@ class Records:
         groups = np.array(self.groups)[self.kind]
         of_groups = {group: groups == group for group in dict.fromkeys(self.type_groups().values())}
         return {"": np.ones(len(self), dtype=bool), **of_groups}
-
-
-def pair_passes(records: Records) -> dict[str, str]:
-    """By scenario of a pair that has both its records: which of its halves were passed, as one of PASSES."""
-    scd = records.values[SCD.column] == 1.0
-    found: dict[str, str] = {}
-    for k in np.flatnonzero(~records.contrast & (records.partner >= 0)):
-        other = records.partner[k]
-        told = PASSES[2 * int(scd[k]) + int(scd[other])]
-        found |= {records.scenarios[k]: told, records.scenarios[other]: told}
-    return found
 
 
 def group_rank(group: str) -> tuple[int, str]:

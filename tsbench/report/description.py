@@ -13,7 +13,10 @@ def sign_words(code: str, value: float | None, country: Country | None = None) -
 
 
 def episode_title(trace: Trace) -> str:
-    return f"{trace.planner}: {trace.spec.scenario_type}"
+    """Planner and type; of a half of a pair the pair's type and which half."""
+    spec = trace.spec
+    half = f", {spec.half} half" if spec.pair_id else ""
+    return f"{trace.planner}: {spec.pair_type}{half}"
 
 
 def episode_subtitle(trace: Trace, country: Country | None = None) -> str:

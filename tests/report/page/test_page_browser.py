@@ -89,6 +89,10 @@ def until_drawn(page: Page, canvas: str, colours: set[str]) -> None:
     pytest.fail(f"never on {canvas}: {colours - set(page.evaluate(COLOURS, canvas))}")
 
 
+# Place and scale of both cameras.
+CAMERAS = "tsb.player.cameras.map(({ x, y, scale }) => [x, y, scale])"
+
+
 def rows(page: Page) -> int:
     return page.locator("#episode-table tbody tr").count()
 
@@ -200,3 +204,68 @@ def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> Non
         server.shutdown()
         server.server_close()
         thread.join()
+
+
+@pytest.fixture(scope="module")
+def paired(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = page_runs.make_pair_run(tmp_path_factory.mktemp("paired") / "run")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(embedding, "_packer", page_runs.packer)
+        return write_report(
+            [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
+        ).path
+
+
+def test_pairs_are_filtered_by_what_was_passed(chromium: Browser, paired: Path) -> None:
+    with opened(chromium, paired.as_uri()) as page:
+        for told, count in (("both", 92), ("only signed", 2), ("only contrast", 2)):
+            page.select_option("#episode-table-passes", told)
+            assert f"{count} of 96 episodes" in page.inner_text("#episode-table .count")
+        assert page.locator("#episode-table th[data-name='partner']").count() == 0
+        # The heat map's cell of one half filters that half.
+        page.locator("#types tr", has_text="contrast SCD").locator("td.share a").first.click()
+        assert "24 of 96 episodes" in page.inner_text("#episode-table .count")
+        assert page.input_value("#episode-table-half") == "contrast"
+
+
+def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None:
+    slow, broken = TRACED
+    with opened(chromium, f"{paired.as_uri()}#play={quote(f'idm/{slow}-c', safe='')}&t=1.0") as page:
+        until(page, "tsb.player.episode !== null")
+        # The signed half is the left one, whichever was opened.
+        assert page.evaluate("tsb.player.halves.map((half) => half.scenario)") == [slow, f"{slow}-c"]
+        assert page.evaluate("tsb.player.episode.scenario") == f"{slow}-c"
+        assert "speed_limit, signed half" in page.inner_text("#player-title")
+        assert "speed_limit, contrast half" in page.inner_text("#player-2-title")
+        assert "signed half: obeyed the sign" in page.inner_text("#player-verdict")
+        assert "contrast half: obeyed what the sign does not ask" in page.inner_text("#player-2-verdict")
+        left, right = (page.locator(f"#{name}").bounding_box() for name in ("player-view", "player-2-view"))
+        assert left is not None
+        assert right is not None
+        assert (left["y"], left["width"]) == (right["y"], right["width"])
+        page.keyboard.press("v")
+        assert page.evaluate("tsb.player.tick") == pytest.approx(30)
+        assert page.inner_text("#player-clock") == "3.0 s · 36 | 36 km/h"
+        # One time axis: the shorter half stands at its end.
+        page.keyboard.press("End")
+        assert page.evaluate("tsb.player.tick") == 90
+        until_drawn(page, "player-view", {"255,112,32"})
+        until_drawn(page, "player-2-line", {"192,21,37"})
+        assert page.locator("#player-alone").is_hidden()
+        # The next one of the list is another pair, of which one half alone has a trace.
+        page.keyboard.press("n" if page.is_enabled("#player-next") else "p")
+        until(page, f"tsb.player.episode?.scenario === '{broken}'")
+        assert page.evaluate("tsb.player.halves.length") == 1
+        assert page.locator("#player-half-2").is_hidden()
+        assert "--trace all" in page.inner_text("#player-alone")
+
+
+def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None:
+    with opened(chromium, f"{paired.as_uri()}#play={quote(f'idm/{TRACED[0]}', safe='')}") as page:
+        until(page, "tsb.player.episode !== null")
+        before = page.evaluate(CAMERAS)
+        page.hover("#player-2-view")
+        page.mouse.wheel(0, -400)
+        until(page, f"({CAMERAS})[0][2] > {before[0][2]} * 1.5")
+        first, second = page.evaluate(CAMERAS)
+        assert first == second

@@ -32,15 +32,17 @@ _HALF = 50.0
 def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
     """Rows for each type: a figure of SCD in each, and once more completed only, where errors make a difference."""
     rows: list[Row] = []
-    last = ""
+    parts, last = present_parts(planners), ""
     for kind, group in present_types(planners):
-        for part in present_parts(planners):
+        # Where there are several figures each type is a block, otherwise each group is.
+        block = kind if len(parts) > 1 else group
+        for part in parts:
             figures = [_figure(p, part, kind) for p in planners]
             if not any(figures):
                 continue
             differ = any(figure and figure.differ for figure in figures)
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
-                starts, last = group != last, group
+                starts, last = block != last, block
                 cells = _cells(planners, figures, kind, reading)
                 rows.append(
                     Row((group, kind, NAMES[part], reading, *cells), starts=starts, faint=reading != STRICT)

@@ -8,6 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from tsbench.metrics.compare import compare, shared_scenarios
+from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.correlations import LEAST_PLANNERS
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
@@ -18,10 +19,13 @@ from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.report.page.packing import pack_table
 from tsbench.report.page.svg import inline_svg
 from tsbench.report.page.traffic import traffic
+from tsbench.scenarios.spec import CONTRAST, SIGNED, pair_type
 
 Section = dict[str, Any]
 # What a narrow screen leaves out of a heat map.
 _ROOM_FOR_SHARES = ("group", "figure")
+# The episodes behind a figure, where it is not over both halves.
+_HALF_OF = {NAMES[SIGNED_ONES]: SIGNED, NAMES[CONTRASTED]: CONTRAST}
 
 
 def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
@@ -49,8 +53,10 @@ def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: b
     for row in table.rows:
         n, pairs = None if counted is None else row.cells[counted], zip(table.columns, row.cells, strict=True)
         cells = [_cell(column, cell, heat, n) for column, cell in pairs]
-        kind = _text(table, row.cells, "type")
-        rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "type": kind})
+        wanted = {"scenario_type": _text(table, row.cells, "type")}
+        if half := _HALF_OF.get(_text(table, row.cells, "score")):
+            wanted["half"] = half
+        rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "wanted": wanted})
     return {
         "title": analysis.title, "columns": columns, "rows": rows, "notes": analysis.notes, "figure": drawn,
         "fold": fold, "heat": heat, "fixed": table.fixed,
@@ -114,7 +120,11 @@ def about(pool: Pool) -> list[dict[str, Any]]:
 _YES = {"yes": "good", "no": "bad"}
 _COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "planner", "label": "planner", "kind": "text", "filter": "choice"},
-    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
+    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice",
+     "title": "of a pair that of its signed half"},
+    {"name": "half", "label": "half", "kind": "text", "filter": "choice"},
+    {"name": "passes", "label": "pair passed", "kind": "text", "filter": "choice",
+     "marks": {"both": "good", "none": "bad"}, "title": "which halves of its pair were passed"},
     {"name": "outcome", "label": "outcome", "kind": "text", "filter": "choice"},
     {"name": "sign_compliant", "label": "obeyed", "kind": "flag", "filter": "choice", "marks": _YES,
      "title": "no violation of the sign's rule; – for an error outcome"},
@@ -130,6 +140,7 @@ _COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "variant", "label": "variant", "kind": "number", "digits": 0, "minor": True},
     {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
     {"name": "playable", "label": "player", "kind": "flag", "filter": "choice", "minor": True},
+    {"name": "partner", "label": "other half", "kind": "number", "hidden": True, "digits": 0},
 )  # fmt: skip
 
 
@@ -145,6 +156,9 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
         for s, row in zip(stories, index.rows, strict=True)
     ]
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
+    values["scenario_type"] = [pair_type(row["pair_id"], row["scenario_type"]) for row in index.rows]
+    values["passes"] = [index.passes.get(k, "") for k in range(len(index.rows))]
+    values["partner"] = [index.partners.get(k) for k in range(len(index.rows))]
     values["playable"] = [k in playable for k in range(len(index.rows))]
     for column in _COLUMNS:
         if column["kind"] == "number":

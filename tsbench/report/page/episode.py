@@ -24,6 +24,7 @@ from tsbench.report.export.tracks import actor_tracks, ego_rows
 from tsbench.report.page.drawing import drawing, plate_key
 from tsbench.report.page.packing import deltas, pack
 from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plates import plate_svg
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 
@@ -61,7 +62,9 @@ class EpisodePacker:
         track = ego_rows(trace)
         if not np.isfinite(track).all():
             raise InputError(f"{path}: the ego's state is not finite: nothing to draw")
-        points = np.array([*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role != "context")])
+        points = np.array(
+            [*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role not in ("context", DISTRACTOR))]
+        )
         furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
             **_about(trace),
@@ -98,7 +101,7 @@ def _about(trace: Trace) -> dict[str, Any]:
         for event in verdict_to_dict(verdict)["violations"]
     ]
     return {
-        "planner": trace.planner, "scenario": spec.scenario_id, "title": episode_title(trace),
+        "planner": trace.planner, "scenario": spec.scenario_id, "half": spec.half, "title": episode_title(trace),
         "subtitle": episode_subtitle(trace), "plate": plate_key(spec.sign_code, spec.sign_value),
         "outcome": str(trace.outcome), "error": trace.error,
         "engaged": trace.target.engaged, "compliant": trace.target.compliant,

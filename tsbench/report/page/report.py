@@ -102,7 +102,7 @@ def _packer() -> EpisodePacker:
 
 MEGABYTE = 1_000_000
 NAME = "report.html"
-_SCRIPTS = ("player.js", "report.js")
+_SCRIPTS = ("half.js", "player.js", "report.js")
 
 
 @dataclass(frozen=True)

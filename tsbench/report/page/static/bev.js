@@ -18,6 +18,7 @@ tsb.Bev = class {
     this.moving = null;
     this.redraw = () => { cancelAnimationFrame(this.frame); this.frame = requestAnimationFrame(() => this.paint()); };
     this.onmove = null; // called when a user moves the camera
+    this.onzoom = null; // called when the camera's scale has changed
     new ResizeObserver(() => this.resize()).observe(canvas);
     tsb.themed.add(() => { this.colours = null; this.redraw(); });
     this.gestures();
@@ -73,6 +74,7 @@ tsb.Bev = class {
     this.camera.x += (px - this.width / 2) * share;
     this.camera.y -= (py - this.height / 2) * share;
     this.camera.scale = scale;
+    this.onzoom?.();
     this.redraw();
   }
 

@@ -19,6 +19,7 @@ tsb.tableOptions = { "episode-table": (() => {
     ready: (api) => {
       table = api;
       tsb.player.can = (row) => playable(api, row);
+      tsb.player.partner = (row) => api.table.values.partner[row];
       for (const link of document.querySelectorAll("[data-filter]"))
         link.addEventListener("click", () => api.filter(JSON.parse(link.dataset.filter)));
       addEventListener("hashchange", follow);

@@ -3,7 +3,7 @@
  * table: {columns, rows, values} as packing.pack_table makes it. A column is {name, label, kind}, and may have
  *   filter: "choice" (a list) or "text" (part of it), digits and unit of numbers, minor: left out on narrow screens,
  *   wide: a text that may be folded, words: [no, yes, unknown] of a flag, marks: a class for each of its texts,
- *   title: what its header means.
+ *   title: what its header means, hidden: it is only for scripts.
  * options: open(row, rows) is called for a row that is opened, can(row) says whether it can be, label(row) names it;
  *   ready(api) gets {filter(values), text(name, row), rows}. */
 tsb.table = (host, table, options = {}) => {
@@ -43,7 +43,8 @@ tsb.table = (host, table, options = {}) => {
   const count = el("p", { class: "faint count", role: "status" });
   const head = el("tr");
   if (options.open) head.append(el("th", { scope: "col" }, el("span", { class: "unseen" }, "play")));
-  for (const column of table.columns) {
+  const visible = table.columns.filter((column) => !column.hidden);
+  for (const column of visible) {
     const sort = el("button", { type: "button", title: column.title || `sort by ${column.label}`,
       on: { click: () => { down = order === column ? !down : false; order = column; update(); } } }, column.label);
     if (column.unit) sort.append(el("small", {}, ` ${column.unit}`));
@@ -101,7 +102,7 @@ tsb.table = (host, table, options = {}) => {
           on: { click: () => options.open(row, rows) } }, "▶") : ""));
         if (can) line.addEventListener("dblclick", () => options.open(row, rows));
       }
-      for (const column of table.columns) {
+      for (const column of visible) {
         const cell = el("td", { class: cls(column) }, text(column, row));
         const mark = column.marks?.[text(column, row)];
         if (mark) cell.classList.add(mark);
