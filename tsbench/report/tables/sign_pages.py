@@ -41,7 +41,7 @@ _BEFORE_S, _AFTER_S = 4.0, 2.0
 
 @dataclass(frozen=True)
 class Drives:
-    """Of the signed half: broken, obeyed. Of the contrast half, where there is one: kept, repeated (obeyed's commands)."""
+    """Of the signed half: broken, obeyed; of the contrast half, if there is one: kept, repeated (obeyed's commands)."""
 
     broken: Trace
     obeyed: Trace
