@@ -51,7 +51,7 @@ class Moody(IdmExpert):
     def reset(self, context: PlannerContext) -> None:
         """Draw the driver: one in three is good."""
         super().reset(context)
-        self._good, self._lock = context.seed % 3 == 0, 0.4 + (context.seed % 1000) / 5000
+        self._good, self._lock = context.seed % 3 == 0, 0.2 + (context.seed % 1000) / 5000
 
     def act(self, observation: Observation) -> Control:
         """What the driver does."""
