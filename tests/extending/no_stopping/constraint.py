@@ -25,7 +25,7 @@ class NoStoppingConstraint(RuleConstraint):
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         line_s = line_place(self._roads, route.path, *self._plate)
-        inside = route.s + HALF_LENGTH_M > line_s and route.remaining > _ROOM_M
+        inside = route.s + HALF_LENGTH_M > line_s
         if not inside or observation.ego.speed >= _LEAST_MPS:
             return FREE
         if moving_ahead(PathSamples(route.path), route.s, _ROOM_M, observation.actors):
