@@ -81,7 +81,10 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
 
 
 def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
-    """One to two cars, the lead so far away that it needs a little less time than the ego. Raises UnfitMapError."""
+    """One to two cars, the lead so far away that it needs a little less time than the ego and what it comes later.
+
+    Raises UnfitMapError.
+    """
     network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
     foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
     turn, cruise = turn_speed(network, chosen.ego), ego_lane.speed
@@ -90,10 +93,12 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")
+    after = float(rng.uniform(recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")))
     body = replace(
-        task.drivers[0], speed=speed, accel=accel, decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85
-    )
-    reach = _reach(recipe.number("convoy_time_share") * eta, speed, 0.8 * accel)
+        task.drivers[0], speed=speed, accel=accel, decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0,
+        length=4.5, width=1.85,
+    )  # fmt: skip
+    reach = _reach(recipe.number("convoy_time_share") * eta + after, speed, 0.8 * accel)
     back = min(
         max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
         foe_lane.line.length - body.length - 1.0,
@@ -109,7 +114,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
         drivers=tuple(body for _ in places), places=places, lane=foe_lane.id,
         edges=(foe_lane.edge, network.lanes[chosen.foe.to_lane].edge),
         zone_m=foe_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
-        ego_cruise_mps=cruise, ego_turn_mps=turn,
+        ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, abrupt=True,
     )  # fmt: skip
 
 
