@@ -31,7 +31,7 @@ from tsbench.dataset.placements.junction_arms import (
     through_arms,
     with_priorities,
 )
-from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, turn_speed
+from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import wrap
@@ -97,7 +97,8 @@ class GiveWayPlacement(Placement):
         signs = self._plates(task, arms, chosen)
         cars = None if _nobody_comes(row, recipe) else convoy(task, chosen)
         # Nobody else is at the junction before the ego: whom they let go first would tell what the plates say.
-        quiet_s = predicted_arrival(before, before, start.speed, lane.speed, turn_speed(network, chosen.ego))
+        turn, cruise = ego_speeds(task, chosen.ego)
+        quiet_s = predicted_arrival(before, before, start.speed, cruise, turn)
         avoid, empty = _others(network, arms, chosen)
         waiting, room = _waiting(task, arms, avoid)
         return Arrangement(

@@ -15,6 +15,7 @@ from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.world import EGO_WIDTH_M
 
@@ -45,6 +46,13 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
     """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
     line = swept_line(network, c)
     return 8.0 if line.length < 4.0 else min(bend_speed(line, 2.0), 14.0)
+
+
+def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
+    """Speeds (m/s) of an ego on its way through, and on its approach, of which it knows the class of road."""
+    lane = task.network.lanes[c.from_lane]
+    cruise = CLASS_SPEED_MPS.get(task.network.edges[lane.edge].road_class, lane.speed)
+    return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
 
 
 def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
@@ -87,7 +95,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     """
     network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
     foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
-    turn, cruise = turn_speed(network, chosen.ego), ego_lane.speed
+    turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
     v0 = min(variant.initial_speed, ego_lane.speed)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
