@@ -17,8 +17,10 @@ ROOT = Path(__file__).resolve().parent.parent
 # By name: what it is, and its files. `test` is what the wheel tsbench-data carries (tsbench-data/hatch_build.py).
 SETS = {
     "test": (
-        "the test split, certificates, recipes, pool of maps: the package tsbench-data",
+        "the dev and test splits, certificates, recipes, pool of maps: the package tsbench-data",
         (
+            "scenarios/dev.parquet",
+            "scenarios/scenes/dev/*",
             "scenarios/test.parquet",
             "scenarios/scenes/test/*",
             "scenarios/certificates.parquet",
@@ -30,7 +32,6 @@ SETS = {
             "sumo_nets/netconvert/*",
         ),
     ),
-    "dev": ("the dev split", ("scenarios/dev.parquet", "scenarios/scenes/dev/*")),
     "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
     "oracle": (

@@ -16,7 +16,7 @@ from patience import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.core.xmlfile import sha256
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
 
@@ -69,7 +69,9 @@ class Copy:
     def scene(self, scenario_type: str, **changes: object) -> ScenarioSpec:
         """The nominal scene of a type as the only row of the test split; changes: of its row, plate included."""
         row = next(
-            r for r in read_table(table_path("test")) if (r.scenario_type, r.variant) == (scenario_type, 0)
+            r
+            for r in read_table(table_path("test"))
+            if (r.pair_type, r.half, r.variant) == (scenario_type, SIGNED, 0)
         )
         store = SceneStore()
         net, additional = (store.read(row, name).content for name in (row.net, row.additional))

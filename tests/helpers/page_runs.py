@@ -65,8 +65,8 @@ def make_run(folder: Path, planners: tuple[str, ...] = PLANNERS, **other: Any) -
 
 
 def make_pair_run(folder: Path) -> Path:
-    """24 pairs of each of two types by idm: of the pair TRACED[0] the contrast half is needlessly slow, of TRACED[1] the
-    signed half is broken, and that alone has a trace there."""
+    """24 pairs of each of two types by idm, two of them failed: the contrast half of TRACED[0] is needlessly slow, the
+    signed half of TRACED[1] is broken, and that alone has a trace there."""
     slow, broken = TRACED[0], TRACED[1]
     changes = {
         f"{slow}-c".replace("-", "_"): run_builders.lost("needless_slow") | {"violations": 1},

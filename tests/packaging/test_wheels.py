@@ -61,7 +61,7 @@ def test_the_code_comes_with_catalogue_and_weights_and_nothing_else(wheels: Path
     assert 14 * MEGABYTE < wheel.stat().st_size < 20 * MEGABYTE
 
 
-def test_the_data_are_those_of_the_test_split(wheels: Path) -> None:
+def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     inside = names_in(wheels, "tsbench_data-*.whl")
     asked = json.loads((ROOT / "tsbench/data/manifest.json").read_text(encoding="utf-8"))["sets"]["test"][
         "files"
@@ -69,8 +69,8 @@ def test_the_data_are_those_of_the_test_split(wheels: Path) -> None:
     assert set(inside) == {f"tsbench_data/{name}" for name, *_ in asked} | {"tsbench_data/__init__.py"}
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside)
     assert kinds == {
-        "": 1, "scenarios": 4, "scenarios/recipes": 29, "scenarios/scenes/test": 29, "sumo_nets": 4,
-        "sumo_nets/netconvert": 3,
+        "": 1, "scenarios": 6, "scenarios/recipes": 29, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
+        "sumo_nets": 4, "sumo_nets/netconvert": 3,
     }  # fmt: skip
     assert "tsbench_data/sumo_nets/ATTRIBUTION.md" in inside
     (wheel,) = wheels.glob("tsbench_data-*.whl")
@@ -134,7 +134,7 @@ def test_a_run_and_the_doctor_in_an_empty_folder(user: Path, tmp_path: Path) -> 
     home = str(tmp_path / "home")
     here = tmp_path / "empty"
     here.mkdir()
-    options = ("--planner", "idm", "--split", "test", "--variants", "0", "--limit", "3", "--workers", "1")
+    options = ("--planner", "idm", "--split", "dev", "--variants", "0", "--limit", "3", "--workers", "1")
     ran = done(user / "tsbench", "run", *options, "--out", "run", cwd=here, HOME=home)
     assert ran.returncode == 0, ran.stderr
     assert "3 of 3 episodes finished, 0 with an error outcome" in ran.stdout

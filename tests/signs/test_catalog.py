@@ -65,7 +65,7 @@ def test_zones_end_where_the_specification_says(catalog: Catalog) -> None:
 
 def test_values(catalog: Catalog) -> None:
     posted = {code: sign.value.allowed for code, sign in catalog.signs.items() if sign.value is not None}
-    limits = (20.0, 30.0, 40.0)
+    limits = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0)
     assert posted == {
         **dict.fromkeys(("3.24", "3.25", "5.31", "5.32"), limits),
         "4.6": (40.0, 50.0, 60.0),
@@ -90,7 +90,7 @@ def test_shapes_and_lanes(catalog: Catalog) -> None:
     ]
     assert maps["4.3"].min_arms == 3
     assert (maps["5.19"].shapes, maps["5.19"].max_lanes) == (("straight", "curved"), 3)
-    assert [maps[code].min_lanes for code in ("4.2.1", "4.2.3", "5.14.1", "5.11.1")] == [2, 3, 2, 2]
+    assert [maps[code].min_lanes for code in ("4.2.1", "4.2.3", "5.14.1", "5.11.1")] == [3, 3, 3, 2]
     assert [maps[code].one_way for code in ("5.14.1", "5.11.1", "5.11.2")] == [False, True, True]
     assert maps["4.6"].preferred_min_lanes == 2
     assert maps["5.31"].may_span_edges

@@ -20,10 +20,11 @@ class NoStoppingConstraint(RuleConstraint):
     """Keeps a base planner that would stand still at a walk."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._context, self._sign = context, privilege.sign
+        self._roads = context.network
+        self._plate = privilege.view.on_edge(privilege.sign.edge, privilege.sign.position_m)
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        line_s = line_place(self._context, route.path, self._sign.edge, self._sign.position_m)
+        line_s = line_place(self._roads, route.path, *self._plate)
         inside = route.s + HALF_LENGTH_M > line_s and route.remaining > _ROOM_M
         if not inside or observation.ego.speed >= _LEAST_MPS:
             return FREE

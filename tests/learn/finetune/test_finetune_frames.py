@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
+from tsbench.episode.observation import destination_on_map
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
@@ -80,8 +81,9 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     own = frames[::2]
 
     planner = Plant2Ft(lambda records: np.zeros(len(records), dtype=at.PLAN))
-    scene = driven.facts.scene
-    planner.reset(PlannerContext(0, scene.network, driven.roads.graph, scene.destination, DT_S))
+    view = driven.roads.view
+    goal = destination_on_map(view, driven.facts.scene)
+    planner.reset(PlannerContext(0, view.map, view.graph, goal, DT_S))
     shown = {}
     for o in observations(driven.facts, driven.roads):
         planner.act(o)

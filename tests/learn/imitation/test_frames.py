@@ -46,8 +46,8 @@ def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
 def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records:
     result, roads = drive
     assert result.facts is not None
-    driven, tokeniser = DriveResult(result.facts, roads), Tokeniser(roads.network)
-    teacher = Imitated(result, sampling)
+    driven, tokeniser = DriveResult(result.facts, roads), Tokeniser(roads.view.map)
+    teacher = Imitated(driven, sampling)
     return frames_of(driven, tokeniser, teacher, sampling, np.random.default_rng(1), FRAME)
 
 
@@ -97,7 +97,7 @@ def test_frames_show_what_the_driver_saw(drive: tuple[EpisodeResult, Roads]) -> 
     assert result.facts is not None
     made = frames(drive, Sampling())
     seen = list(observations(result.facts, roads))
-    tokens = Tokeniser(roads.network).tokens(seen[5])
+    tokens = Tokeniser(roads.view.map).tokens(seen[5])
     for name in at.TOKENS.names or ():
         assert made[2][name].tobytes() == tokens[0][name].tobytes()
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from learned_scenes import Recorder, record, with_signs
+from learned_scenes import SPEED, Recorder, record, with_signs
+from planner_loop import World, load
 from training_helpers import fresh_tuned
 
-from tsbench.planners.base import Control, Privilege
+from tsbench.planners.base import Control
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
@@ -21,8 +22,8 @@ from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import save_weights
+from tsbench.roads.destination import Destination
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import EgoState
 
@@ -180,11 +181,9 @@ def test_the_fine_tuned_one_heeds_signs_and_what_held_before(drive: Recorder, fo
 
 def test_an_expert_wraps_it(drive: Recorder, folder: Path) -> None:
     o = drive.seen[0]
-    rule = load_catalog().sign("3.24").rule
     sign = SignInstance("t", "3.24", 20.0, "sc", -1, 5.0, o.ego.x, o.ego.y, o.ego.heading, "target")
-    expert = Expert(Plant2(folder=folder))
-    expert.reset(replace(drive.context, privilege=Privilege(sign, rule)))
-    assert math.isfinite(expert.act(o).acceleration)
+    world = World(load("cross"), "sc_0", 10.0, SPEED, Destination("cn", 60.0), target=sign)
+    assert len(world.run(Expert(Plant2(folder=folder)), 0.3).controls) == 3
 
 
 def straight(offset: float = 0.0, turn: float = 0.0) -> np.ndarray:

@@ -17,7 +17,7 @@ from tsbench.planners.plant2.signs import SignMemory
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.world import EGO_LENGTH_M
+from tsbench.sim.world import EGO_LENGTH_M, Agents
 
 WORDS = vocabulary_of()
 VOCABULARY = WORDS.words
@@ -31,6 +31,11 @@ def drive() -> Recorder:
 @pytest.fixture(scope="module")
 def tokeniser(drive: Recorder) -> Tokeniser:
     return Tokeniser(drive.context.network)
+
+
+def placed(agents: Agents, pose: np.ndarray) -> Agents:
+    boxes = ((*place, *box[3:]) for place, box in zip(map(tuple, pose.tolist()), agents.boxes, strict=True))
+    return replace(agents, pose=pose, boxes=tuple(boxes))
 
 
 def test_objects_stand_where_they_are_nearest_first(drive: Recorder, tokeniser: Tokeniser) -> None:
@@ -53,7 +58,7 @@ def test_what_is_too_far_away_leaves_no_token(drive: Recorder, tokeniser: Tokeni
         c, s = math.cos(o.ego.heading), math.sin(o.ego.heading)
         pose = o.actors.pose.copy()
         pose[:, 0], pose[:, 1] = o.ego.x + c * away, o.ego.y + s * away
-        moved = replace(o, actors=replace(o.actors, pose=pose, known_boxes=None), obstacles=())
+        moved = replace(o, actors=placed(o.actors, pose), obstacles=())
         assert bool(tokeniser.tokens(moved)[0]["kinds"].any()) is seen
 
 
@@ -64,7 +69,7 @@ def test_who_is_too_far_to_the_side_leaves_no_token(drive: Recorder, side: float
         c, s = math.cos(o.ego.heading), math.sin(o.ego.heading)
         pose = o.actors.pose.copy()
         pose[:, 0], pose[:, 1] = o.ego.x - s * left, o.ego.y + c * left
-        moved = replace(o, actors=replace(o.actors, pose=pose, known_boxes=None), obstacles=())
+        moved = replace(o, actors=placed(o.actors, pose), obstacles=())
         assert bool(tokeniser.tokens(moved)[0]["kinds"].any()) is (abs(left) < side)
 
 
@@ -106,10 +111,13 @@ def test_every_word_is_of_the_catalogue() -> None:
     signs = load_catalog().signs
     assert {code for row in WORDS.classes for code in row} <= set(signs)
     for code in WORDS.class_of:
-        sign = signs[code]
-        allowed = sign.value.allowed if sign.value is not None else ()
-        for value in allowed if code in WORDS.values_kmh else ():
-            assert f"{code}@{value:g}" in VOCABULARY
+        assert (code in WORDS.values_kmh) is ((value := signs[code].value) is not None and value.printed)
+
+
+@pytest.mark.parametrize(("value", "read"), [(20.0, 20), (70.0, 50), (10.0, 20), (39.0, 30)])
+def test_a_value_that_was_not_learned_is_not_ignored(drive: Recorder, value: float, read: int) -> None:
+    sign = plate(drive.seen[0], "3.24", value)
+    assert VOCABULARY[WORDS.state_of(sign) - 1] == f"3.24@{read}"
 
 
 def plate(o: Observation, code: str, value: float | None = None, *, ahead: float = 20.0) -> SignView:
@@ -155,7 +163,7 @@ def test_states_of_plates() -> None:
 
     assert VOCABULARY[WORDS.state_of(view("5.21", 20.0)) - 1] == "5.21"
     assert VOCABULARY[WORDS.state_of(view("4.6", 50.0)) - 1] == "4.6@50"
-    assert WORDS.state_of(view("3.24", 90.0)) == 0
+    assert VOCABULARY[WORDS.state_of(view("3.24", 90.0)) - 1] == "3.24@50"
     assert WORDS.state_of(view("", None)) == 0
 
 
@@ -166,7 +174,7 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
     signs = SignTokeniser(tokeniser, RouteAlternatives(drive.context.graph, drive.context.destination), WORDS)
     signs.watch(seen)
     signs.fill(record_[0], seen)
-    assert record_["sign_state"][0] == 0
+    assert VOCABULARY[record_["sign_state"][0] - 1] == "3.24@30"
     assert WORDS.classes[record_["sign_classes"][0, 0] - 1] == ("3.24",)
     assert not record_["sign_classes"][0, 1:].any()
     assert record_["signs"][0, 0] == pytest.approx([0.2, 0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-6)

@@ -14,7 +14,7 @@ from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
 from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import LaneGraph, MapGraph
 from tsbench.sim.navigation import Navigator
 
 POINTS = slice(0, 2 * len(at.WAY_AHEAD_M))
@@ -27,8 +27,8 @@ def drive() -> Recorder:
 
 
 @pytest.fixture(scope="module")
-def graph(drive: Recorder) -> LaneGraph:
-    return LaneGraph(drive.context.network)
+def graph(drive: Recorder) -> MapGraph:
+    return drive.context.graph
 
 
 def seen_from(o: Observation, ways: RouteAlternatives) -> at.Record:
@@ -38,7 +38,7 @@ def seen_from(o: Observation, ways: RouteAlternatives) -> at.Record:
     return record_[0]
 
 
-def on_lane(drive: Recorder, graph: LaneGraph, lane: str, s: float, target: Destination) -> Observation:
+def on_lane(drive: Recorder, graph: MapGraph, lane: str, s: float, target: Destination) -> Observation:
     o, index = drive.seen[0], graph.network.lane(lane).index
     line = graph.network.lane(lane).line
     x, y = line.point_at(s)
@@ -46,7 +46,7 @@ def on_lane(drive: Recorder, graph: LaneGraph, lane: str, s: float, target: Dest
     return replace(o, ego=ego, route=Navigator(graph, target).update(ego))
 
 
-def test_each_exit_that_leads_there_has_a_way(drive: Recorder, graph: LaneGraph) -> None:
+def test_each_exit_that_leads_there_has_a_way(drive: Recorder, graph: MapGraph) -> None:
     target = Destination("nw", 10.0)
     seen = seen_from(on_lane(drive, graph, "sc_0", 20.0, target), RouteAlternatives(graph, target))
     known = seen["ways"][: int(seen["way_known"].sum())]
@@ -59,7 +59,7 @@ def test_each_exit_that_leads_there_has_a_way(drive: Recorder, graph: LaneGraph)
     assert known[:, EXIT] * at.POSITION_SCALE_M == pytest.approx([to_exit] * 3, abs=0.5)
 
 
-def test_points_lie_on_the_way_and_turn_with_the_pose(drive: Recorder, graph: LaneGraph) -> None:
+def test_points_lie_on_the_way_and_turn_with_the_pose(drive: Recorder, graph: MapGraph) -> None:
     target = Destination("nw", 10.0)
     end = graph.network.lane("sc_0").line.length
     o = on_lane(drive, graph, "sc_0", end - 5.0, target)
@@ -88,7 +88,7 @@ def test_an_exit_without_a_way_on_is_left_out(drive: Recorder) -> None:
     assert seen["ways"][0, REMAINING] * at.REMAINING_SCALE_M == pytest.approx(10.0, abs=0.1)
 
 
-def test_ways_are_kept_inside_a_junction_and_followed(drive: Recorder, graph: LaneGraph) -> None:
+def test_ways_are_kept_inside_a_junction_and_followed(drive: Recorder, graph: MapGraph) -> None:
     target = Destination("nw", 10.0)
     ways = RouteAlternatives(graph, target)
     first = seen_from(on_lane(drive, graph, "sc_0", 20.0, target), ways)
@@ -103,7 +103,7 @@ def test_ways_are_kept_inside_a_junction_and_followed(drive: Recorder, graph: La
     assert ways.ways is not before
 
 
-def test_signs_change_no_way(drive: Recorder, graph: LaneGraph) -> None:
+def test_signs_change_no_way(drive: Recorder, graph: MapGraph) -> None:
     target = Destination("nw", 10.0)
     o = on_lane(drive, graph, "sc_0", 20.0, target)
     with_, without = with_signs(o), replace(o, signs=())
@@ -114,7 +114,7 @@ def test_signs_change_no_way(drive: Recorder, graph: LaneGraph) -> None:
 
 
 @pytest.mark.parametrize("to_exit", [5.0, 30.0])
-def test_the_way_that_a_plan_leads_to_is_meant(drive: Recorder, graph: LaneGraph, to_exit: float) -> None:
+def test_the_way_that_a_plan_leads_to_is_meant(drive: Recorder, graph: MapGraph, to_exit: float) -> None:
     """Others are told only where the plan leads beyond the exit, by another than the navigation's."""
     target, end = Destination("nw", 10.0), graph.network.lane("sc_0").line.length
     ways = RouteAlternatives(graph, target)
@@ -127,7 +127,7 @@ def test_the_way_that_a_plan_leads_to_is_meant(drive: Recorder, graph: LaneGraph
         assert (way.edges[0], way.edges[-1]) == ("sc", "nw")
 
 
-def test_who_meant_a_way_goes_on_with_it_where_ways_run_together(drive: Recorder, graph: LaneGraph) -> None:
+def test_who_meant_a_way_goes_on_with_it_where_ways_run_together(drive: Recorder, graph: MapGraph) -> None:
     target, end = Destination("nw", 10.0), graph.network.lane("sc_0").line.length
     ways = RouteAlternatives(graph, target)
     seen_from(on_lane(drive, graph, "sc_0", end - 5.0, target), ways)
@@ -139,5 +139,5 @@ def test_who_meant_a_way_goes_on_with_it_where_ways_run_together(drive: Recorder
     assert ways.intent(*straight.line.point_at(straight.s + 20.0), 20.0) == ()
 
 
-def test_off_the_navigations_way_nothing_is_told(drive: Recorder, graph: LaneGraph) -> None:
+def test_off_the_navigations_way_nothing_is_told(drive: Recorder, graph: MapGraph) -> None:
     assert RouteAlternatives(graph, Destination("nw", 10.0)).intent(0.0, 0.0, 20.0) == ()

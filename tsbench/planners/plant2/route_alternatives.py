@@ -49,15 +49,14 @@ class RouteAlternatives:
     def watch(self, o: Observation) -> None:
         """Follow the ego: at every tick, in order; twice is as good as once."""
         ego = o.ego
+        if ego.lane not in (-1, self._lane) and not self._graph.network.lanes[ego.lane].internal:
+            self._lane = ego.lane
+            found = list(self._from(ego.lane, ego.s, o.route.path))
+            # Shorter ones first: where a junction has more exits than there are slots, the longest ways are left out.
+            self.ways = sorted(found, key=lambda way: way.end_s)[: at.WAYS]
+            self._intended = next((way for way in self.ways if way.shown), None)
         for way in self.ways:
             way.s = way.line.project(ego.x, ego.y, way.s - _WINDOW_M, way.s + _WINDOW_M)[0]
-        if ego.lane in (-1, self._lane) or self._graph.network.lanes[ego.lane].internal:
-            return
-        self._lane = ego.lane
-        found = list(self._from(ego.lane, ego.s, o.route.path))
-        # Shorter ones first: where a junction has more exits than there are slots, the longest ways are left out.
-        self.ways = sorted(found, key=lambda way: way.end_s)[: at.WAYS]
-        self._intended = next((way for way in self.ways if way.shown), None)
 
     def intent(self, x: float, y: float, ahead: float) -> tuple[str, ...]:
         """Edges of the way that somebody means who plans to be at a point (world, m) `ahead` metres from here.

@@ -58,10 +58,11 @@ class Vocabulary:
         return {word: k + 1 for k, word in enumerate(self.words)}
 
     def state_of(self, sign: SignView) -> int:
-        """The state that a plate means; 0 for an anonymous or unknown one, and for an unknown value."""
+        """The state that a plate means; 0 for an unknown one. A value that is no word is read as the next lower one."""
         word = sign.code
         if sign.code in self.values_kmh:
-            word = f"{sign.code}@{0.0 if sign.value is None else sign.value:.0f}"
+            known, asked = self.values_kmh[sign.code], 0.0 if sign.value is None else sign.value
+            word = f"{sign.code}@{max((v for v in known if v <= asked), default=min(known))}"
         return self.state_of_word.get(word, 0)
 
     def with_signs_of(self, catalog: Catalog) -> Vocabulary:

@@ -1,0 +1,89 @@
+"""What a planner can reach is the same bytes in both halves of a pair, plates masked; and what those bytes hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from simworld import simulation
+
+from tsbench.episode.blind_view import blind_bytes
+from tsbench.episode.runner import EpisodeLoop
+from tsbench.planners.base import Observation, PlannerContext
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+PAIRS = 200
+Pair = tuple[ScenarioSpec, ScenarioSpec]
+Shown = tuple[PlannerContext, Observation]
+
+
+@pytest.fixture(scope="module")
+def pairs() -> list[Pair]:
+    """Of every paired type in turn one map's first pair, then another map's, to 200."""
+    rows = read_table(table_path("test"))
+    names = {row.scenario_id: row for row in rows}
+    queues: dict[str, dict[str, Pair]] = {}
+    for row in rows:
+        if row.pair_id and row.pair_id != row.scenario_id:
+            signed = names[row.pair_id]
+            queues.setdefault(signed.scenario_type, {}).setdefault(row.map_id, (signed, row))
+    rounds = [list(maps.values()) for maps in queues.values()]
+    return [maps[k] for k in range(max(map(len, rounds))) for maps in rounds if k < len(maps)][:PAIRS]
+
+
+@pytest.fixture(scope="module")
+def loop() -> EpisodeLoop:
+    return EpisodeLoop(simulation=simulation())
+
+
+def first_look(loop: EpisodeLoop, row: ScenarioSpec, privileged: bool = False) -> Shown:
+    moments: Iterator[object] = loop.play(row, "nobody", privileged)
+    context, observation = next(moments), next(moments)
+    assert isinstance(context, PlannerContext)
+    assert isinstance(observation, Observation)
+    return context, observation
+
+
+def test_two_hundred_pairs_are_the_same_bytes_without_their_plates(
+    loop: EpisodeLoop, pairs: list[Pair]
+) -> None:
+    assert len(pairs) == PAIRS
+    told = 0
+    for signed, contrast in pairs:
+        one, other = first_look(loop, signed), first_look(loop, contrast)
+        assert blind_bytes(*one) == blind_bytes(*other), signed.scenario_id
+        told += [(s.code, s.value) for s in one[1].signs] != [(s.code, s.value) for s in other[1].signs]
+    assert told > PAIRS / 2  # the plates tell; of the others' none is near enough yet
+
+
+def test_what_is_in_the_bytes_and_what_may_not_be(loop: EpisodeLoop, pairs: list[Pair]) -> None:
+    context, seen = next(look for signed, _ in pairs if (look := first_look(loop, signed))[1].signs)
+    same = blind_bytes(context, seen)
+
+    def shown(**changes: Any) -> bytes:
+        return blind_bytes(context, replace(seen, **changes))
+
+    assert shown() == same
+    assert shown(signs=tuple(s.masked() for s in seen.signs)) == same
+    assert shown(signs=seen.signs[1:]) != same  # where posts stand is seen
+    assert shown(time=seen.time + 1e-9) != same
+    assert blind_bytes(replace(context, seed=context.seed + 1), seen) != same
+    assert shown(ego=replace(seen.ego, speed=np.nextafter(seen.ego.speed, np.inf))) != same
+    writable = np.array(seen.history)
+    with pytest.raises(TypeError, match=r"history.*written into"):
+        shown(history=writable)
+    view = writable[:]
+    view.flags.writeable = False  # but what it shows can be written
+    with pytest.raises(TypeError, match="written into"):
+        shown(history=view)
+    with pytest.raises(TypeError, match="dict can be written into"):
+        shown(obstacles=({"a": 1},))
+    for role in ("convoy_0", "walker_1", "scenes/x/net.net.xml.gz"):
+        with pytest.raises(ValueError, match="names a part"):
+            shown(obstacles=(role,))
+    with pytest.raises(ValueError, match="expert"):
+        blind_bytes(*first_look(loop, pairs[0][0], privileged=True))
