@@ -31,7 +31,7 @@ from tsbench.dataset.placements.junction_arms import (
     through_arms,
     with_priorities,
 )
-from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds
+from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import wrap
@@ -87,6 +87,9 @@ class GiveWayPlacement(Placement):
         arms = self._roles(row, before)
         options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
         require(bool(options), "no path of the ego meets one that has priority")
+        slow, latest = recipe.number("convoy_least_mps"), recipe.number("convoy_most_after_s")
+        options = [c for c in options if line_lead(task, c, slow) <= latest]
+        require(bool(options), "who has priority shows what it does before the ego is at its line")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
         start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))

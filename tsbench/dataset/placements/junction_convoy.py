@@ -55,6 +55,15 @@ def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
     return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
 
 
+def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
+    """So much later (s) than the ego a car of this speed has to reach the zone, at least, not to be at its line before.
+
+    At its line it shows whether it gives way: who watches it must be at the own one by then.
+    """
+    turn, _ = ego_speeds(task, chosen.ego)
+    return chosen.zone.b_in / speed - chosen.zone.a_in / turn + task.recipe.number("convoy_shows_s")
+
+
 def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
     """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap.
 
@@ -101,7 +110,8 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")
-    after = float(rng.uniform(recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")))
+    least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
+    after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
     body = replace(
         task.drivers[0], speed=speed, accel=accel, decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0,
         length=4.5, width=1.85,
