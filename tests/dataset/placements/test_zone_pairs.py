@@ -35,6 +35,7 @@ MAPS = {
     **dict.fromkeys(("speed_limit", "zone_speed_limit", "residential_zone", "min_speed"), SHORT),
     **dict.fromkeys((*DETOURS, "bus_lane", "bike_lane"), ROAD),
     "blocked_road": (crossroads(), cross_plain()),
+    **dict.fromkeys(("yield", "secondary_road", "stop", "main_road"), (crossroads(), cross_plain())),
 }
 
 
