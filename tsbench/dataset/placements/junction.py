@@ -102,7 +102,7 @@ class GiveWayPlacement(Placement):
         # Nobody else is at the junction before the ego: whom they let go first would tell what the plates say.
         turn, cruise = ego_speeds(task, chosen.ego)
         quiet_s = predicted_arrival(before, before, start.speed, cruise, turn)
-        avoid, empty = _others(network, arms, chosen)
+        avoid = _others(network, arms, chosen)
         waiting, room = _waiting(task, arms, avoid)
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
@@ -176,26 +176,23 @@ def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) 
     return str(task.recipe.choices["cross_plate" if task.row.shape == "X" else side][0])
 
 
-def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> tuple[frozenset[Turn], frozenset[str]]:
-    """Turns that other traffic does not take, and edges of secondary arms that are empty at first.
+def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> frozenset[Turn]:
+    """Turns that other traffic does not take.
 
     Nobody turns off the main road where it waits for its other direction: who stands there blocks the junction for a
-    minute. From secondary arms that SUMO lets go before the ego nobody comes at first (the ego's own arm is one too:
-    it turns left, and their queue would go on for ever), or, where the ego is on the main road, ever.
+    minute. Where the ego is on the main road, from secondary arms nobody goes before it whom SUMO lets do so.
     """
-    held, before = set[Turn](), set[Turn]()
+    held = set[Turn]()
     for edge in arms.prior_in:
         states = _states(network, edge)
         if any("M" in s for s in states.values()):
             held |= {turn for turn, s in states.items() if "M" not in s}
-    for edge in arms.minor_in:
+    for edge in arms.minor_in if arms.bends else ():
         for lane in passenger_lanes(network, edge):
             for c in network.outgoing[lane.index]:
                 if not chosen.ego.yields_to.isdisjoint(c.via):
-                    before.add((edge, network.lanes[c.to_lane].edge))
-    if arms.bends:
-        return frozenset(held | before), frozenset()
-    return frozenset(held), frozenset(edge for edge, _ in before)
+                    held.add((edge, network.lanes[c.to_lane].edge))
+    return frozenset(held)
 
 
 def _states(network: RoadNetwork, edge: str) -> dict[Turn, set[str]]:

@@ -118,7 +118,9 @@ class SceneFiles:
             self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
         )
         ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
-        return ConvoyPlan(c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s)
+        return ConvoyPlan(
+            c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s
+        )
 
     def _traffic(
         self, fixed: list[etree._Element], asked: float, duration_s: float
