@@ -51,7 +51,7 @@ class DemandCalibration:
         self.ego_edge = network.lane(ask.start.lane).edge
 
     def drive(self, duration_s: float) -> float:
-        """Run the loaded scene; returns the mean number of cars on ordinary lanes over 30 s, from when some may enter."""
+        """Run the loaded scene; returns the mean number of cars on ordinary lanes over 30 s, once some may enter."""
         total, samples = 0, 0
         window = int(DENSITY_WINDOW_S / DT_S / EVERY_TICKS)
         for tick in range(int(duration_s / DT_S)):
