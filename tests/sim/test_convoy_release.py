@@ -49,12 +49,13 @@ def test_who_stands_still_for_ever_is_late_not_absent() -> None:
 
 
 @given(
-    st.floats(0.0, 15.0), st.lists(st.floats(-3.0, 2.0), min_size=20, max_size=20), st.floats(0.0, 12.0)
+    st.floats(0.0, 15.0), st.lists(st.floats(-3.0, 2.0), min_size=20, max_size=20), st.floats(0.0, 12.0),
+    st.floats(0.0, 3.0),
 )  # fmt: skip
 def test_released_once_in_time_and_at_twelve_metres_at_the_latest(
-    cross: RoadNetwork, speed: float, accelerations: list[float], lead: float
+    cross: RoadNetwork, speed: float, accelerations: list[float], lead: float, after: float
 ) -> None:
-    plan = replace(PLAN, lead_time_s=lead)
+    plan = replace(PLAN, lead_time_s=lead, after_s=after)
     release, length = ConvoyRelease(plan, cross), cross.lane("s_in_0").line.length
     s, fired, released_at = length - 60.0 - EGO_LENGTH_M / 2, 0, None
     for tick in range(400):
@@ -62,7 +63,7 @@ def test_released_once_in_time_and_at_twelve_metres_at_the_latest(
         if release.update(ego_at(cross, "s_in_0", s, speed)):
             fired, released_at = fired + 1, to_line
             eta = predicted_arrival(to_line, to_line + 4.0, speed, 13.89, 5.0)
-            assert eta <= lead or to_line <= RELEASE_AT_M
+            assert eta <= lead - after or to_line <= RELEASE_AT_M
         elif fired == 0:
             assert to_line > RELEASE_AT_M
         speed = min(max(speed + accelerations[tick // 20] * 0.1, 0.0), 15.0)

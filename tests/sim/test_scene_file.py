@@ -32,7 +32,8 @@ def layout(block: RoadNetwork) -> SceneLayout:
     return SceneLayout(
         signs=(plate(block, "ta", 100.1, "3.18.1", junction="a", approach="ta"),), target="sign_0",
         obstacles=(obstacle(block, "ta_1", 70.3),), start=EgoStart("ta_0", 20.5, 7.75),
-        destination=Destination("bu", 33.3), convoy=ConvoyPlan("ta_0", 4.2, 3.3, 13.9, 5.1, ("convoy_0", "convoy_1")),
+        destination=Destination("bu", 33.3),
+        convoy=ConvoyPlan("ta_0", 4.2, 3.3, 13.9, 5.1, ("convoy_0", "convoy_1"), 1.7),
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),
         walkers=WalkersPlan("ta_0", 1.0, 3.1, 13.9, 13.9, ("walker_0", "walker_1"), (1.1, 1.3)),
     )  # fmt: skip

@@ -50,16 +50,16 @@ class JunctionParams(ApproachParams):
 
 @dataclass(frozen=True)
 class GiveWayParams(JunctionParams):
-    """main_in: the edges into the junction whose vehicles have priority."""
+    """main_in: the edges into the junction whose vehicles have priority, if any."""
 
-    main_in: tuple[str, ...] = field(metadata=EDGE)
+    main_in: tuple[str, ...] = field(default=(), metadata=EDGE)
 
 
 @dataclass(frozen=True)
 class RoundaboutParams(GiveWayParams):
     """ring: all its edges in driving order. `main_in` is the one that leads to the entry."""
 
-    ring: tuple[str, ...] = field(metadata=EDGE)
+    ring: tuple[str, ...] = field(metadata=EDGE, kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class ConvoyRelease:
                 eta = predicted_arrival(
                     to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
                 )
-                if eta > plan.lead_time_s:
+                if eta > plan.ahead_s:
                     return False
         self._done = True
         return True

@@ -52,12 +52,26 @@ class ReleasePlan:
     ego_cruise_mps: float
     ego_turn_mps: float
 
+    @property
+    def ahead_s(self) -> float:
+        """So long before the ego's arrival at the zone they set off."""
+        return self.lead_time_s
+
 
 @dataclass(frozen=True, slots=True)
 class ConvoyPlan(ReleasePlan):
-    """vehicles: SUMO ids, lead first. Their lead's time was measured when the scene was built."""
+    """vehicles: SUMO ids, lead first. Their lead's time was measured when the scene was built.
+
+    after_s: so much later than the ego the lead reaches the zone.
+    """
 
     vehicles: tuple[str, ...]
+    after_s: float = 0.0
+
+    @property
+    def ahead_s(self) -> float:
+        """So long before the ego's arrival at the zone they set off."""
+        return self.lead_time_s - self.after_s
 
 
 @dataclass(frozen=True, slots=True)

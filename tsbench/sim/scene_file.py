@@ -55,7 +55,7 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
     x, y = line.point_at(destination.s)
     elements.append(_poi("destination", x, y, "green", {"edge": destination.edge, "s": repr(destination.s)}))
     if layout.convoy is not None:
-        held = {"vehicles": " ".join(layout.convoy.vehicles)}
+        held = {"vehicles": " ".join(layout.convoy.vehicles), "after_s": repr(layout.convoy.after_s)}
         elements.append(_plan_poi("convoy", layout.convoy, held, network))
     if layout.walkers is not None:
         held = {
@@ -118,7 +118,11 @@ def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
             destination=Destination(end["edge"], float(end["s"])),
             convoy=None
             if convoy is None
-            else ConvoyPlan(**_plan(convoy), vehicles=tuple(convoy["vehicles"].split())),
+            else ConvoyPlan(
+                **_plan(convoy),
+                vehicles=tuple(convoy["vehicles"].split()),
+                after_s=float(convoy.get("after_s", "0.0")),
+            ),
             route_hint=tuple(start["route"].split()),
             compliant_hint=tuple(start.get("compliant", "").split()),
             walkers=None if walkers is None else _walkers(walkers),

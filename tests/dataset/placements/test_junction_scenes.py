@@ -22,6 +22,7 @@ from tsbench.geometry.overlap import conflict_zone
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork, read_network
+from tsbench.roads.sealed import seal
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -64,11 +65,47 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]
 
 
 def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
-    recipe, network = recipe_of(key[0]), networks[key]
+    return placement_of(recipe_of(key[0])).place(task_of(networks[key], key, layout, seed))
+
+
+def task_of(
+    network: RoadNetwork, key: Key, layout: int, seed: int = 1, empty_share: float = 0.0
+) -> SceneTask:
+    recipe = recipe_of(key[0])
+    recipe = replace(recipe, numbers={**recipe.numbers, "empty_share": empty_share})
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
     rng = np.random.default_rng(seed)
-    task = SceneTask(MAPS[key[1]][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).place(task)
+    return SceneTask(MAPS[key[1]][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+
+
+@pytest.fixture(scope="module")
+def contrast_networks(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[Key, float], RoadNetwork]:
+    """Each map as the contrast half has it, by the share of maps on which nobody comes."""
+    folder, built = tmp_path_factory.mktemp("contrasts"), {}
+    for key in KEYS:
+        for share in (0.0, 1.0) if key[0] == "stop" else (0.0,):
+            row, crop = MAPS[key[1]]
+            recipe = recipe_of(key[0])
+            recipe = replace(recipe, numbers={**recipe.numbers, "empty_share": share})
+            net = folder / f"{key[0]}{key[1]}{share}.net.xml.gz"
+            build_net(placement_of(recipe).prepare_contrast(row, crop, recipe), net)
+            built[key, share] = read_network(net)
+    return built
+
+
+def halves(
+    networks: dict[Key, RoadNetwork],
+    others: dict[tuple[Key, float], RoadNetwork],
+    key: Key,
+    layout: int,
+    empty_share: float = 0.0,
+) -> tuple[Arrangement, Arrangement]:
+    placement = placement_of(recipe_of(key[0]))
+    signed = placement.place(task_of(networks[key], key, layout, empty_share=empty_share))
+    task = task_of(others[key, empty_share], key, layout, empty_share=empty_share)
+    other = placement.contrast(task, signed)
+    assert other is not None
+    return signed, other
 
 
 def paths(network: RoadNetwork, a: Arrangement) -> tuple[Connection, Connection]:
@@ -244,8 +281,9 @@ def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNet
         if type_id == "main_road":
             # The plates give none of them priority: what SUMO sees otherwise, nobody does.
             assert before <= a.avoid_turns
-        else:
-            assert a.quiet_edges - set(a.signs[0].params.main_in) == {e for e, _ in before}
+        # Whom others let go first would tell what the plates say: nobody is at the junction before the ego.
+        assert a.quiet_edges == {"w_in", "e_in", "s_in", "n_in"}
+        assert a.quiet_s > 60.0 / 16.67
 
 
 def test_all_minor_arms_stop_at_a_stop(networks: dict[Key, RoadNetwork]) -> None:
@@ -259,3 +297,103 @@ def test_right_of_way_of_a_bend_goes_by_edges() -> None:
     prepared = placement_of(recipe).prepare(row, crop, recipe)
     assert {n.right_of_way for n in prepared.nodes if n.id == "x"} == {"edgePriority"}
     assert {n.right_of_way for n in prepared.nodes if n.id != "x"} == {""}
+
+
+NEW_PLATES = {
+    # The ego comes from the south; in the T of `main_road` the main road then leads from there to the west, or is the
+    # through pair.
+    "yield": {"s_in": "2.1", "n_in": "2.1", "w_in": "2.4", "e_in": "2.4"},
+    "stop": {"s_in": "2.1", "n_in": "2.1", "w_in": "2.4", "e_in": "2.4"},
+    "secondary_road": {"w_in": "2.4", "e_in": "2.4"},
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("key", KEYS)
+def test_in_the_contrast_half_the_convoy_gives_way(
+    networks: dict[Key, RoadNetwork],
+    contrast_networks: dict[tuple[Key, float], RoadNetwork],
+    key: Key,
+    layout: int,
+) -> None:
+    signed, other = halves(networks, contrast_networks, key, layout)
+    network = contrast_networks[key, 0.0]
+    assert other.convoy is signed.convoy is not None
+    convoy = signed.convoy.edges[0]
+    ego, foe = paths(network, other)
+    assert set(ego.via) & foe.yields_to
+    assert not set(foe.via) & ego.yields_to
+    # Nobody else meets the ego before it is through, and who has priority all the same is on the plate's list.
+    target = next(s for s in other.signs if s.id == other.target)
+    assert convoy not in target.params.main_in
+    first = {v for v in ego.yields_to if v not in foe.via}
+    prior = {
+        network.lanes[i].edge for i, links in enumerate(network.outgoing) for c in links if first & set(c.via)
+    }
+    assert prior <= set(target.params.main_in)
+    # The posts are the same ones, and only some other plates hang there.
+    assert [replace(s, code="2.4", params=None) for s in other.signs] == [
+        replace(s, code="2.4", params=None) for s in signed.signs
+    ]
+    codes = {s.edge: s.code for s in other.signs}
+    if key[0] in NEW_PLATES:
+        assert codes == {e: c for e, c in NEW_PLATES[key[0]].items() if key[1] == "X" or e != "n_in"}
+    else:
+        assert (codes[signed.start.lane[:-2]], codes[convoy]) == ("2.1", "2.4")
+        assert sorted(codes.values()) == sorted(s.code for s in signed.signs)
+    for clause in other.contrast:
+        assert (clause.params.approach, clause.params.exit) == signed.route_hint
+        assert clause.params.main_in == target.params.main_in
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_no_planner_sees_the_exchange_of_priorities(
+    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], key: Key
+) -> None:
+    seen = [seal(network).map for network in (networks[key], contrast_networks[key, 0.0])]
+    assert [(a.id, a.line.points.tobytes(), a.width, a.speed) for a in seen[0].lanes] == [
+        (b.id, b.line.points.tobytes(), b.width, b.speed) for b in seen[1].lanes
+    ]
+    areas = [{name: j.polygon.tobytes() for name, j in one.junctions.items()} for one in seen]
+    assert areas[0] == areas[1]
+
+
+@pytest.mark.parametrize("shape", MAPS)
+def test_where_nobody_comes_to_a_stop_the_other_plate_asks_for_none(
+    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], shape: str
+) -> None:
+    key = ("stop", shape)
+    signed, other = halves(networks, contrast_networks, key, 0, empty_share=1.0)
+    assert signed.convoy is other.convoy is None
+    codes = [{s.edge: s.code for s in a.signs} for a in (signed, other)]
+    assert codes[0] == {e: "2.5" if e in ("s_in", "n_in") else "2.1" for e in codes[0]}
+    assert codes[1] == {e: {"2.5": "2.4"}.get(c, c) for e, c in codes[0].items()}
+    assert other.signs[0].params == signed.signs[0].params
+    network = contrast_networks[key, 1.0]
+    assert {c.state for c in network.outgoing[network.lane_index["s_in_0"]]} == {"m"}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("key", KEYS)
+def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
+    networks: dict[Key, RoadNetwork], key: Key, layout: int
+) -> None:
+    recipe, a = recipe_of(key[0]), place(networks, key, layout)
+    convoy = a.convoy
+    assert convoy is not None
+    assert convoy.abrupt
+    assert convoy.after_s >= recipe.number("convoy_least_after_s")
+    # Seconds from the ego's line and from the lead's to the zone.
+    own = convoy.ego_zone_m / convoy.ego_turn_mps
+    lead = (convoy.zone_m - networks[key].lane(convoy.lane).line.length) / convoy.drivers[0].speed
+    assert convoy.after_s - lead >= recipe.number("convoy_shows_s") - own - 1e-6
+    # Without a look around for those who have priority: at 4.5 m before its line it may still be as fast as it is.
+    assert convoy.drivers[0].speed ** 2 <= 2.0 * 4.5 * convoy.drivers[0].decel
+
+
+def test_a_convoy_that_would_be_at_its_line_too_soon_is_none(networks: dict[Key, RoadNetwork]) -> None:
+    key = ("yield", "X")
+    task = task_of(networks[key], key, 0)
+    hasty = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_shows_s": 9.0})
+    with pytest.raises(UnfitMapError, match="shows what it does before the ego is at its line"):
+        placement_of(hasty).place(replace(task, recipe=hasty))

@@ -149,6 +149,14 @@ def test_who_drives_out_is_replaced(rehearsal: Rehearsal) -> None:
     assert rehearsal.cars[: len(rehearsal.standing)] == rehearsal.standing
 
 
+def test_nobody_enters_while_it_is_quiet(on_cross: SceneMaker, tmp_path: Path, rehearsal: Rehearsal) -> None:
+    quiet = Rehearsal(on_cross, tmp_path, 14.0, avoid_turns=FORBIDDEN, quiet_s=8.0)
+    assert min(car.depart for car in rehearsal.entered) < 4.0
+    assert 8.0 < min(car.depart for car in quiet.entered) < 10.0
+    # The mean is that of the time in which cars come.
+    assert quiet.mean == pytest.approx(quiet.asked, rel=0.15)
+
+
 def test_entries_keep_a_headway_and_forbidden_turns_are_not_routed(rehearsal: Rehearsal) -> None:
     last: dict[str, float] = {}
     for car in rehearsal.entered:

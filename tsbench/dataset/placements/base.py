@@ -39,7 +39,7 @@ class ConvoySetup:
     last one's, and each drives on from its own.
     The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
     from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
-    sim.scene.ConvoyPlan.
+    sim.scene.ConvoyPlan; so is after_s. abrupt: they brake no sooner than they must.
     """
 
     drivers: tuple[Driver, ...]
@@ -53,6 +53,8 @@ class ConvoySetup:
     ego_turn_mps: float
     vclass: str = "passenger"
     lanes: tuple[str, ...] = ()
+    after_s: float = 0.0
+    abrupt: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Arrangement:
 
     extra: further SUMO elements. avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
-    closed_edges: where nobody else drives at all; no length of theirs counts for the density.
+    closed_edges: where nobody else drives at all; no length of theirs counts for the density. quiet_s: until then
+    nobody enters the scene.
     drivers: the background drivers where the scene needs others, () = the task's. platoons: edges where cars enter in
     platoons. walkers: the plan of pedestrians who stand in `extra`. contrast: in a contrast half, what is asked beside
     the target's rule.
@@ -85,6 +88,7 @@ class Arrangement:
     platoons: AbstractSet[str] = frozenset()
     walkers: WalkersPlan | None = None
     contrast: tuple[ContrastClause, ...] = ()
+    quiet_s: float = 0.0
 
 
 @dataclass(frozen=True)

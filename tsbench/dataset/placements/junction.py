@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from types import MappingProxyType
 
 from lxml import etree
 
+from tsbench.core.seeds import rng_of
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
@@ -22,18 +24,26 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
 )  # fmt: skip
-from tsbench.dataset.placements.junction_arms import Arms, bending_arms, through_arms, with_priorities
-from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy
+from tsbench.dataset.placements.junction_arms import (
+    Arms,
+    bending_arms,
+    exchanged_arms,
+    through_arms,
+    with_priorities,
+)
+from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import wrap
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import Turn
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import GiveWayParams
+from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 
 # By the catalogue's word for who has priority.
@@ -45,7 +55,11 @@ _ROOM_M = 14.0
 
 
 class GiveWayPlacement(Placement):
-    """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe."""
+    """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe.
+
+    In the contrast half the plates on the same posts are others: the ego comes on the main road, and the convoy gives
+    way to it. On some maps of `stop` nobody comes, and the contrast half's plate asks to give way without a stop.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         sign = load_catalog().sign(recipe.type.codes[0])
@@ -58,6 +72,14 @@ class GiveWayPlacement(Placement):
         arms = self._roles(row, recipe.number("ego_before_line_m"))
         return with_priorities(row, plain, arms, recipe, self._stops)
 
+    def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """Priorities as the other plates state them."""
+        return with_priorities(row, plain, self._contrast_arms(row, recipe), recipe, minor_stops=False)
+
+    def _contrast_arms(self, row: PoolRow, recipe: Recipe) -> Arms:
+        arms = self._roles(row, recipe.number("ego_before_line_m"))
+        return arms if _nobody_comes(row, recipe) else exchanged_arms(row, arms)
+
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 60 m before the line, a convoy timed to meet it."""
         row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
@@ -65,6 +87,9 @@ class GiveWayPlacement(Placement):
         arms = self._roles(row, before)
         options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
         require(bool(options), "no path of the ego meets one that has priority")
+        slow, latest = recipe.number("convoy_least_mps"), recipe.number("convoy_most_after_s")
+        options = [c for c in options if line_lead(task, c, slow) <= latest]
+        require(bool(options), "who has priority shows what it does before the ego is at its line")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
         start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
@@ -73,16 +98,41 @@ class GiveWayPlacement(Placement):
         route = (lane.edge, exit_lane.edge)
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
         signs = self._plates(task, arms, chosen)
-        cars = convoy(task, chosen)
-        avoid, empty = _others(network, arms, chosen)
+        cars = None if _nobody_comes(row, recipe) else convoy(task, chosen)
+        # Nobody else is at the junction before the ego: whom they let go first would tell what the plates say.
+        turn, cruise = ego_speeds(task, chosen.ego)
+        quiet_s = predicted_arrival(before, before, start.speed, cruise, turn)
+        avoid = _others(network, arms, chosen)
         waiting, room = _waiting(task, arms, avoid)
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
             route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
-            avoid_turns=avoid, quiet_edges=frozenset({*empty, network.lanes[chosen.foe.from_lane].edge}),
-            platoons=frozenset(arms.prior_in),
+            avoid_turns=avoid, quiet_edges=frozenset({arms.ego_in, *arms.prior_in, *arms.minor_in}),
+            platoons=frozenset(arms.prior_in), quiet_s=quiet_s,
             blocked=(*keep_clear(passenger_lanes(network, lane.edge), start), *room),
         )  # fmt: skip
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The other plates on the same posts; nobody who comes goes before the ego."""
+        arms, recipe = self._contrast_arms(task.row, task.recipe), task.recipe
+        exit_edge, cars = signed.destination.edge, signed.convoy
+        if cars is not None:
+            own = _link(task.network, signed.start.lane, exit_edge)
+            other = _link(task.network, cars.lane, cars.edges[1])
+            gives_way = set(own.via) & other.yields_to and not set(other.via) & own.yields_to
+            require(bool(gives_way), "with other plates the convoy does not give way to the ego")
+        minor = recipe.choices.get("contrast_minor_plates", recipe.choices["minor_plates"])[0]
+        codes = {True: str(recipe.choices["main_plates"][0]), False: str(minor)}
+        binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
+        passage = PassageParams(arms.ego_in, exit_edge, arms.prior_in)
+        return replace(
+            signed,
+            signs=tuple(
+                replace(s, code=codes[s.edge in arms.main], params=binding if s.params else None)
+                for s in signed.signs
+            ),
+            contrast=(ContrastClause("needless_stop", passage), ContrastClause("needless_yield", passage)),
+        )
 
     def _plates(self, task: SceneTask, arms: Arms, chosen: Conflict) -> tuple[SignInstance, ...]:
         """The target first, on the convoy's arm where it faces the main road; the others speak to other traffic."""
@@ -105,6 +155,18 @@ class GiveWayPlacement(Placement):
         return tuple(plates)
 
 
+def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
+    """Is this one of the maps without a convoy?"""
+    share = recipe.numbers.get("empty_share", 0.0)
+    return bool(rng_of("empty", recipe.type.id, row.map_id).uniform() < share)
+
+
+def _link(network: RoadNetwork, lane: str, edge: str) -> Connection:
+    """The connection from a lane to an edge."""
+    links = network.outgoing[network.lane_index[lane]]
+    return next(c for c in links if network.lanes[c.to_lane].edge == edge)
+
+
 def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) -> str:
     """The plate that faces a main arm: a crossing, or the side from which the ego's road joins as seen from there."""
     a, b = network.edge_lanes(ego)[0].line, network.edge_lanes(main)[0].line
@@ -114,26 +176,23 @@ def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) 
     return str(task.recipe.choices["cross_plate" if task.row.shape == "X" else side][0])
 
 
-def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> tuple[frozenset[Turn], frozenset[str]]:
-    """Turns that other traffic does not take, and edges of secondary arms that are empty at first.
+def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> frozenset[Turn]:
+    """Turns that other traffic does not take.
 
     Nobody turns off the main road where it waits for its other direction: who stands there blocks the junction for a
-    minute. From secondary arms that SUMO lets go before the ego nobody comes at first (the ego's own arm is one too:
-    it turns left, and their queue would go on for ever), or, where the ego is on the main road, ever.
+    minute. Where the ego is on the main road, from secondary arms nobody goes before it whom SUMO lets do so.
     """
-    held, before = set[Turn](), set[Turn]()
+    held = set[Turn]()
     for edge in arms.prior_in:
         states = _states(network, edge)
         if any("M" in s for s in states.values()):
             held |= {turn for turn, s in states.items() if "M" not in s}
-    for edge in arms.minor_in:
+    for edge in arms.minor_in if arms.bends else ():
         for lane in passenger_lanes(network, edge):
             for c in network.outgoing[lane.index]:
                 if not chosen.ego.yields_to.isdisjoint(c.via):
-                    before.add((edge, network.lanes[c.to_lane].edge))
-    if arms.bends:
-        return frozenset(held | before), frozenset()
-    return frozenset(held), frozenset(edge for edge, _ in before)
+                    held.add((edge, network.lanes[c.to_lane].edge))
+    return frozenset(held)
 
 
 def _states(network: RoadNetwork, edge: str) -> dict[Turn, set[str]]:

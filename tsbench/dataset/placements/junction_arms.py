@@ -85,16 +85,38 @@ def bending_arms(row: PoolRow, approach_m: float) -> Arms:
     )
 
 
+def exchanged_arms(row: PoolRow, arms: Arms) -> Arms:
+    """The roles after an exchange of plates: the ego comes on the main road, and who went first gives way to it.
+
+    The main road leads on into the arm that lies straightest ahead of the ego, of those that gave way before; where
+    there is none, it ends here.
+    """
+    every: list[Arm] = row.fields["arms"]
+    ego = next(a for a in every if a["in_edge"] == arms.ego_in)
+    free = [a for a in every if a is not ego and not _edges([a]) & arms.main]
+    ahead = sorted(free, key=lambda a: abs(_turn(ego, a) - 180.0))[:1]
+    main = _edges([ego, *ahead])
+    return Arms(
+        ego_in=arms.ego_in,
+        # Who drives towards the ego has priority over its left turns, who comes from its right over all of them.
+        prior_in=tuple(a["in_edge"] for a in ahead if a["in_edge"] and _turn(ego, a) < 180.0 + STRAIGHT_DEG),
+        minor_in=tuple(a["in_edge"] for a in every if a["in_edge"] and a["in_edge"] not in main),
+        main=main,
+        bends=not any(abs(_turn(ego, a) - 180.0) <= STRAIGHT_DEG for a in ahead),
+    )
+
+
 def with_priorities(row: PoolRow, plain: PlainNet, arms: Arms, recipe: Recipe, minor_stops: bool) -> PlainNet:
     """The crop with right of way as the plates state it.
 
     Where the main road bends, the right-hand rule among its arms is one step of priority more for the arm on the
-    right, and the junction goes by priorities alone: netconvert would let straight on go before turns.
+    right (the ego's, where nobody has priority over it), and the junction goes by priorities alone: netconvert would
+    let straight on go before turns.
     """
     main, low = int(recipe.number("main_priority")), int(recipe.number("secondary_priority"))
     priority = dict.fromkeys(arms.main, main)
     if arms.bends:
-        priority |= dict.fromkeys(arms.prior_in, main + 1)
+        priority |= dict.fromkeys(arms.prior_in or (arms.ego_in,), main + 1)
     node = row.fields["node"]
     kind, by = "priority_stop" if minor_stops else "priority", "edgePriority" if arms.bends else ""
     return replace(

@@ -15,6 +15,7 @@ from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.world import EGO_WIDTH_M
 
@@ -45,6 +46,22 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
     """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
     line = swept_line(network, c)
     return 8.0 if line.length < 4.0 else min(bend_speed(line, 2.0), 14.0)
+
+
+def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
+    """Speeds (m/s) of an ego on its way through, and on its approach, of which it knows the class of road."""
+    lane = task.network.lanes[c.from_lane]
+    cruise = CLASS_SPEED_MPS.get(task.network.edges[lane.edge].road_class, lane.speed)
+    return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
+
+
+def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
+    """So much later (s) than the ego a car of this speed has to reach the zone, at least, not to be at its line before.
+
+    At its line it shows whether it gives way: who watches it must be at the own one by then.
+    """
+    turn, _ = ego_speeds(task, chosen.ego)
+    return chosen.zone.b_in / speed - chosen.zone.a_in / turn + task.recipe.number("convoy_shows_s")
 
 
 def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
@@ -81,19 +98,25 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
 
 
 def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
-    """One to two cars, the lead so far away that it needs a little less time than the ego. Raises UnfitMapError."""
+    """One to two cars, the lead so far away that it needs a little less time than the ego and what it comes later.
+
+    Raises UnfitMapError.
+    """
     network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
     foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
-    turn, cruise = turn_speed(network, chosen.ego), ego_lane.speed
+    turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
     v0 = min(variant.initial_speed, ego_lane.speed)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")
+    least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
+    after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
     body = replace(
-        task.drivers[0], speed=speed, accel=accel, decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85
-    )
-    reach = _reach(recipe.number("convoy_time_share") * eta, speed, 0.8 * accel)
+        task.drivers[0], speed=speed, accel=accel, decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0,
+        length=4.5, width=1.85,
+    )  # fmt: skip
+    reach = _reach(recipe.number("convoy_time_share") * eta + after, speed, 0.8 * accel)
     back = min(
         max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
         foe_lane.line.length - body.length - 1.0,
@@ -109,7 +132,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
         drivers=tuple(body for _ in places), places=places, lane=foe_lane.id,
         edges=(foe_lane.edge, network.lanes[chosen.foe.to_lane].edge),
         zone_m=foe_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
-        ego_cruise_mps=cruise, ego_turn_mps=turn,
+        ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, abrupt=True,
     )  # fmt: skip
 
 

@@ -88,7 +88,7 @@ class RoundaboutPlacement(Placement):
         require(bool(met), "no path on the ring meets the ego's and goes first")
         cars = ring_convoy(task, met, start, before)
         plate_s = lane.line.length - recipe.number("plate_before_line_m")
-        params = RoundaboutParams(approach, node, (upstream,), tuple(ring))
+        params = RoundaboutParams(approach, node, (upstream,), ring=tuple(ring))
         sign = plate_beside(network, self._code, approach, plate_s, params)
         others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
         return Arrangement(

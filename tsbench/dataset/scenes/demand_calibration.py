@@ -51,12 +51,12 @@ class DemandCalibration:
         self.ego_edge = network.lane(ask.start.lane).edge
 
     def drive(self, duration_s: float) -> float:
-        """Run the loaded scene; returns the mean number of cars on ordinary lanes over the first 30 s."""
+        """Run the loaded scene; returns the mean number of cars on ordinary lanes over 30 s, once some may enter."""
         total, samples = 0, 0
         window = int(DENSITY_WINDOW_S / DT_S / EVERY_TICKS)
         for tick in range(int(duration_s / DT_S)):
             self.sim.step()
-            if tick % EVERY_TICKS:
+            if tick % EVERY_TICKS or tick * DT_S < self.ask.quiet_s:
                 continue
             count, rear = self._fleet_now()
             wanted = self.target

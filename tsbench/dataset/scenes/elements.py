@@ -22,9 +22,13 @@ def _num(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
-def _vtype(name: str, driver: Driver, color: str, vclass: str = "passenger") -> etree._Element:
+def _vtype(
+    name: str, driver: Driver, color: str, vclass: str = "passenger", *, abrupt: bool = False
+) -> etree._Element:
+    # IDM slows for a line from afar, Krauss' drivers when they must.
+    model = {"carFollowModel": "Krauss", "sigma": "0"} if abrupt else {"carFollowModel": "IDM"}
     values = {
-        "id": name, "vClass": vclass, "carFollowModel": "IDM", "speedDev": "0",
+        "id": name, "vClass": vclass, **model, "speedDev": "0",
         "speedFactor": "1", "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
         "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
         "length": _num(driver.length), "width": _num(driver.width), "color": color,
@@ -75,12 +79,16 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
 
 
 def convoy_elements(
-    drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger"
-) -> list[etree._Element]:
-    """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route."""
+    drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger",
+    abrupt: bool = False,
+) -> list[etree._Element]:  # fmt: skip
+    """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route.
+
+    abrupt: they brake no sooner than they must.
+    """
     elements: list[etree._Element] = []
     for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
-        elements.append(_vtype(f"convoy{k}", driver, "yellow", vclass))
+        elements.append(_vtype(f"convoy{k}", driver, "yellow", vclass, abrupt=abrupt))
         elements.append(_vehicle(f"convoy_{k}", f"convoy{k}", lane_order, place, 0.0, edges))
     return elements
 

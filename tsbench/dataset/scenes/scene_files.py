@@ -108,7 +108,7 @@ class SceneFiles:
             (place, lane.order, c.edges[c.edges.index(lane.edge) :])
             for place, lane in zip(c.places, lanes, strict=True)
         ]
-        return convoy_elements(c.drivers, stands, c.vclass)
+        return convoy_elements(c.drivers, stands, c.vclass, c.abrupt)
 
     def _convoy_plan(self) -> ConvoyPlan:
         c = self.a.convoy
@@ -118,7 +118,9 @@ class SceneFiles:
             self.sim, self.roads.file.path, self.trial, self.roads.network, self.seed, c.zone_m - c.places[0]
         )
         ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
-        return ConvoyPlan(c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids)
+        return ConvoyPlan(
+            c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s
+        )
 
     def _traffic(
         self, fixed: list[etree._Element], asked: float, duration_s: float
@@ -135,6 +137,7 @@ class SceneFiles:
             a.blocked,
             a.platoons,
             a.closed_edges,
+            a.quiet_s,
         )
         length = lane_km(network, a.closed_edges)
         goal = target = asked * length

@@ -44,7 +44,7 @@ class TrafficRequest:
     avoid_turns: what the plates forbid. quiet_edges: edges kept free at the start (the convoy's).
     blocked: (lane id, from, to) stretches where no car stands at first. platoons: edges on which cars enter in
     platoons, as from signals upstream, so that who gives way finds a gap in time. closed_edges: where nobody stands or
-    enters; that nobody turns into them either is a matter of `avoid_turns`.
+    enters; that nobody turns into them either is a matter of `avoid_turns`. quiet_s: until then nobody enters anywhere.
     """
 
     cars_per_lane_km: float
@@ -55,6 +55,7 @@ class TrafficRequest:
     blocked: tuple[tuple[str, float, float], ...]
     platoons: AbstractSet[str]
     closed_edges: AbstractSet[str] = frozenset()
+    quiet_s: float = 0.0
 
     def allows(self, lane: Lane, s: float) -> bool:
         """May a car stand here when the episode begins?"""
