@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
@@ -31,6 +32,7 @@ from tsbench.dataset.placements.crosswalk_net import (
 from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
@@ -80,7 +82,6 @@ class CrosswalkPlacement(Placement):
         ahead = to_crossing(lane, crossing)
         start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
-        start = EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed))
         end = network.edge_lanes(first)[0].line.length
         sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
@@ -89,6 +90,13 @@ class CrosswalkPlacement(Placement):
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
         cruise = round(min(lane.speed, bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
+        # Who comes fast has something to lose: slow from the start would be slow for nobody.
+        share = np.interp(
+            variant.initial_speed,
+            (INITIAL_SPEEDS_MPS[0], INITIAL_SPEEDS_MPS[-1]),
+            (recipe.number("start_speed_share"), 1.0),
+        )
+        start = EgoStart(lane.id, start_s, round(cruise * float(share), 2))
         plan = _plan(task, walkers, lane, ahead, cruise)
         to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
         wait = predicted_arrival(to_line, to_line + ahead, start.speed, cruise, cruise)
