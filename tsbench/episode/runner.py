@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 
 import numpy as np
 
@@ -225,6 +225,8 @@ class Episode:
                 sim.hold(vehicle)
         if scene.walkers:
             sim.hold_persons(scene.walkers.persons)
+            if scene.walkers.come_up_s:
+                self._walk(scene.walkers.speeds)
         # One more step brings the ego to its exact pose and fills the first view.
         sim.step()
         self.seen = ego_on_map(self.view, self.ego)
@@ -292,10 +294,11 @@ class Episode:
             assert self.scene.convoy is not None
             for vehicle in self.scene.convoy.vehicles:
                 sim.release(vehicle)
-        if self.walk is not None and self.walk.update(ego):
-            assert self.scene.walkers is not None
-            for person, speed in zip(self.scene.walkers.persons, self.scene.walkers.speeds, strict=True):
-                sim.let_walk(person, speed)
+        plan = self.scene.walkers
+        if plan is not None and step == round(plan.come_up_s / DT_S):
+            self._walk((0.0,) * len(plan.persons))
+        if plan is not None and self.walk is not None and self.walk.update(ego):
+            self._walk(plan.speeds)
         shown = self.intent or self.route.path.edges
         if ego.lane != self._shown_on:
             # Inside a junction SUMO may take the ego for another path's, and forgets its way for that one's.
@@ -309,6 +312,12 @@ class Episode:
             sim.place_ego(self.motion, "", -1)
         sim.step()
         return self._take(step)
+
+    def _walk(self, speeds: Sequence[float]) -> None:
+        """All pedestrians of the scene's plan walk at these speeds from now."""
+        assert self.scene.walkers is not None
+        for person, speed in zip(self.scene.walkers.persons, speeds, strict=True):
+            self.sim.let_walk(person, speed)
 
     def _show(self, edges: tuple[str, ...]) -> bool:
         try:

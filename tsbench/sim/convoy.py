@@ -7,10 +7,12 @@ only; planners never see the plan.
 from __future__ import annotations
 
 from tsbench.roads.network import RoadNetwork
-from tsbench.sim.scene import ReleasePlan
+from tsbench.sim.scene import ReleasePlan, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0
+# Pedestrians: nearer, or who always drives at half speed could wait for them to step out and stop then.
+WALKERS_AT_M = 3.0
 _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
@@ -37,6 +39,9 @@ class ConvoyRelease:
 
     def __init__(self, plan: ReleasePlan, network: RoadNetwork) -> None:
         self.plan = plan
+        self._network = network
+        self._latest_m = WALKERS_AT_M if isinstance(plan, WalkersPlan) else RELEASE_AT_M
+        self._until_past = isinstance(plan, WalkersPlan) and plan.until_past
         lane = network.lane(plan.line_lane)
         self._edge = frozenset(network.edges[lane.edge].lanes)
         self._length = lane.line.length
@@ -46,9 +51,12 @@ class ConvoyRelease:
         """Is it time, and was it not before?"""
         if self._done:
             return False
+        if self._until_past:
+            self._done = self._is_past(ego)
+            return self._done
         if ego.lane in self._edge:
             to_line = self._length - ego.s - EGO_LENGTH_M / 2
-            if to_line > RELEASE_AT_M:
+            if to_line > self._latest_m:
                 plan = self.plan
                 eta = predicted_arrival(
                     to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
@@ -57,3 +65,9 @@ class ConvoyRelease:
                     return False
         self._done = True
         return True
+
+    def _is_past(self, ego: EgoState) -> bool:
+        """Is the ego behind the junction that the line leads into?"""
+        if ego.lane < 0 or ego.lane in self._edge:
+            return False
+        return not self._network.edges[self._network.lanes[ego.lane].edge].internal

@@ -76,10 +76,16 @@ class ConvoyPlan(ReleasePlan):
 
 @dataclass(frozen=True, slots=True)
 class WalkersPlan(ReleasePlan):
-    """Pedestrians, whose zone is their crossing. persons: SUMO ids. speeds: m/s, by person."""
+    """Pedestrians, whose zone is their crossing. persons: SUMO ids. speeds: m/s, by person.
+
+    come_up_s: so long they walk from the start, up to the kerb, where they wait for their release. until_past: they let
+    the ego pass; it releases them where it has left the junction with the crossing.
+    """
 
     persons: tuple[str, ...]
     speeds: tuple[float, ...]
+    come_up_s: float = 0.0
+    until_past: bool = False
 
 
 @dataclass(frozen=True, slots=True)

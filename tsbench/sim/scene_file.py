@@ -61,6 +61,8 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
         held = {
             "persons": " ".join(layout.walkers.persons),
             "speeds": " ".join(map(repr, layout.walkers.speeds)),
+            "come_up_s": repr(layout.walkers.come_up_s),
+            "until_past": str(int(layout.walkers.until_past)),
         }
         elements.append(_plan_poi("walkers", layout.walkers, held, network))
     if layout.contrast:
@@ -150,7 +152,8 @@ def _walkers(p: dict[str, str]) -> WalkersPlan:
     persons, speeds = tuple(p["persons"].split()), tuple(map(float, p["speeds"].split()))
     if not persons or len(persons) != len(speeds):
         raise ValueError(f"{len(persons)} walkers with {len(speeds)} speeds")
-    return WalkersPlan(**_plan(p), persons=persons, speeds=speeds)
+    come_up_s, until_past = float(p.get("come_up_s", "0.0")), p.get("until_past", "0") == "1"
+    return WalkersPlan(**_plan(p), persons=persons, speeds=speeds, come_up_s=come_up_s, until_past=until_past)
 
 
 def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None:

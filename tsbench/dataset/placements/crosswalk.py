@@ -6,8 +6,9 @@ Units: m, s, m/s.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
@@ -28,14 +29,17 @@ from tsbench.dataset.placements.crosswalk_net import (
     to_crossing,
     with_crossing,
 )
+from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.contrast import ContrastClause, PassageParams
+from tsbench.signs.plate_params import CrosswalkParams, ZoneParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -43,7 +47,7 @@ from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 @dataclass(frozen=True, slots=True)
 class _Walker:
-    """One pedestrian: from which side, how fast, how far from its kerb it stands."""
+    """One pedestrian: from which side, how fast, how far from its kerb it is at first."""
 
     side: str
     speed: float
@@ -69,7 +73,7 @@ class CrosswalkPlacement(Placement):
         return with_crossing(plain, edge, other, at, recipe)
 
     def place(self, task: SceneTask) -> Arrangement:
-        """The ego 60 m before the crossing; the preset by layout, lane and sides drawn."""
+        """The ego 90 m before the crossing; the preset by layout, lane and sides drawn."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         first, last = (f"{row.fields['edge']}.{k}" for k in range(2))
         crossing = next(c for c in network.crossings.values() if first in c.edges)
@@ -78,7 +82,6 @@ class CrosswalkPlacement(Placement):
         ahead = to_crossing(lane, crossing)
         start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
-        start = EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed))
         end = network.edge_lanes(first)[0].line.length
         sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
@@ -86,7 +89,15 @@ class CrosswalkPlacement(Placement):
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
         cruise = round(min(lane.speed, bend), 2)
-        plan = _plan(task, walkers, before[walkers[0].side], lane, ahead, cruise)
+        require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
+        # Who comes fast has something to lose: slow from the start would be slow for nobody.
+        share = np.interp(
+            variant.initial_speed,
+            (INITIAL_SPEEDS_MPS[0], INITIAL_SPEEDS_MPS[-1]),
+            (recipe.number("start_speed_share"), 1.0),
+        )
+        start = EgoStart(lane.id, start_s, round(cruise * float(share), 2))
+        plan = _plan(task, walkers, lane, ahead, cruise)
         to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
         wait = predicted_arrival(to_line, to_line + ahead, start.speed, cruise, cruise)
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
@@ -96,6 +107,28 @@ class CrosswalkPlacement(Placement):
             route_hint=(first, last), route_length=end_s,
             extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
             blocked=keep_clear(lanes, start),
+        )  # fmt: skip
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """A limit that slows nobody on the same post; the same people wait until the ego is past.
+
+        The network stays the same: where SUMO's cars let people cross in one half alone, they would tell the plate.
+        """
+        (sign,), first, last = signed.signs, *signed.route_hint
+        road = max(lane.speed for edge in (first, last) for lane in task.network.edge_lanes(edge)) / KMH
+        limits, spare = task.recipe.choices["contrast_kmh"], task.recipe.number("contrast_above_kmh")
+        require(limits[-1] >= road - 0.5, f"the road's own limit is {road:.0f} km/h")
+        usable = [v for v in limits if v >= road + spare - 0.5] or limits[-1:]
+        assert signed.walkers is not None
+        params = sign.params_as(CrosswalkParams)
+        passage = PassageParams(first, last, crossing=(params.crossing,))
+        plate = replace(
+            sign, code=task.recipe.choices["contrast_plates"][0],
+            value=float(usable[task.variant.value % len(usable)]), params=ZoneParams((first, last)),
+        )  # fmt: skip
+        return replace(
+            signed, signs=(plate,), walkers=replace(signed.walkers, until_past=True),
+            contrast=tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield")),
         )  # fmt: skip
 
     @staticmethod
@@ -115,7 +148,7 @@ class CrosswalkPlacement(Placement):
         for k in range(int(preset["count"])):
             speed = float(rng.uniform(recipe.number("walk_least_mps"), recipe.number("walk_most_mps")))
             if not k:
-                steps_on = recipe.number("wait_from_kerb_m") / speed
+                steps_on = recipe.number("wait_from_kerb_m") / speed + recipe.number("come_up_s")
             elif "gap_share" in preset:
                 steps_on += float(preset["gap_share"]) * crossing.line.length / walkers[-1].speed
             else:
@@ -131,20 +164,17 @@ def _before_strip(crossing: Crossing, lane: Lane, ahead: float, side: str) -> fl
     return kerb_to_kerb(crossing, lane, side).project(*middle)[0] - EGO_WIDTH_M / 2
 
 
-def _plan(
-    task: SceneTask, walkers: list[_Walker], before: float, lane: Lane, ahead: float, cruise: float
-) -> WalkersPlan:
-    """When they set off: as the ego's front is at the crossing the first is on the road, hardly before the ego."""
-    recipe, first = task.recipe, walkers[0]
-    meets = max(before - recipe.number("meet_before_strip_m"), recipe.number("meet_past_kerb_m"))
+def _plan(task: SceneTask, walkers: list[_Walker], lane: Lane, ahead: float, cruise: float) -> WalkersPlan:
+    """When they set off: as the ego's front is at the crossing the first is on the road, too late to react to."""
     return WalkersPlan(
         persons=tuple(f"walker_{k}" for k in range(len(walkers))),
         speeds=tuple(w.speed for w in walkers),
         line_lane=lane.id,
         ego_zone_m=ahead,
-        lead_time_s=(first.from_kerb + meets) / first.speed,
+        lead_time_s=task.recipe.number("lead_s"),
         ego_cruise_mps=cruise,
         ego_turn_mps=cruise,
+        come_up_s=task.recipe.number("come_up_s"),
     )
 
 
