@@ -27,6 +27,7 @@ class Blind:
 
     privileged = False
     sign_access = False
+    chooses_route = True
     floor = True
 
     def __init__(self) -> None:
@@ -56,10 +57,15 @@ class Blind:
 
 
 class Coin(Blind):
-    """`blind` in one episode, `idm` in the next, as a coin falls: thrown anew in each half of a pair."""
+    """`blind` in one episode, `idm` in the next, as a coin falls: thrown anew in each half of a pair.
+
+    obeys: how it fell, `blind` if so.
+    """
+
+    obeys = True
 
     def reset(self, context: PlannerContext) -> None:
         """Throw the coin. The harness gives a floor a seed of the row, not of the pair, or both halves would agree."""
         super().reset(context)
-        if rng_of("coin", context.seed).random() < 0.5:
-            self._habit = RuleConstraint()
+        self.obeys = rng_of("coin", context.seed).random() < 0.5
+        self._habit = None if self.obeys else RuleConstraint()

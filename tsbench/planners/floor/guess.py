@@ -25,7 +25,7 @@ from tsbench.sim.world import ActorKind
 # Where scenes have their posts, in metres: at a junction's line, in an exit that may be closed, before a zone's end.
 _AT_LINE_M = 8.0
 _CLOSED_EXIT_M = (7.5, 12.5)
-_ZONE_BEFORE_END_M = (95.0, 102.0)
+_ZONE_M = 95.0
 _MIN_SPEED_M = (29.0, 31.0)
 _FORK_WITHIN_M = 120.0
 _LONGEST_WAY_M = 900.0
@@ -88,8 +88,7 @@ def _on_road(context: PlannerContext, seen: Observation, posts: Sequence[float])
         return Polite(context, "")
     kinds = seen.actors.kind
     users = bool(((kinds == ActorKind.BUS) | (kinds == ActorKind.BICYCLE)).any())
-    zone = _ZONE_BEFORE_END_M[0] < route.path.destination_s - post < _ZONE_BEFORE_END_M[1]
-    if not users and not zone:
+    if not users and route.path.destination_s - post < _ZONE_M:
         return None
     other_side = oncoming_path(context, seen, post)
     if other_side is not None:
