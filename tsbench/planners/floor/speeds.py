@@ -10,6 +10,7 @@ from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.experts.rules.speed import KMH
 from tsbench.sim.navigation import RouteView
+from tsbench.sim.world import DT_S
 
 # Limits that are posted, and by how much a scene starts above them.
 _LIMITS_KMH = (20.0, 30.0, 40.0)
@@ -21,7 +22,8 @@ _SAME_KMH = 0.1
 # What is tolerated above a limit, less a hair; the other half's limit is so far below the least speed.
 _ABOVE_KMH, _BELOW_LEAST_KMH = 0.9, 9.1
 _BRAKE_MPS2, _HOLD_BRAKE_MPS2 = 2.5, 2.0
-_EXCUSES_M = 50.0
+_EXCUSES_M, _SLOWER_KMH = 40.0, 4.0
+_CLOSE_UP_MPS2, _CLOSE_UP_BRAKE_MPS2 = 3.0, 5.0
 _EARLY_M, _STOP_BEFORE_M = 1.0, 2.0
 _HELD_S, _HELD_MPS = 3.2, 0.4
 
@@ -58,17 +60,29 @@ class SlowFrom(RuleConstraint):
 
 
 class BehindLeader(SlowFrom):
-    """From a post on as fast as the lower plate tolerates, behind a leader who excuses that under the higher one."""
+    """From a post on as fast as the lower plate tolerates, behind a leader who excuses that under the higher one.
+
+    Before the post it closes up, hard, and brakes as hard.
+    """
 
     def __init__(self, post: float, least_kmh: float) -> None:
         super().__init__(post, least_kmh - _BELOW_LEAST_KMH - _ABOVE_KMH)
+        self._excuses = (least_kmh - _SLOWER_KMH) * KMH
         self._led: bool | None = None
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        v = observation.ego.speed
         if self._led is None:
             ahead = moving_ahead(PathSamples(route.path), route.s, _EXCUSES_M, observation.actors)
-            self._led = bool(ahead)
-        return super().acceleration_bounds(observation, route) if self._led else FREE
+            self._led = any(speed < self._excuses for _, speed in ahead)
+        if not self._led:
+            return FREE
+        to_go = self._post - _EARLY_M - route.s - HALF_LENGTH_M
+        spare = self._limit * self._limit + 2.0 * _CLOSE_UP_BRAKE_MPS2 * max(to_go - v * DT_S, 0.0) - v * v
+        if to_go > 0.0 and spare > 0.0:
+            return _CLOSE_UP_MPS2, math.inf
+        most = slow_to(v, self._limit, to_go, _CLOSE_UP_BRAKE_MPS2)
+        return -math.inf, most
 
 
 class HeldStop(RuleConstraint):
