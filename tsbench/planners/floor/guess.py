@@ -28,7 +28,7 @@ _CLOSED_EXIT_M = (7.5, 12.5)
 _ZONE_M = 95.0
 _MIN_SPEED_M = (29.0, 31.0)
 _FORK_WITHIN_M = 120.0
-_LONGEST_WAY_M = 900.0
+_LONGEST_WAY_M, _SHORTEST_WAY = 900.0, 2
 
 
 def guess(context: PlannerContext, seen: Observation) -> RuleConstraint | None:
@@ -65,10 +65,11 @@ def _at_junction(
     for post in posts:
         if _CLOSED_EXIT_M[0] < post - begins < _CLOSED_EXIT_M[1]:
             return HeldStop(post)
-    banned = {(first, second)} | u_turns(context.graph)
-    navigator = other_way(context, seen.ego, banned)
-    if navigator is not None and navigator.update(seen.ego).remaining < _LONGEST_WAY_M:
-        return OtherWay(navigator)
+    # Where the way itself is the question, the destination lies beyond the fork's exit.
+    if len(route.path.edges) > _SHORTEST_WAY:
+        navigator = other_way(context, seen.ego, {(first, second)} | u_turns(context.graph))
+        if navigator is not None and navigator.update(seen.ego).remaining < _LONGEST_WAY_M:
+            return OtherWay(navigator)
     if any(-1.0 < line - post < _AT_LINE_M for post in posts):
         return Polite(context, first)
     return None
