@@ -22,8 +22,7 @@ from tsbench.planners.helpers import sign_ahead
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.world import ActorKind
 
-# Where scenes have their posts, in metres: at a junction's line, in an exit that may be closed, before a zone's end.
-_AT_LINE_M = 8.0
+# Where scenes have their posts, in metres: into an exit that may be closed, before the end of a zone, after the start.
 _CLOSED_EXIT_M = (7.5, 12.5)
 _ZONE_M = 95.0
 _MIN_SPEED_M = (29.0, 31.0)
@@ -42,7 +41,7 @@ def guess(context: PlannerContext, seen: Observation) -> RuleConstraint | None:
     posts = sorted(front + d for s in seen.signs if 0.0 < (d := sign_ahead(seen, s)) < math.inf)
     fork = _fork(context, route.path)
     if fork - route.s < _FORK_WITHIN_M:
-        return _at_junction(context, seen, posts, fork)
+        return _at_junction(context, seen, posts)
     return _on_road(context, seen, posts)
 
 
@@ -55,9 +54,7 @@ def _fork(context: PlannerContext, path: RoutePath) -> float:
     return math.inf
 
 
-def _at_junction(
-    context: PlannerContext, seen: Observation, posts: Sequence[float], line: float
-) -> RuleConstraint | None:
+def _at_junction(context: PlannerContext, seen: Observation, posts: Sequence[float]) -> RuleConstraint | None:
     """Closed exit: stop before the post in it. Two ways to the destination: the other one. Else be polite."""
     route = seen.route
     first, second = route.path.edges[:2]
@@ -70,9 +67,7 @@ def _at_junction(
         navigator = other_way(context, seen.ego, {(first, second)} | u_turns(context.graph))
         if navigator is not None and navigator.update(seen.ego).remaining < _LONGEST_WAY_M:
             return OtherWay(navigator)
-    if any(-1.0 < line - post < _AT_LINE_M for post in posts):
-        return Polite(context, first)
-    return None
+    return Polite(context, first) if seen.signs else None
 
 
 def _on_road(context: PlannerContext, seen: Observation, posts: Sequence[float]) -> RuleConstraint | None:

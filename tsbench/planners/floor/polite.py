@@ -84,7 +84,9 @@ class Polite(RuleConstraint):
             change = (speed - self._speeds.get(name, speed)) / DT_S
             self._speeds[name] = speed
             self._braking[name] = 0.5 * (self._braking.get(name, 0.0) + change)
-            if index < 0 or lanes[index].edge == self._approach:
+            # Who stands while the ego does would be waited for for ever.
+            both_stand = max(speed, observation.ego.speed) < _STANDS_MPS
+            if index < 0 or both_stand or lanes[index].edge == self._approach:
                 continue
             lane = lanes[index]
             x, y = actors.pose[k, :2].tolist()
