@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results floor torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -44,6 +44,15 @@ results: setup
 	$(BIN)/tsbench analyse ablation $(RESULTS)/plant2-ft runs/results-masked --out $(RESULTS)/analyses
 	$(BIN)/tsbench analyse pages $(PAGES) --from $(RESULTS)/analyses
 	$(BIN)/tsbench report $(RUNS) --out $(RESULTS)/report.html
+
+# What a driver gets who reads no plate: the floors beside others on one pair of each test map, into docs/floor.md.
+# VARIANTS=all: on all test scenes. Goes on where it was stopped.
+FLOOR := runs/floor-$(VARIANTS)
+floor: setup
+	$(BIN)/tsbench run $(addprefix --planner ,blind coin idm idm-s1 tsbench.dataset.certify.lawless:Lawless idm-e) \
+		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
+	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
+	$(BIN)/tsbench analyse pages docs/floor.md --from $(FLOOR)/analyses
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup

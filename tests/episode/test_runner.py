@@ -11,7 +11,7 @@ import libsumo
 import numpy as np
 import pytest
 
-from tsbench.core.seeds import planner_seed
+from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.traffic import Car
@@ -298,6 +298,14 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
     runner(root, "Follow").run(replace(spec, scenario_id="another", seed=8))
     assert scripted.Scripted.contexts[-1].seed != plain.seed
     assert all(o.truth is None for o in scripted.Scripted.seen)
+
+
+def test_a_floor_gets_a_seed_of_its_row(root: Path, on_road) -> None:
+    spec = on_the_road(on_road, "plain")
+    loaded = replace(resolve("scripted:Follow"), floor=True)
+    shared = {"simulation": world.simulation(), "loader": SceneLoader(SceneFolder(root))}
+    EpisodeRunner(loaded, **shared).run(spec)
+    assert scripted.Scripted.contexts[-1].seed == floor_seed(spec.scenario_id) != planner_seed(spec.pair_name)
 
 
 def test_one_planner_for_all_episodes_of_a_runner(root: Path, on_road) -> None:

@@ -87,7 +87,8 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "carl", "carl-e", "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
+        "blind", "carl", "carl-e", "coin",
+        "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
         "idm-s4", "idm-s4-e", "plant2", "plant2-e", "plant2-ft", "ppo", "ppo-e",
     )  # fmt: skip
     assert registry.resolve("carl-e").batched is registry.resolve("carl").batched
@@ -134,7 +135,7 @@ def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.M
     ("spec", "words"),
     [
         ("idn", ["no such planner", "did you mean", "idm"]),
-        ("zzzz", ["no such planner", "registered are carl, carl-e, idm, idm-e"]),
+        ("zzzz", ["no such planner", "registered are blind, carl, carl-e, coin, idm, idm-e"]),
         ("no_such_package.thing:Class", ["there is no module no_such_package"]),
         ("tsbench.planners.idm:Nope", ["has no Nope", "Idm"]),
         ("missing.py:Mine", ["there is no file missing.py"]),

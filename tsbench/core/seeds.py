@@ -20,5 +20,10 @@ def planner_seed(pair_name: str) -> int:
     return seed_of("planner", pair_name)
 
 
+def floor_seed(scenario_id: str) -> int:
+    """What a planner gets that is a floor: one for each half, so that who throws a coin throws it anew there."""
+    return seed_of("floor", scenario_id)
+
+
 def rng_of(*names: object) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed_of(*names)))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Sequence
 import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
-from tsbench.core.seeds import planner_seed
+from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.command import to_command
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
@@ -64,10 +64,12 @@ class EpisodeLoop:
         self._catalog: Catalog = load_catalog()
         self.episode: Episode | None = None
 
-    def play(self, spec: ScenarioSpec, planner: str, privileged: bool = False) -> Moments:
+    def play(
+        self, spec: ScenarioSpec, planner: str, privileged: bool = False, floor: bool = False
+    ) -> Moments:
         """One episode. Never raises for what a scene or planner does: that becomes an error outcome with its cause.
 
-        planner: its name in the result. privileged: is it told the rule?
+        planner: its name in the result. privileged: is it told the rule? floor: is its seed the row's, not the pair's?
         """
         began = time.perf_counter()
         episode: Episode | None = None
@@ -82,7 +84,8 @@ class EpisodeLoop:
                 self.simulation, scene, roads, self._catalog, self._mask, privileged, self._beat
             )
             self.episode = episode
-            context = self._context(spec, scene, roads, privileged)
+            seed = floor_seed(spec.scenario_id) if floor else planner_seed(spec.pair_name)
+            context = self._context(seed, scene, roads, privileged)
             self._beat(Phase.PLANNING)
             yield context
             episode.start_s = time.perf_counter() - began
@@ -116,13 +119,13 @@ class EpisodeLoop:
             total_s=time.perf_counter() - began,
         )  # fmt: skip
 
-    def _context(self, spec: ScenarioSpec, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
+    def _context(self, seed: int, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
         view, privilege = roads.view, None
         if privileged:
             sign = scene.target_sign
             privilege = Privilege(sign, self._catalog.sign(sign.code).rule, scene.network, view)
         return PlannerContext(
-            planner_seed(spec.pair_name),
+            seed,
             view.map,
             view.graph,
             destination_on_map(view, scene),
@@ -155,7 +158,8 @@ class EpisodeRunner:
 
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
         """One episode; of what its code raises, only KeyboardInterrupt is left to whoever runs the process."""
-        moments = self._loop.play(spec, self._loaded.name, self._loaded.privileged)
+        loaded = self._loaded
+        moments = self._loop.play(spec, loaded.name, loaded.privileged, loaded.floor)
         try:
             moment = next(moments)
             while True:

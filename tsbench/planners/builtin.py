@@ -16,3 +16,9 @@ PLANT2 = learned("plant2", "tsbench.planners.plant2.planner:Plant2")
 PLANT2_FT = learned(
     "plant2-ft", "tsbench.planners.plant2.planner_ft:Plant2Ft", sign_access=True, chooses_route=True
 )
+BLIND, COIN = (
+    PlannerEntry(
+        f"tsbench.planners.floor.blind:{name}", "floor", sign_access=False, chooses_route=True, floor=True
+    )
+    for name in ("Blind", "Coin")
+)

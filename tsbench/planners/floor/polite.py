@@ -1,0 +1,118 @@
+"""Before a line or a crossing: as slowly as is not needlessly slow, watching whether who comes brakes or walks.
+
+Units: m, s, m/s, m/s2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.common.swept_path import HALF_LENGTH_M
+from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
+from tsbench.roads.lane_graph import RoutePath
+from tsbench.sim.navigation import RouteView
+from tsbench.sim.world import DT_S, ActorKind
+
+# Shares of the limit that are just not needlessly slow, on the passage as a whole and at its slowest place.
+_ON_THE_WHOLE, _AT_LEAST = 0.53, 0.38
+_WATCH_M, _SLOW_M = 40.0, 12.0
+_DECIDE_M = 5.5
+_BRAKE_MPS2, _HARD_MPS2 = 2.5, 6.0
+_COMES_S, _LOOK_M = 5.0, 60.0
+_BRAKES_MPS2 = -0.8
+_STANDS_MPS = 0.2
+_HOLD_M = 1.0
+_WALKS_MPS = 0.2
+_KERB_M = 3.0
+
+
+class Polite(RuleConstraint):
+    """Stops for who comes and does not brake; where nobody is to be seen it makes a full stop, in case that is asked.
+
+    approach: the edge at whose end the line is; "": the route's first crossing is meant, and people.
+    """
+
+    def __init__(self, context: PlannerContext, approach: str) -> None:
+        self._map, self._approach = context.network, approach
+        self._path: RoutePath | None = None
+        self._line = math.inf
+        self._speeds: dict[int, float] = {}
+        self._braking: dict[int, float] = {}
+        self._stopped = self._anybody = False
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        if route.path is not self._path:
+            self._path, self._line = route.path, self._line_on(route.path)
+        to_go, v = self._line - route.s - HALF_LENGTH_M, observation.ego.speed
+        blocked = self._blocked(observation)
+        if to_go < 0.0 or to_go > _WATCH_M:
+            return FREE
+        if v < _STANDS_MPS:
+            self._stopped = True
+        limit = route.path.limit_at(route.s)
+        most = slow_to(v, _ON_THE_WHOLE * limit, 0.0, _BRAKE_MPS2)
+        if to_go < _SLOW_M:
+            most = min(most, slow_to(v, _AT_LEAST * limit, to_go - _DECIDE_M, _BRAKE_MPS2))
+        full_stop = bool(self._approach) and not self._anybody and not self._stopped
+        if full_stop or (blocked and (to_go < _DECIDE_M or v * v > 2.0 * _HARD_MPS2 * to_go)):
+            most = min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2 if full_stop else _HARD_MPS2))
+        return -math.inf, most
+
+    def _line_on(self, path: RoutePath) -> float:
+        if self._approach:
+            ends = [p.s1 for p in path.pieces if self._map.lanes[p.lane].edge == self._approach]
+            return max(ends, default=-math.inf)
+        places = []
+        for crossing in self._map.crossings.values():
+            if set(crossing.edges) & set(path.edges):
+                middle = crossing.line.point_at(0.5 * crossing.line.length)
+                places.append(path.line.project(*middle)[0] - 0.5 * crossing.width)
+        return min(places, default=-math.inf)
+
+    def _blocked(self, observation: Observation) -> bool:
+        """Does anybody come who does not brake, or set foot on the road?"""
+        return self._vehicles(observation) if self._approach else self._people(observation)
+
+    def _vehicles(self, observation: Observation) -> bool:
+        actors, lanes = observation.actors, self._map.lanes
+        junction, found = self._map.edges[self._approach].target, False
+        for k, index in enumerate(actors.lane.tolist()):
+            name, speed = int(actors.ids[k]), float(actors.speed[k])
+            change = (speed - self._speeds.get(name, speed)) / DT_S
+            self._speeds[name] = speed
+            self._braking[name] = 0.5 * (self._braking.get(name, 0.0) + change)
+            # Who stands while the ego does would be waited for for ever.
+            both_stand = max(speed, observation.ego.speed) < _STANDS_MPS
+            if index < 0 or both_stand or lanes[index].edge == self._approach:
+                continue
+            lane = lanes[index]
+            x, y = actors.pose[k, :2].tolist()
+            if lane.internal:
+                middle = self._map.junctions[junction]
+                found = found or math.hypot(middle.x - x, middle.y - y) < 15.0
+            elif self._map.edges[lane.edge].target == junction:
+                left = lane.line.length - lane.line.project(x, y)[0] - 0.5 * float(actors.length[k])
+                coming = left < _LOOK_M
+                self._anybody = self._anybody or coming
+                near = left / max(speed, 2.0) < _COMES_S
+                found = found or (near and self._braking[name] > _BRAKES_MPS2)
+        return found
+
+    def _people(self, observation: Observation) -> bool:
+        actors = observation.actors
+        walking = (actors.kind == ActorKind.PEDESTRIAN) & (actors.speed > _WALKS_MPS)
+        for k in np.flatnonzero(walking).tolist():
+            x, y, heading = actors.pose[k].tolist()
+            for crossing in self._map.crossings.values():
+                s, d = crossing.line.project(x, y)
+                (x0, y0), (x1, y1) = crossing.line.points[[0, -1]].tolist()
+                outside = math.hypot(x - crossing.line.point_at(s)[0], y - crossing.line.point_at(s)[1])
+                along = (
+                    abs((x1 - x0) * math.cos(heading) + (y1 - y0) * math.sin(heading)) / crossing.line.length
+                )
+                if min(outside, abs(d)) < _KERB_M and along > 0.5:
+                    return True
+        return False
