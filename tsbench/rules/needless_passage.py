@@ -80,11 +80,15 @@ class Passage:
         return snapshot.time < self._free_from
 
     def _blocked(self, snapshot: WorldSnapshot, front: float) -> bool:
-        """Does a vehicle with priority block by the rule of giving way, or is any other in the ego's way already?"""
+        """Does a vehicle with priority block by the rule of giving way, or is any other in the ego's way already?
+
+        On ground that the ego's front has passed nobody is in its way.
+        """
         speed, gap = snapshot.ego.speed, self._gap
         vehicles = self._vehicles.find(snapshot.actors)
         prior = [v for v in vehicles if v.path in self._first]
-        for zones in self._zones:
+        for known in self._zones:
+            zones = [zone if zone is not None and front < zone.a_out else None for zone in known]
             if blockers(prior, zones, front, speed, gap):
                 return True
             for vehicle in vehicles:
