@@ -225,8 +225,9 @@ def build(
     numbers: tuple[int, ...],
     prover: Recorder | None = None,
     breaker: str = "",
+    paired: bool | None = None,
 ) -> MapScenarios:
-    """A site of some of its variants, from the hand-made crop."""
+    """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
     row, crop = MAPS[type_id]
 
     def some(kind: str, map_id: str) -> tuple[Variant, ...]:
@@ -234,7 +235,8 @@ def build(
 
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
     monkeypatch.setattr(site_module, "variants_of", some)
-    recipe = replace(recipe_of(type_id), breaker=breaker)
+    recipe = recipe_of(type_id)
+    recipe = replace(recipe, breaker=breaker, paired=recipe.paired if paired is None else paired)
     builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
 
@@ -263,7 +265,9 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
         assert math.isfinite(row.route_length)
     folder = tmp_path / "one" / "scenes" / type_id
     files = [f"v{k}{end}.add.xml.gz" for k in (0, 1) for end in ("", "c")[: len(halves)]]
-    assert sorted(p.name for p in folder.rglob("*.gz")) == ["net.net.xml.gz", *files]
+    # Who has priority stands in the network.
+    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id == "yield" else ["net.net.xml.gz"]
+    assert sorted(p.name for p in folder.rglob("*.gz")) == [*nets, *files]
     two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
     assert two == one  # the rows hold the hashes of the files
 
@@ -280,7 +284,12 @@ def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pyte
 
 def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     site = build(
-        "yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True))
+        "yield",
+        tmp_path,
+        monkeypatch,
+        (0, 1),
+        Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)),
+        paired=False,
     )
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
@@ -288,14 +297,21 @@ def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch:
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
-    first = build("yield", tmp_path / "first", monkeypatch, (0, 1))
+    first = build("yield", tmp_path / "first", monkeypatch, (0, 1), paired=False)
     assert first.rows[0] == site.rows[0]
     assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
     assert first.rows[1].seed != site.rows[1].seed
 
 
 def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
+    site = build(
+        "yield",
+        tmp_path,
+        monkeypatch,
+        (0, 1),
+        Recorder(lambda spec, _: (spec.variant == 0, True)),
+        paired=False,
+    )
     assert site.rows == ()
     assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
 
@@ -303,10 +319,19 @@ def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.M
 def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Of the two that are built here one is half.
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
-    site = build("yield", tmp_path, monkeypatch, (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
+    site = build(
+        "yield",
+        tmp_path,
+        monkeypatch,
+        (0, 1),
+        Recorder(lambda spec, k: (k > 0, spec.variant == 0)),
+        paired=False,
+    )
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
     SceneLoader(SceneFolder(tmp_path)).load(site.rows[1])
-    dull = build("yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)))
+    dull = build(
+        "yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)), paired=False
+    )
     assert dull.reason == "2 variants do not tempt idm"
 
 
@@ -314,9 +339,9 @@ def test_a_draw_that_its_breaker_does_not_break_is_drawn_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = Recorder(broken=lambda attempt: attempt == 2)
-    site = build("yield", tmp_path, monkeypatch, (0,), late, breaker="reckless")
+    site = build("yield", tmp_path, monkeypatch, (0,), late, breaker="reckless", paired=False)
     assert [c.attempt for c in site.certificates] == [2]
     # Where none of the draws shows it, the first that is solved and tempts is as good as any.
     never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
-    site = build("yield", tmp_path / "never", monkeypatch, (0,), never, breaker="reckless")
+    site = build("yield", tmp_path / "never", monkeypatch, (0,), never, breaker="reckless", paired=False)
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]
