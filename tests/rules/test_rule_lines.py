@@ -1,12 +1,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
 from labelled import network
+from simworld import edge, plain
 
-from tsbench.roads.network import RoadNetwork
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.plain import PlainNode
+from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules import lines
 from tsbench.rules.lines import reverse_edges
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
@@ -42,11 +46,30 @@ def _about(value: float) -> Any:
 
 
 def test_the_other_direction_of_a_road() -> None:
-    assert reverse_edges(network("corridor"), "ab") == ("ba",)
-    assert reverse_edges(network("corridor"), "ba") == ("ab",)
-    assert reverse_edges(network("contraflow"), "ab") == ()
-    assert reverse_edges(network("contraflow"), "bc") == ("cb",)
-    assert reverse_edges(network("forks"), "l33") == ("l33_in",)
+    assert reverse_edges(network("corridor"), "ab") == (("ba",), ("ab",))
+    assert reverse_edges(network("corridor"), "ba") == (("ab",), ("ba",))
+    assert reverse_edges(network("contraflow"), "ab") == ((), ("ab",))
+    assert reverse_edges(network("contraflow"), "bc") == (("cb",), ("bc",))
+    assert reverse_edges(network("forks"), "l33") == (("l33_in",), ("l33",))
+
+
+def test_who_drives_on_the_wrong_side_of_a_road_that_is_cut_is_on_it(tmp_path: Path) -> None:
+    """Plates cut one direction; the other one is whole, and leads past their zone."""
+    places = {"a": 0.0, "m": 100.0, "n": 150.0, "b": 250.0}
+    nodes = {k: PlainNode(k, x, 0.0) for k, x in places.items()}
+    own = [edge(nodes[p[0]], nodes[p[1]], name=f"ab.{k}") for k, p in enumerate(("am", "mn", "nb"))]
+    back = edge(nodes["b"], nodes["a"])
+    build_net(plain(list(nodes.values()), [*own, back]), tmp_path / "net.net.xml.gz")
+    net = read_network(tmp_path / "net.net.xml.gz")
+    assert lines.cut_road(net, "ab.1") == ("ab.0", "ab.1", "ab.2")
+    assert reverse_edges(net, "ab.1") == (("ba",), ("ab.0", "ab.1", "ab.2"))
+    zone = road_over(net, ("ab.1",))
+    x0 = net.lane("ab.1_0").line.point_at(0.0)[0]
+    for x in (60.0, 110.0, 140.0, 200.0):
+        wrong = _on(net, "ba_0", net.lane("ba_0").line.project(x, 0.0)[0], math.pi)
+        assert zone.front(wrong) == pytest.approx(x + HALF - x0, abs=1.0)
+        assert zone.front(_on(net, "ba_0", 250.0 - x)) is None, "who drives there as is due is not on it"
+    assert approach_line(net, "ab.2").to_go(_on(net, "ba_0", 20.0, math.pi)) == pytest.approx(20.0 - HALF)
 
 
 def test_places_along_a_road_over_a_junction() -> None:

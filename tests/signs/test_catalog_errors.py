@@ -51,7 +51,12 @@ from tsbench.signs.catalog import load_catalog
         ("signs/2.4.yaml", "[T, X]", "[]", "maps: shapes: needs at least one"),
         ("signs/2.4.yaml", "family: junction", "family: corridor", "shapes: 'T' is none of straight, curved"),
         ("signs/2.3.2.yaml", "group: priority", "group: routing", "differs within 'secondary_road'"),
-        ("signs/3.24.yaml", "[20, 30, 40, 50, 60, 70]", "[30, 20]", "value: posted: must be different numbers"),
+        (
+            "signs/3.24.yaml",
+            "[20, 30, 40, 50, 60, 70]",
+            "[30, 20]",
+            "value: posted: must be different numbers",
+        ),
         ("signs/3.25.yaml", 'ends: "3.24"', 'ends: "3.1"', "3.25' is no sign that ends 3.24"),
         ("signs/3.25.yaml", "id: speed_limit\n  row: 7", "id: other\n  row: 30", "differs from that of 3.24"),
         (

@@ -14,14 +14,39 @@ from tsbench.sim.world import EGO_LENGTH_M, EgoState
 _HALF_M = EGO_LENGTH_M / 2
 
 
-def reverse_edges(network: RoadNetwork, edge_id: str) -> tuple[str, ...]:
-    """Edges of the same road in the opposite direction: between the same two junctions."""
-    edge = network.edges[edge_id]
-    return tuple(
-        e.id
+def cut_road(network: RoadNetwork, edge_id: str) -> tuple[str, ...]:
+    """The edges in order that a scene has cut a road into ("road.0", "road.1"); an edge that is whole alone."""
+    stem = edge_id.rpartition(".")[0]
+    by_source = {
+        e.source: e
         for e in network.edges.values()
-        if not e.internal and e.source == edge.target and e.target == edge.source and e.source
-    )
+        if stem and not e.internal and e.id.rpartition(".")[0] == stem
+    }
+    inner = {e.target for e in by_source.values()}
+    heads = [e for source, e in by_source.items() if source not in inner]
+    if len(heads) != 1:
+        return (edge_id,)
+    chain = [heads[0]]
+    while chain[-1].target in by_source:
+        chain.append(by_source[chain[-1].target])
+    return tuple(e.id for e in chain) if edge_id in {e.id for e in chain} else (edge_id,)
+
+
+def reverse_edges(network: RoadNetwork, edge_id: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Edges of the same road in the opposite direction, and the edges of this one that they run along.
+
+    Those between the same two junctions; where a plate has cut this direction alone, those along the whole road.
+    """
+    for own in ((edge_id,), cut_road(network, edge_id)):
+        first, last = network.edges[own[0]], network.edges[own[-1]]
+        found = [
+            e.id
+            for e in network.edges.values()
+            if not e.internal and e.source == last.target and e.target == first.source and e.source
+        ]
+        if found:
+            return tuple(found), own
+    return (), (edge_id,)
 
 
 class Station:
@@ -53,17 +78,18 @@ class Road:
         chunks: list[Polyline] = []
         end, before = 0.0, ""
         for edge in edges:
-            lanes = network.edge_lanes(edge)
-            reference = lanes[max(min(order, len(lanes) - 1), 0)]
+            lanes, reference = network.edge_lanes(edge), _lane(network, edge, order)
             if before:
                 end = self._link(before, edge, end, chunks)
             size = reference.line.length
             self.starts[edge] = end
             for lane in lanes:
                 self._enter(lane, end, size / lane.line.length, 1.0)
-            for other in reverse_edges(network, edge):
-                for lane in network.edge_lanes(other):
-                    self._enter(lane, end + size, -size / lane.line.length, -1.0)
+            others, along = reverse_edges(network, edge)
+            parts = [_lane(network, e, order).line.length for e in along]
+            whole, behind = sum(parts), sum(parts[: along.index(edge)])
+            for lane in (lane for other in others for lane in network.edge_lanes(other)):
+                self._enter(lane, end - behind + whole, -whole / lane.line.length, -1.0)
             chunks.append(reference.line)
             end, before = end + size, edge
         self.line = join(chunks)
@@ -124,12 +150,17 @@ class Road:
         return s
 
 
+def _lane(network: RoadNetwork, edge: str, order: int) -> Lane:
+    lanes = network.edge_lanes(edge)
+    return lanes[max(min(order, len(lanes) - 1), 0)]
+
+
 class ApproachLine:
     """The end of an approach at its junction, each lane with its own end. beside_widths: as for `Road`."""
 
     def __init__(self, network: RoadNetwork, edge: str, beside_widths: float) -> None:
         self.lanes = frozenset(network.edges[edge].lanes)
-        other = [i for e in reverse_edges(network, edge) for i in network.edges[e].lanes]
+        other = [i for e in reverse_edges(network, edge)[0] for i in network.edges[e].lanes]
         self.opposite = frozenset(other)
         self._line = {i: network.lanes[i].line for i in (*self.lanes, *other)}
         self._beside = beside_widths * sum(lane.width for lane in network.edge_lanes(edge))
