@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from simworld import ego_at
 
 from tsbench.roads.network import RoadNetwork
-from tsbench.sim.convoy import RELEASE_AT_M, ConvoyRelease, predicted_arrival
-from tsbench.sim.scene import ConvoyPlan
+from tsbench.sim.convoy import RELEASE_AT_M, WALKERS_AT_M, ConvoyRelease, predicted_arrival
+from tsbench.sim.scene import ConvoyPlan, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
 
 PLAN = ConvoyPlan("s_in_0", 4.0, 3.0, 13.89, 5.0, ("convoy_0",))
@@ -84,3 +84,27 @@ def test_an_ego_that_takes_another_way_does_not_hold_the_convoy_for_ever(cross: 
     assert not release.update(ego_at(cross, "s_in_0", 50.0, 8.0))
     assert release.update(ego_at(cross, "w_in_0", 50.0, 8.0))
     assert not release.update(ego_at(cross, "s_in_0", 130.0, 8.0))
+
+
+def test_people_are_let_go_nearer_than_vehicles(cross: RoadNetwork) -> None:
+    length = cross.lane("s_in_0").line.length
+    release = ConvoyRelease(WalkersPlan("s_in_0", 1.0, 0.0, 13.89, 13.89, ("walker_0",), (1.2,)), cross)
+    told = [
+        release.update(ego_at(cross, "s_in_0", length - to_line - EGO_LENGTH_M / 2, 5.0))
+        for to_line in (RELEASE_AT_M, WALKERS_AT_M + 0.1, WALKERS_AT_M)
+    ]
+    assert told == [False, False, True]
+
+
+def test_people_who_wait_until_the_ego_is_past_do(cross: RoadNetwork) -> None:
+    plan = WalkersPlan("s_in_0", 1.0, 60.0, 13.89, 13.89, ("walker_0",), (1.2,), until_past=True)
+    release, length = ConvoyRelease(plan, cross), cross.lane("s_in_0").line.length
+    inside = cross.lanes[cross.outgoing[cross.lane("s_in_0").index][0].via[0]].id
+    places = [
+        ("s_in_0", length - 20.0),
+        ("s_in_0", length - 0.1),
+        (inside, 1.0),
+        ("n_out_0", 0.5),
+        ("n_out_0", 9.0),
+    ]
+    assert [release.update(ego_at(cross, *place)) for place in places] == [False, False, False, True, False]

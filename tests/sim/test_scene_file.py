@@ -35,7 +35,7 @@ def layout(block: RoadNetwork) -> SceneLayout:
         destination=Destination("bu", 33.3),
         convoy=ConvoyPlan("ta_0", 4.2, 3.3, 13.9, 5.1, ("convoy_0", "convoy_1"), 1.7),
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),
-        walkers=WalkersPlan("ta_0", 1.0, 3.1, 13.9, 13.9, ("walker_0", "walker_1"), (1.1, 1.3)),
+        walkers=WalkersPlan("ta_0", 1.0, 3.1, 13.9, 13.9, ("walker_0", "walker_1"), (1.1, 1.3), 1.5),
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_what_is_written_comes_back_exactly(
         destination=Destination("bu", c),
         obstacles=tuple(replace(o, x=a, y=-b, heading=angle, length=c) for o in whole.obstacles * 2),
         convoy=replace(whole.convoy, ego_zone_m=a, lead_time_s=b, ego_turn_mps=c) if convoy else None,
-        walkers=None if convoy else replace(whole.walkers, speeds=(a, b), lead_time_s=c),
+        walkers=None if convoy else replace(whole.walkers, speeds=(a, b), lead_time_s=c, until_past=way),
         contrast=CONTRAST if way else (),
         compliant_hint=whole.compliant_hint if way else (),
     )

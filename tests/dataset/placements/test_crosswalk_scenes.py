@@ -19,16 +19,18 @@ from simworld import CALM, LIMIT, simulation
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.placements.crosswalk_net import bend_speed, kerb_to_kerb, to_crossing
 from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.metrics.episode import passed
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.scene import staged_bodies
 from tsbench.report.drawing.style import STYLE
@@ -37,11 +39,13 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.sim.ego import MAX_DECEL_MPS2
 from tsbench.sim.sumo import Simulation
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind
 
 BEND = ((0.0, 0.0), (60.0, 0.0), (110.0, 12.0), (230.0, 14.0))
 LINES = {
@@ -141,7 +145,9 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
             times.append((math.dist(line.points[0], kerb) - at) / speed)
             assert 1.0 <= speed <= 1.4
             assert float(person[1].get("speed", "nan")) == pytest.approx(speed, abs=0.001)
-        assert times[0] * a.walkers.speeds[0] == pytest.approx(recipe().number("wait_from_kerb_m"), abs=0.01)
+        assert a.walkers.come_up_s == recipe().number("come_up_s")
+        waits = (times[0] - a.walkers.come_up_s) * a.walkers.speeds[0]
+        assert waits == pytest.approx(recipe().number("wait_from_kerb_m"), abs=0.01)
         if "gap_s" in preset:
             assert np.diff(times) == pytest.approx([preset["gap_s"]] * (len(times) - 1), abs=0.01)
             assert len(set(sides)) == 1
@@ -166,16 +172,11 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(
     ahead = to_crossing(lane, crossing)
     assert a.walkers.ego_zone_m == pytest.approx(ahead)
     front = a.start.s + EGO_LENGTH_M / 2
-    assert lane.line.length + ahead - front == pytest.approx(60.0, abs=1e-6)
-    side = str(a.extra[1][1].get("edges")).split()[0].rsplit("_", 1)[1]
-    over = kerb_to_kerb(crossing, lane, side)
-    gone = a.walkers.lead_time_s * a.walkers.speeds[0] - recipe().number("wait_from_kerb_m")
-    strip = over.project(*lane.line.point_at(lane.line.length + ahead))[0] - EGO_WIDTH_M / 2
-    assert gone >= min(recipe().number("meet_past_kerb_m"), crossing.line.length) - 1e-6
-    assert (
-        gone
-        <= max(strip - recipe().number("meet_before_strip_m"), recipe().number("meet_past_kerb_m")) + 1e-6
-    )
+    assert lane.line.length + ahead - front == pytest.approx(90.0, abs=1e-6)
+    cruise = a.walkers.ego_cruise_mps
+    assert recipe().number("start_speed_share") * cruise - 0.01 <= a.start.speed <= cruise
+    # Of the first: its way until the ego is there ends on the road.
+    assert a.walkers.lead_time_s * min(a.walkers.speeds) > recipe().number("wait_from_kerb_m") + 0.2
     # In the plain scene they set off when an ego that nobody holds up would make them.
     waits = {float(e[0].get("duration", "nan")) for e in a.extra if e.tag == "person"}
     assert len(waits) == 1
@@ -243,11 +244,62 @@ def test_a_site_is_sound_and_tells_who_yields(
             assert result.error == ""
             assert result.facts is not None
             assert result.facts.target.engaged
-        assert not verdict(results["idm"])
-        assert verdict(results["idm-e"])
-        assert results["idm-e"].outcome.value == "arrived"
+        assert results["idm"].facts is not None
+        assert results["idm-e"].facts is not None
+        assert passed(results["idm"].facts) == (row.half == CONTRAST)
+        assert passed(results["idm-e"].facts)
     again = build(name, tmp_path / "again", monkeypatch, (0, 1, 2))
     assert again == site
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    signed, contrast = build(name, tmp_path, monkeypatch, (0,)).rows
+    loader = SceneLoader(SceneFolder(tmp_path))
+    (a, _), (b, _) = loader.load(signed), loader.load(contrast)
+    assert (a.target_sign.code, b.target_sign.code) == ("5.19", "3.24")
+    assert b.target_sign.posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
+    assert [replace(s, code="X", value=None, params=None) for s in a.signs] == [
+        replace(s, code="X", value=None, params=None) for s in b.signs
+    ]
+    certifier = Certifier(simulation(), loader)
+    proofs = certifier.prove_pair(*(certifier.prove(row, "idm", 0, 0.0, 0.0) for row in (signed, contrast)))
+    for row, proof in zip((signed, contrast), proofs, strict=True):
+        assert proof.unpaired_because(row) == ""
+        assert proof.exclusive
+        assert proof.blind_equal
+        assert proof.brake_mps2 is not None
+        assert proof.brake_mps2 > MAX_DECEL_MPS2
+
+
+def test_people_of_a_contrast_half_stand_until_the_ego_is_past(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for row in build("two_way", tmp_path, monkeypatch, (0,)).rows:
+        runner = EpisodeRunner(
+            resolve("idm"), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
+        )
+        facts = runner.run(row).facts
+        assert facts is not None
+        come_up = recipe().number("come_up_s")
+        (crossing,) = facts.scene.network.crossings.values()
+        exit_ = frozenset(facts.scene.network.edges["road.1"].lanes)
+        before = [s for s in facts.snapshots if s.ego.lane not in exit_]
+        walk = [
+            s.time for s in before[round(come_up / DT_S) + 2 :]
+            if (s.actors.speed[s.actors.kind == ActorKind.PEDESTRIAN] > 0.1).any()
+        ]  # fmt: skip
+        assert bool(walk) == (row.half == SIGNED)
+        last = before[-1].actors
+        at = last.pose[last.kind == ActorKind.PEDESTRIAN][0, :2]
+        ends = (crossing.line.points[0], crossing.line.points[-1])
+        # It stands near its kerb, and is on the road where 5.19 stands.
+        assert min(math.dist(at, end) for end in ends) < 2.0
+    assert (
+        facts.snapshots[-1].actors.speed[facts.snapshots[-1].actors.kind == ActorKind.PEDESTRIAN].max() > 0.5
+    )
 
 
 def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,11 +322,6 @@ def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pyt
     plain = replace(scene, network=replace(scene.network, crossings={}), signs=unruled)
     bare = scene_picture(plain, "title").reshape(-1, 3)
     assert (page == STYLE.marking).all(axis=1).sum() > 1.2 * (bare == STYLE.marking).all(axis=1).sum()
-
-
-def verdict(result: EpisodeResult) -> bool:
-    assert result.facts is not None
-    return result.facts.target.compliant
 
 
 CHILD = """
