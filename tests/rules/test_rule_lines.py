@@ -72,6 +72,18 @@ def test_who_drives_on_the_wrong_side_of_a_road_that_is_cut_is_on_it(tmp_path: P
     assert approach_line(net, "ab.2").to_go(_on(net, "ba_0", 20.0, math.pi)) == pytest.approx(20.0 - HALF)
 
 
+def test_pieces_in_a_loop_and_contraflows_are_no_cut_road(tmp_path: Path) -> None:
+    nodes = {k: PlainNode(k, x, y) for k, x, y in (("a", 0.0, 0.0), ("m", 100.0, 0.0), ("b", 200.0, 40.0))}
+    pairs = {"ab.0": "am", "ab.1": "mb", "ab.contra": "bm", "r.0": "am", "r.1": "ma"}
+    roads = [edge(nodes[p], nodes[q], name=name) for name, (p, q) in pairs.items()]
+    build_net(plain(list(nodes.values()), roads), tmp_path / "net.net.xml.gz")
+    net = read_network(tmp_path / "net.net.xml.gz")
+    assert lines.cut_road(net, "ab.contra") == ("ab.contra",)
+    assert lines.cut_road(net, "ab.0") == ("ab.0", "ab.1")
+    assert lines.cut_road(net, "r.0") == ("r.0",), "no end is its beginning"
+    assert reverse_edges(net, "ab.1") == (("ab.contra",), ("ab.1",))
+
+
 def test_places_along_a_road_over_a_junction() -> None:
     net = network("corridor")
     road = road_over(net, ("bc", "cd"))

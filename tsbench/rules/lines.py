@@ -16,18 +16,22 @@ _HALF_M = EGO_LENGTH_M / 2
 
 def cut_road(network: RoadNetwork, edge_id: str) -> tuple[str, ...]:
     """The edges in order that a scene has cut a road into ("road.0", "road.1"); an edge that is whole alone."""
-    stem = edge_id.rpartition(".")[0]
+    stem, dot, number = edge_id.rpartition(".")
+    if not dot or not number.isdigit():
+        return (edge_id,)
+    # Numbered pieces only: a contraflow ("road.contra") runs against them.
     by_source = {
         e.source: e
         for e in network.edges.values()
-        if stem and not e.internal and e.id.rpartition(".")[0] == stem
+        if not e.internal and e.id.startswith(stem + dot) and e.id[len(stem) + 1 :].isdigit()
     }
     inner = {e.target for e in by_source.values()}
     heads = [e for source, e in by_source.items() if source not in inner]
     if len(heads) != 1:
         return (edge_id,)
     chain = [heads[0]]
-    while chain[-1].target in by_source:
+    # As often as there are edges at most: a road may end in a loop.
+    while chain[-1].target in by_source and len(chain) < len(by_source):
         chain.append(by_source[chain[-1].target])
     return tuple(e.id for e in chain) if edge_id in {e.id for e in chain} else (edge_id,)
 
