@@ -13,7 +13,9 @@ from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
 
 class NeedlessDetour(Monitor):
-    """Has the ego left the navigation's way, or lane, for longer than a moment?
+    """Has the ego left the navigation's way, or lane, for longer than a moment in all?
+
+    In all: who swings from lane to lane, each for a moment, would keep to both.
 
     Armed on the approach, disarmed on the way's exit; off the way it stays off until it comes to the approach again.
     """
@@ -26,19 +28,21 @@ class NeedlessDetour(Monitor):
         self._edges = {network.lane(name).edge for name in params.lanes}
         self._armed = False
         self._off: list[WorldSnapshot] = []
+        self._earlier = 0
         self._event = self.excursion("needless_detour")
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick: the excursion begins with the first one off; it becomes an event once it has lasted."""
+        """One tick: the excursion begins with the first one off; it becomes an event once all have lasted."""
         if not self._is_off(snapshot.ego):
+            self._earlier += len(self._off)
             self._off.clear()
             self._event.close()
             return
         self._off.append(snapshot)
-        most = self.rule.thresholds["lane_s"]
-        if snapshot.time - self._off[0].time > most - DT_S / 2:
+        most, whole = self.rule.thresholds["lane_s"], (self._earlier + len(self._off)) * DT_S
+        if whole > most + DT_S / 2:
             for tick in self._off if not self._event.open else self._off[-1:]:
-                self._event.broken(tick, tick.time - self._off[0].time + DT_S, most)
+                self._event.broken(tick, whole, most)
 
     def _is_off(self, ego: EgoState) -> bool:
         """Of a tick. In a junction, and beside all lanes, it is off as long as it has been."""
