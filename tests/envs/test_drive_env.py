@@ -90,9 +90,9 @@ def test_a_seed_decides_the_scenarios(env: DriveEnv) -> None:
 
 def test_more_of_a_type_is_drawn_three_times_as_often() -> None:
     made = DriveEnv(split="test", types="speed_limit,yield", more="yield")
-    kinds = [row.scenario_type for row in made._rows]
-    assert (kinds.count("yield"), kinds.count("speed_limit")) == (600, 200)
-    assert len(made._by_id) == 400
+    kinds = [row.pair_type for row in made._rows]
+    assert (kinds.count("yield"), kinds.count("speed_limit")) == (1200, 400)
+    assert len(made._by_id) == 800
 
 
 def test_the_route_is_worth_one(env: DriveEnv) -> None:

@@ -134,15 +134,15 @@ def test_a_run_and_the_doctor_in_an_empty_folder(user: Path, tmp_path: Path) -> 
     home = str(tmp_path / "home")
     here = tmp_path / "empty"
     here.mkdir()
-    options = ("--planner", "idm", "--split", "dev", "--variants", "0", "--limit", "3", "--workers", "1")
+    options = ("--planner", "idm", "--split", "dev", "--variants", "0", "--limit", "4", "--workers", "1")
     ran = done(user / "tsbench", "run", *options, "--out", "run", cwd=here, HOME=home)
     assert ran.returncode == 0, ran.stderr
-    assert "3 of 3 episodes finished, 0 with an error outcome" in ran.stdout
+    assert "4 of 4 episodes finished, 0 with an error outcome" in ran.stdout
     program = ("-c", "from tsbench.cli import main; main()")
     mine = done(sys.executable, *program, "run", *options, "--out", "clone", cwd=here, PYTHONPATH=str(ROOT))
     assert mine.returncode == 0, mine.stderr
     table, other = (pq.read_table(here / name / "episodes.parquet") for name in ("run", "clone"))
-    assert table.num_rows == 3
+    assert table.num_rows == 4
     assert table.equals(other)
     seen = done(user / "tsbench", "doctor", cwd=here, HOME=home)
     assert seen.returncode == 0, seen.stdout
