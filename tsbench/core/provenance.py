@@ -76,7 +76,7 @@ def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> File
     """Files of the modules `starts` and of all that they import.
 
     starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor
-    followed. Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path
+    followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path
     where nothing is installed. Raises OSError for a start that cannot be read.
     """
     found: Files = {}
@@ -112,7 +112,7 @@ class _Search:
                 # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
                 named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
                 data = next((place for place in (path.parent / text, named) if place.is_file()), None)
-                if data is not None:
+                if data is not None and f"{name}: {text}" not in self._without:
                     found[f"{name}: {text}"] = hashlib.sha256(data.read_bytes()).hexdigest()
             for module, level in code.imports:
                 todo += self._files_of(_absolute(module, level, name))

@@ -15,6 +15,7 @@ from pool_builders import row
 
 from tsbench.core import parallel
 from tsbench.core.parallel import Workers
+from tsbench.core.provenance import closure
 from tsbench.dataset.scenes import build as build_module
 from tsbench.dataset.scenes.build import (
     BuildRequest,
@@ -197,6 +198,16 @@ def test_what_changed_is_built_again(tmp_path: Path) -> None:
     changed = [replace(r, length_m=r.length_m + 1.0) if r.map_id == names[0] else r for r in rows]
     fill(tmp_path, changed, again)
     assert again.asked == [names[0]]
+
+
+def test_what_a_build_writes_does_not_undo_it() -> None:
+    """Certificates and tables change with each type that is ready; a build that goes on must not start again."""
+    start = Path(build_module.__file__).parents[1] / "placements" / "reserved_lane.py"
+    counted = closure([build_module._MAKER, start], build_module._LEFT_OUT)
+    data = {name.partition(": ")[2] for name in counted if ": " in name}
+    assert "sumo_nets/pool.parquet" in data
+    written = {"certificates.parquet", "build_report.json", *(f"{s}.parquet" for s in SPLITS)}
+    assert not {name for name in data if name.startswith("scenarios/") and Path(name).name in written}
 
 
 def test_what_lost_its_files_is_built_again(tmp_path: Path) -> None:

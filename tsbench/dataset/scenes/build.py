@@ -118,8 +118,12 @@ def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
     return MapScenarios(data["map_id"], rows, certificates, data["reason"], tuple(data["rejected"]))
 
 
-# What makes scenes; it imports every placement, of which a type uses one.
-_MAKER, _LEFT_OUT = "tsbench.dataset.scenes.map_scenarios", ("tsbench/dataset/placements/registry.py",)
+# What makes scenes; it imports every placement, of which a type uses one. Certificates are what a build writes.
+_MAKER = "tsbench.dataset.scenes.map_scenarios"
+_LEFT_OUT = (
+    "tsbench/dataset/placements/registry.py",
+    "tsbench/scenarios/certificates.py: scenarios/certificates.parquet",
+)
 
 
 @cache
