@@ -76,8 +76,8 @@ def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> File
     """Files of the modules `starts` and of all that they import.
 
     starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor
-    followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in tsbench, and on Python's path
-    where nothing is installed. Raises OSError for a start that cannot be read.
+    followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in
+    tsbench, and on Python's path where nothing is installed. Raises OSError for a start that cannot be read.
     """
     found: Files = {}
     for start in starts:

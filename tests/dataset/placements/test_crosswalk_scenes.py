@@ -17,9 +17,9 @@ from patience import HANG_S
 from pool_builders import corridor
 from simworld import CALM, LIMIT, simulation
 
+from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.placements.crosswalk_net import bend_speed, kerb_to_kerb, to_crossing
 from tsbench.dataset.placements.registry import placement_of
