@@ -59,7 +59,7 @@ def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
     assert not [r.error for r in results if r.error]
     caught = [r.facts is not None and not r.facts.target.compliant for r in results]
     assert len(caught) >= 5
-    # Of ten, one may be among the rest; of `yield` three: who comes fast enough is past before the convoy (12 % of 200).
+    # Of ten, one may be among the rest; of `yield` three: who comes fast enough is past before the convoy (12 %).
     assert sum(caught) >= len(caught) - (3 if type_id == "yield" else 1)
 
 

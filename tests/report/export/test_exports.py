@@ -28,6 +28,7 @@ from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
+from tsbench.scenarios.spec import SIGNED
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -46,7 +47,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sim = None
     for kind, planner in DRIVEN:
         spec = next(
-            r for r in rows if r.scenario_type == kind and r.variant == 2 and r.scenario_id in tempting
+            r
+            for r in rows
+            if r.scenario_type == kind and r.half == SIGNED and r.variant == 2 and r.scenario_id in tempting
         )
         runner = EpisodeRunner(resolve(planner), simulation=sim)
         sim = runner.simulation

@@ -20,7 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.report.page import dataset as module
 from tsbench.report.page.dataset import write_dataset_page
 from tsbench.scenarios.certificates import read_certificates
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
 TYPES = ("yield", "speed_limit", "detour_left")
@@ -30,9 +30,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """Three variants of one test map for each of three types."""
-    table = read_table(table_path("test"))
-    first = {kind: next(row.map_id for row in table if row.scenario_type == kind) for kind in TYPES}
-    return [row for row in table if row.map_id == first.get(row.scenario_type) and row.variant in (0, 2, 5)]
+    table = [row for row in read_table(table_path("test")) if row.half == SIGNED]
+    first = {kind: next(row.map_id for row in table if row.pair_type == kind) for kind in TYPES}
+    return [row for row in table if row.map_id == first.get(row.pair_type) and row.variant in (0, 2, 5)]
 
 
 @pytest.fixture(scope="module")

@@ -88,7 +88,7 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
                 places=len({place[split][m.map_id] for m in maps}),
                 strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
                 tagged_share=sum(m.well_tagged for m in maps) / len(maps),
-                **{name: sum(getattr(c, name) for c in proofs) / n for name in _SHARES},
+                **{name: sum(getattr(c, name) for c in proofs) / n if n else math.nan for name in _SHARES},
                 reproduced=sum(
                     r.scenario_id in known and known[r.scenario_id].reproduced is True for r in rows
                 )
