@@ -9,7 +9,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results floor torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results floor docs torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -93,7 +93,7 @@ setup: $(READY)
 # where an index nearer by has the one without. Its version is the lock file's, and so is all that it needs.
 $(READY): $(BASE) $(COMMONROAD)
 	$(PIP) install --no-deps "$$(grep -o '^torch==[^ ]*' requirements.lock)"
-	$(call install,report video make learn ray mcap dev)
+	$(call install,report video make learn ray mcap docs dev)
 	$(PIP) install --require-hashes --no-deps --upgrade --target $(VENV)/commonroad --requirement $(COMMONROAD)
 	touch $@
 
@@ -103,8 +103,12 @@ UV := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --ge
 lock:
 	$(PYTHON) -m venv build/uv
 	build/uv/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	$(UV) $(addprefix --extra ,report video make learn ray mcap dev mutation build) pyproject.toml -o requirements.lock
+	$(UV) $(addprefix --extra ,report video make learn ray mcap docs dev mutation build) pyproject.toml -o requirements.lock
 	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
+
+# The documentation as a site in build/site; its search works once it is served: python3 -m http.server -d build/site
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 # Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
 package: setup

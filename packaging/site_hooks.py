@@ -1,0 +1,44 @@
+"""For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
+
+Links to files that are no pages become the names of those files; the catalogue's plates come into the site.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+_ROOT = Path(__file__).resolve().parents[1]
+_DOCS, _PLATES = _ROOT / "docs", _ROOT / "sign_catalog" / "plates"
+_LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
+_PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """The site's files, with the plates among them as `plates/CODE.svg`."""
+    from mkdocs.structure.files import File
+
+    for plate in sorted(_PLATES.glob("*.svg")):
+        files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """A page's text as the site shows it; on disk its links lead on into the repository."""
+    place = PurePosixPath(page.file.src_uri)
+    up = "../" * (len(place.parts) - 1)
+    return _PLATE.sub(rf'src="{up}plates/\1"', without_links_out(markdown, place))
+
+
+def without_links_out(markdown: str, place: PurePosixPath) -> str:
+    """The text with links that leave the folder of pages as their words, and the file that they name beside them."""
+
+    def plain(link: re.Match[str]) -> str:
+        target = (_DOCS / place.parent / link[2]).resolve()
+        if target.is_relative_to(_DOCS):
+            return link[0]
+        path = target.relative_to(_ROOT).as_posix()
+        return link[1] if path in link[1] else f"{link[1]} (`{path}`)"
+
+    return _LINK.sub(plain, markdown)
