@@ -1,0 +1,1 @@
+"""What scripts and notebooks call: the command line's work as Python, its tables as pandas."""
