@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.cli import COMMANDS, main
+from tsbench.cli import SECTIONS, main
 from tsbench.core.extras import EXTRA_OF
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +39,6 @@ def test_a_command_without_its_extra_is_one_line() -> None:
 
 
 def test_a_module_of_no_extra_is_no_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(COMMANDS, "bench", ("tsbench.no_such_module:x", ""))
+    monkeypatch.setitem(SECTIONS["Bring a planner of your own"], "bench", ("tsbench.no_such_module:x", ""))
     with pytest.raises(ModuleNotFoundError):
         main(["bench"])

@@ -13,35 +13,45 @@ from tsbench import __version__
 from tsbench.core.errors import InputError, TsbenchError
 from tsbench.core.extras import load, missing_extra
 
-# Command, where it is, and its line in --help.
-COMMANDS = {
-    "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
-    "compare": ("tsbench.cli.report:compare", "Compare two planners, scenario by scenario."),
-    "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
-    "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),
-    "analyse": ("tsbench.cli.analyse:analyse", "The paper's tables and figures from runs."),
-    "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
-    "render": ("tsbench.cli.episodes:render", "Draw episodes of a run as PNG, GIF or MP4."),
-    "export": ("tsbench.cli.episodes:export", "Write episodes as CommonRoad XML or MCAP."),
-    "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
-    "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
-    "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
-    "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
-    "oracle": ("tsbench.cli.oracle:oracle", "Collect and choose the drives that plant2-ft learns from."),
-    "train": ("tsbench.cli.train:train", "Train a learned planner."),
-    "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
-    "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),
-    "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
+# By section of --help: command, where it is, and its line there.
+SECTIONS = {
+    "Use": {
+        "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
+        "compare": ("tsbench.cli.report:compare", "Compare two planners, scenario by scenario."),
+        "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
+        "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),
+        "render": ("tsbench.cli.episodes:render", "Draw episodes of a run as PNG, GIF or MP4."),
+        "analyse": ("tsbench.cli.analyse:analyse", "The paper's tables and figures from runs."),
+        "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
+        "export": ("tsbench.cli.episodes:export", "Write episodes as CommonRoad XML or MCAP."),
+        "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
+        "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),
+    },
+    "Bring a planner of your own": {
+        "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
+        "train": ("tsbench.cli.train:train", "Train a learned planner."),
+        "oracle": ("tsbench.cli.oracle:oracle", "Collect and choose the drives that plant2-ft learns from."),
+        "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),
+    },
+    "Make the data": {
+        "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
+        "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
+        "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
+    },
 }
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported on use; `lazy`: by name, where it is and its line in --help."""
+    """A group whose commands are imported on use; `lazy`: by section of --help and name, where it is and its line."""
 
-    def __init__(self, *args: Any, lazy: Mapping[str, tuple[str, str]], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, lazy: Mapping[str, Mapping[str, tuple[str, str]]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._lazy = lazy
+        self._sections = lazy
+
+    @property
+    def _lazy(self) -> dict[str, tuple[str, str]]:
+        return {name: command for section in self._sections.values() for name, command in section.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         return list(self._lazy)
@@ -54,11 +64,13 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in self._lazy.items()])
+        width = max(map(len, self._lazy))
+        for title, commands in self._sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(name.ljust(width), line) for name, (_, line) in commands.items()])
 
 
-@click.group(cls=LazyGroup, lazy=COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, lazy=SECTIONS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="tsbench")
 def cli() -> None:
     """Does a self-driving planner obey the traffic sign in front of it, and still arrive?"""
