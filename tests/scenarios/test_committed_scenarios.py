@@ -36,8 +36,6 @@ SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 EDITIONS = scene_editions(SCENARIOS)
 FIRST = "2026.1"
 PAIRED = [split for split, name in EDITIONS.items() if name != FIRST]
-# Maps of the first train split that stand in today's dev and holdout, or near them.
-MOVED_MOST = 35
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +76,10 @@ def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
         maps = Counter(type_id for type_id, _ in variants)
         if split in ("test", "dev"):
             assert maps == dict.fromkeys(TYPES, MAPS[split])
+        elif split == "train" and split not in PAIRED:
+            # Without the places that dev and holdout have taken since.
+            assert sorted(maps) == sorted(TYPES)
+            assert MAPS[split] - 10 <= min(maps.values()) <= max(maps.values()) <= MAPS[split]
         elif split == "train":
             assert set(maps.values()) == {MAPS[split]}
         else:
@@ -136,9 +138,7 @@ def test_no_place_is_in_two_splits(rows: list[ScenarioSpec]) -> None:
 
 def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str, PoolRow]) -> None:
     split = split_pool(list(pool.values()))
-    elsewhere = {(r.split, r.map_id) for r in rows if split[r.map_id] != r.split}
-    assert not {name for name, _ in elsewhere} & {*PAIRED, "test"}
-    assert len(elsewhere) <= MOVED_MOST
+    assert not {(r.split, r.map_id) for r in rows if split[r.map_id] != r.split}
     share = Counter(split.values())
     assert share["test"] / (share["test"] + share["train"]) == pytest.approx(0.2, abs=0.05)
     assert min(share["dev"], share["holdout"]) > 500
@@ -190,8 +190,10 @@ def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
     named: dict[Path, dict[str, str]] = defaultdict(dict)
     for r in rows:
         named[store_path(r.split, r.pair_type)] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
-    assert {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()} == set(named)
+    there = {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()}
     store = SceneStore()
+    # Of a type for which a split has no map, the store is empty.
+    assert {p for p in there if store.names(p.parent.name, p.stem)} == set(named)
     for path, files in named.items():
         assert store.names(path.parent.name, path.stem) == files
 
