@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.dataset.maps.utm import to_lat_lon
+from tsbench.dataset.maps.utm import UtmFrame
 
 EAST, NORTH = 410_000.0, 6_180_000.0
 
@@ -23,10 +23,11 @@ class Town:
     def road(self, points: list[tuple[float, float]], highway: str, **tags: str) -> None:
         self.ways.append(([self.node(*point) for point in points], {"highway": highway, **tags}))
 
-    def xml(self) -> str:
+    def xml(self, frame: UtmFrame = UtmFrame(37), north: float = NORTH) -> str:  # noqa: B008
+        """As OSM XML, anywhere: the same metres in another zone, or at another northing."""
         lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<osm version="0.6">']
         for (x, y), number in self.nodes.items():
-            lat, lon = to_lat_lon(EAST + x, NORTH + y).tolist()
+            lat, lon = frame.to_degrees(EAST + x, north + y).tolist()
             tag = f'<tag k="highway" v="{self.tagged[number]}"/>' if number in self.tagged else ""
             lines.append(f'<node id="{number}" version="1" lat="{lat:.7f}" lon="{lon:.7f}">{tag}</node>')
         for number, (refs, tags) in enumerate(self.ways, start=501):

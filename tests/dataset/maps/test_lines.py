@@ -15,7 +15,6 @@ from tsbench.dataset.maps.lines import (
     heading_towards,
     length,
 )
-from tsbench.dataset.maps.utm import to_lat_lon, to_utm
 from tsbench.geometry.angles import wrap_deg
 
 coordinate = st.floats(-500, 500).map(lambda value: round(value, 2))
@@ -51,14 +50,3 @@ def test_densified_keeps_ends_and_step() -> None:
     assert points[0].tolist() == [0, 0]
     assert points[-1].tolist() == [95, 0]
     assert np.diff(points[:, 0]).max() <= 10
-
-
-@given(st.floats(55, 56.2), st.floats(36.5, 38.5))
-def test_utm_there_and_back(lat: float, lon: float) -> None:
-    east, north = to_utm(lat, lon).tolist()
-    assert to_lat_lon(east, north).tolist() == pytest.approx([lat, lon], abs=1e-8)
-
-
-def test_utm_agrees_with_netconvert() -> None:
-    # the value of PROJ (EPSG:32637); test_source compares whole networks
-    assert to_utm(55.8, 37.4).tolist() == pytest.approx([399701.57, 6184978.88], abs=0.01)

@@ -21,10 +21,12 @@ def test_a_page_shows_law_rule_violation_and_pass(tmp_path: Path) -> None:
         "`tolerance_kmh` | 1 |",
         "`over_limit`",
         "| `idm` breaks the rule | `idm-e` obeys",
+        "## The other half",
+        "| `idm-e` | the same commands as in the first half |",
     ):
         assert words in text
     assert "> From " in text  # the sentence of the violation
-    for name in ("speed_limit-violation.gif", "speed_limit-pass.gif"):
+    for name in (f"speed_limit-{part}.gif" for part in ("violation", "pass", "contrast", "repeated")):
         with PilImage.open(tmp_path / "pictures" / name) as film:
             assert getattr(film, "n_frames", 1) >= 20
         assert (tmp_path / "pictures" / name).stat().st_size < 250_000

@@ -10,7 +10,7 @@ import numpy as np
 from tsbench.dataset.maps.lines import cut
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.dataset.maps.utm import Floats, to_lat_lon
+from tsbench.dataset.maps.utm import Floats
 
 SAME_END_M = 0.5
 
@@ -60,7 +60,7 @@ def assemble(
             else _node(source, head, centre, nodes)
         )
         edges.append(_edge(source, piece.row, tail_id, head_id, line))
-    lat, lon = to_lat_lon(*centre).tolist()
+    lat, lon = source.frame.to_degrees(*centre).tolist()
     return PlainNet(
         nodes=tuple(sorted(nodes.values(), key=lambda node: node.id)),
         edges=tuple(edges),

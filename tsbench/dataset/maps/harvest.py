@@ -23,6 +23,7 @@ from tsbench.dataset.maps.osm import extract_name
 from tsbench.dataset.maps.overlap import Coverage
 from tsbench.dataset.maps.paths import build_dir, netconvert_file
 from tsbench.dataset.maps.source import kept_source, list_extracts, load_source
+from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 
 BATCH = 250
@@ -87,7 +88,10 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
 
         # the biggest extract is the last in the order of preference: begin with it
         ranked = [(folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)][::-1]
-        each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
+        frames = each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
+        _check_one_frame(
+            {name: frame for (_, name, _, _), frame in zip(ranked, frames, strict=True)}, osm_dir
+        )
         counts = each(
             "finding maps", _find, ranked, lambda _, name, *__: Kept(folder / f"found-{name}.json", "")
         )
@@ -113,8 +117,18 @@ def _key(extracts: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _convert(name: str, osm_dir: Path) -> None:
-    load_source(name, osm_dir)
+def _convert(name: str, osm_dir: Path) -> UtmFrame:
+    return load_source(name, osm_dir).frame
+
+
+def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
+    """Places are compared in metres, so all extracts of a pool are of one frame."""
+    first, frame = next(iter(frames.items()))
+    other = next((name for name, found in frames.items() if found != frame), None)
+    if other is not None:
+        raise InputError(
+            f"{osm_dir}: {first} is in {frame}, {other} in {frames[other]}: one pool is of one city; give each a folder"
+        )
 
 
 def _find(folder: Path, name: str, better: list[str], osm_dir: Path) -> dict[str, int]:

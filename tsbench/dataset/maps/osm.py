@@ -12,7 +12,7 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.utm import Floats, to_utm
+from tsbench.dataset.maps.utm import Floats
 
 SUFFIXES = (".osm", ".osm.gz", ".osm.bz2", ".osm.pbf", ".xml", ".xml.gz", ".xml.bz2", ".pbf")
 CAR_ROADS = frozenset(
@@ -24,7 +24,7 @@ CAR_ROADS = frozenset(
 
 @dataclass(frozen=True)
 class ExtractFacts:
-    """What one pass over an extract tells: sizes and the traffic signals' places, (n, 2) metres UTM."""
+    """What one pass over an extract tells: sizes and the traffic signals' places, (n, 2) degrees: lat, lon."""
 
     nodes: int
     ways: int
@@ -66,8 +66,7 @@ def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
         raise InputError(
             f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)"
         )
-    degrees = np.array(signals, float).reshape(-1, 2)
-    return ExtractFacts(nodes, ways, roads, to_utm(degrees[:, 0], degrees[:, 1]))
+    return ExtractFacts(nodes, ways, roads, np.array(signals, float).reshape(-1, 2))
 
 
 def _check_file(path: Path) -> None:

@@ -51,6 +51,11 @@ def parse_nodes(path: Path) -> dict[str, tuple[float, float]]:
     return dict(sorted(nodes.items()))
 
 
+def parse_projection(path: Path) -> str:
+    """The projection of a file of nodes, as PROJ writes it; "" where it has none."""
+    return next((e.get("projParameter", "") for e in _elements(path, "location")), "")
+
+
 def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[ParsedEdge]:
     """All edges, in the order of the ids."""
     return sorted(

@@ -19,22 +19,23 @@ from tsbench.core.files import replacing, sha256_of
 from tsbench.dataset.maps.netconvert import convert_to_plain
 from tsbench.dataset.maps.osm import SUFFIXES, extract_name
 from tsbench.dataset.maps.paths import build_dir, netconvert_file
-from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_roundabouts
-from tsbench.dataset.maps.utm import Floats
+from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_projection, parse_roundabouts
+from tsbench.dataset.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
-SCHEMA = 1
+SCHEMA = 2
 Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class SourceNetwork:
-    """Nodes and directed car edges of one extract; metres in UTM 37 north; all sorted by id.
+    """Nodes and directed car edges of one extract; metres in `frame`; all sorted by id.
 
     `node_xy` (n, 2); `tail`/`head` (m,) node rows; `points` (p, 2) with `first` (m + 1,) offsets per edge;
     `osm_ids` per edge; `rings`: edge ids of each roundabout; `signals` (s, 2) places of traffic signals.
     """
 
     name: str
+    frame: UtmFrame
     node_ids: list[str]
     node_xy: Floats
     edge_ids: list[str]
@@ -153,18 +154,26 @@ def _convert(extract: Path) -> SourceNetwork:
     with tempfile.TemporaryDirectory(prefix="tsbench-source-") as folder:
         prefix = Path(folder) / "net"
         facts = convert_to_plain(extract, prefix)
-        nodes = parse_nodes(Path(f"{prefix}.nod.xml"))
+        node_file = Path(f"{prefix}.nod.xml")
+        nodes, frame = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
         edge_file = Path(f"{prefix}.edg.xml")
         edges = parse_edges(edge_file, nodes)
         rings = parse_roundabouts(edge_file)
     if not edges:
         raise InputError(f"{extract}: netconvert found no road for cars in it")
+    east, north = np.ptp(np.array(list(nodes.values()), float), axis=0).tolist()
+    if max(east, north) > WIDEST_M:
+        raise InputError(
+            f"{extract}: its roads lie {max(east, north) / 1e3:.0f} km apart, more than one city (at most "
+            f"{WIDEST_M / 1e3:.0f} km): cut out one with `osmium extract`"
+        )
     row = {name: index for index, name in enumerate(nodes)}
     columns: dict[str, Any] = {name: [getattr(edge, name) for edge in edges] for name in _TEXT_COLUMNS}
     columns |= {name: np.array([row[getattr(edge, name)] for edge in edges]) for name in _END_COLUMNS}
     columns |= {name: np.array([getattr(edge, name) for edge in edges]) for name in _NUMBER_COLUMNS}
     return SourceNetwork(
         name=extract_name(extract),
+        frame=frame,
         node_ids=list(nodes),
         node_xy=np.array(list(nodes.values()), float),
         edge_ids=[edge.id for edge in edges],
@@ -172,7 +181,7 @@ def _convert(extract: Path) -> SourceNetwork:
         first=np.concatenate([[0], np.cumsum([len(edge.line) for edge in edges])]),
         points=np.concatenate([np.array(edge.line) for edge in edges]),
         rings=rings,
-        signals=facts.signals,
+        signals=frame.to_metres(facts.signals[:, 0], facts.signals[:, 1]),
         **columns,
     )
 
@@ -193,6 +202,7 @@ def _write(source: SourceNetwork, path: Path) -> None:
     extra = {
         "schema": SCHEMA,
         "name": source.name,
+        "frame": [source.frame.zone, source.frame.south],
         "nodes": source.node_ids,
         "node_xy": source.node_xy.tolist(),
         "rings": source.rings,
@@ -212,6 +222,7 @@ def _read(path: Path) -> SourceNetwork:
     columns |= {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
     return SourceNetwork(
         name=extra["name"],
+        frame=UtmFrame(*extra["frame"]),
         node_ids=extra["nodes"],
         node_xy=np.array(extra["node_xy"], float).reshape(-1, 2),
         edge_ids=table["id"].to_pylist(),

@@ -12,7 +12,7 @@ from tsbench.dataset.maps.cut import Piece
 from tsbench.dataset.maps.extracts import extract_info
 from tsbench.dataset.maps.lines import cut
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.dataset.maps.utm import Floats, to_lat_lon
+from tsbench.dataset.maps.utm import Floats
 from tsbench.scenarios.map_pool import PoolRow, map_id
 
 
@@ -45,7 +45,7 @@ def make_row(
     low, high = points.min(axis=0), points.max(axis=0)
     east, north = ((low + high) / 2).tolist()
     half_w, half_h = ((high - low) / 2).tolist()
-    lat, lon = to_lat_lon(east, north).tolist()
+    lat, lon = source.frame.to_degrees(east, north).tolist()
     first = max(main, key=lambda row: (int(source.priority[row]), int(source.lanes[row]), -row))
     lanes = max(int(source.lanes[row]) for row in main)
     return PoolRow(
