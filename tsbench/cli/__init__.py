@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -62,6 +63,17 @@ class LazyGroup(click.Group):
         module, _, attribute = self._lazy[cmd_name][0].partition(":")
         command: click.Command = getattr(load(module), attribute)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command, and the options that the folder's tsbench.toml gives it."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if name is not None and command is not None and Path("tsbench.toml").is_file():
+            from tsbench.cli.config import defaults_of
+
+            ctx.default_map = {name: defaults_of(command, name)}
+        return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         width = max(map(len, self._lazy))
