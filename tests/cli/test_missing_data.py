@@ -40,9 +40,9 @@ def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         ("scenarios open yield-j-dol-0128fe0d7b-v0", SCENES),
         ("scenarios certify --types yield", SCENES),
         ("oracle collect --limit 1 --out out", SCENES),
-        ("train ppo --out out", SCENES),
-        ("train plant2 --out out", SCENES),
-        ("train plant2-ft --planner idm-e --out out", SCENES),
+        pytest.param("train ppo --out out", SCENES, marks=pytest.mark.own_process),
+        pytest.param("train plant2 --out out", SCENES, marks=pytest.mark.own_process),
+        pytest.param("train plant2-ft --planner idm-e --out out", SCENES, marks=pytest.mark.own_process),
         ("oracle stats", ORACLE),
         ("oracle verify", ORACLE),
         (
