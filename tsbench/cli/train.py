@@ -145,11 +145,6 @@ def _lessons(drives: int, out: str) -> Option:
 @_count("--batch", 128, least=8)
 @_rate(1e-4)
 @_count("--validation", 58, "Episodes driven after each epoch; the network with most SCD is kept.")
-@click.option(
-    "--mask-signs",
-    is_flag=True,
-    help="It never sees what is on a plate, and becomes plant2-blind, a floor: what training gets without reading.",
-)
 @_device
 @_lessons(drives=0, out="runs/train-plant2-ft")
 def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: Any) -> None:

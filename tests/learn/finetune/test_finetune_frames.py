@@ -127,33 +127,3 @@ def test_the_expert_takes_over_from_where_the_student_got_to(
     assert first.since == 8
     late = TakeoverDrive(row, "idm-e", 10_000, student, "0").run(drivers)
     assert late is None
-
-
-def test_masked_frames_show_posts_and_have_the_same_targets(row: ScenarioSpec, drivers: Drivers) -> None:
-    driven = PlannerDrive(row, "idm-e").run(drivers)
-    assert driven is not None
-    seen, blind = (
-        FinetuneSource(FinetuneSampling(), WORDS, masked).frames(driven, drivers, np.random.default_rng(0))
-        for masked in (False, True)
-    )
-    assert any(words(seen))
-    assert not any(words(blind))
-    for name in ("path", "path_known", "waypoints", "waypoints_known", "speed", "family", "type", "decides"):
-        assert seen[name].tobytes() == blind[name].tobytes()
-
-
-def test_masked_frames_of_both_halves_begin_alike(drivers: Drivers) -> None:
-    """Nothing in them tells what is on the plates: the first tick is the same bytes, targets aside."""
-    rows = [r for r in read_table(table_path("test")) if r.pair_id and r.pair_type == "direction_right"]
-    pair = [r for r in rows if r.pair_name == rows[0].pair_name]
-    inputs = list(at.SIGN_TOKENS.names or ())
-    first = []
-    for half in pair:
-        driven = PlannerDrive(half, "idm-e").run(drivers)
-        assert driven is not None
-        frames = FinetuneSource(FinetuneSampling(), WORDS, True).frames(
-            driven, drivers, np.random.default_rng(0)
-        )
-        first.append([frames[name][0].tobytes() for name in inputs])
-    assert len(pair) == 2
-    assert first[0] == first[1]

@@ -99,7 +99,7 @@ def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
     assert len({d.spec.scenario_id for d in drives}) == 600
     assert not {d.spec.map_id for d in drives} & {r.map_id for r in chosen}
     assert all(kept_for_validation(r) for r in chosen)
-    types = [d.spec.pair_type for d in drives]
+    types = [d.spec.scenario_type for d in drives]
     assert max(types.count(t) for t in set(types)) - min(types.count(t) for t in set(types)) <= 1
     assert drives_of(rows[::-1], recipe) == drives
     two = drives_of(rows, replace(recipe, drivers=("idm", "idm-s3")))

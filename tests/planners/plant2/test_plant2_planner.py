@@ -19,7 +19,7 @@ from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
-from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
+from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import save_weights
 from tsbench.roads.destination import Destination
@@ -37,7 +37,7 @@ def drive() -> Recorder:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where: Path = tmp_path_factory.mktemp("weights")
     torch.manual_seed(1)
-    for name, kind in (("plant2", Plant2Network), ("plant2-ft", fresh_tuned), ("plant2-blind", fresh_tuned)):
+    for name, kind in (("plant2", Plant2Network), ("plant2-ft", fresh_tuned)):
         arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
         save_weights(name, where, arrays, {"size": "mini"}, vocabulary_of().metadata())
     return where
@@ -177,17 +177,6 @@ def test_the_fine_tuned_one_heeds_signs_and_what_held_before(drive: Recorder, fo
     blind = commands(planner, drive, signs=False)
     assert commands(planner, drive, signs=True) != blind
     assert commands(planner, drive, signs=False) == blind
-
-
-def test_the_one_that_learned_with_masked_plates_sees_none(drive: Recorder, folder: Path) -> None:
-    planner = Plant2Blind(folder=folder)
-    seen = [with_signs(o) for o in drive.seen]
-    planner.reset(drive.context)
-    told = [planner.act(o) for o in seen]
-    planner.reset(drive.context)
-    assert [planner.act(replace(o, signs=tuple(s.masked() for s in o.signs))) for o in seen] == told
-    planner.reset(drive.context)
-    assert planner.encode(seen[0]).tobytes() != Plant2Ft.encode(planner, seen[0]).tobytes()
 
 
 def test_an_expert_wraps_it(drive: Recorder, folder: Path) -> None:

@@ -40,15 +40,11 @@ SIGN_FRAME = np.dtype(
 
 @dataclass(frozen=True)
 class FinetuneSource:
-    """Frames of drives that reached the destination and kept to the sign; the others teach nothing.
-
-    masked: they show posts in place of plates; targets are the same.
-    """
+    """Frames of drives that reached the destination and kept to the sign; the others teach nothing."""
 
     dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
     sampling: FinetuneSampling
     vocabulary: Vocabulary
-    masked: bool = False
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
@@ -61,7 +57,7 @@ class FinetuneSource:
         view = driven.roads.view
         ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
-        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, self.masked)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

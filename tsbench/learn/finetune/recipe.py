@@ -16,7 +16,7 @@ from tsbench.learn.imitation.drives import Drive, PlannerDrive
 from tsbench.learn.imitation.recipe import TrainingRecipe, in_turn, kept_for_validation
 from tsbench.learn.oracle.trajectories import read_trajectories
 from tsbench.planners.plant2.sizes import size_of
-from tsbench.planners.plant2.vocabulary import BLIND_READER, READER, Vocabulary, vocabulary_of
+from tsbench.planners.plant2.vocabulary import READER, Vocabulary, vocabulary_of
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
@@ -34,8 +34,7 @@ class FineTuning(TrainingRecipe):
     drivers: none = the oracle's drives in `trajectories`. drives: how many, types in turn, three a turn of those in
     `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover` (0 to 1) of the drives, which
     `expert` ends. layer_decay: of the rate, per layer from the heads down; new_factor: of the rate, for new parameters.
-    cap: greatest share of a family in a batch. mask_signs: it never sees what is on a plate, in frames or in
-    episodes, and becomes `plant2-blind`, a floor.
+    cap: greatest share of a family in a batch.
     """
 
     base: Path | None = None
@@ -51,14 +50,8 @@ class FineTuning(TrainingRecipe):
     layer_decay: float = 0.8
     new_factor: float = 5.0
     cap: float = 0.25
-    mask_signs: bool = False
     validation: int = 58
     sampling: FinetuneSampling = field(default_factory=FinetuneSampling)
-
-    @property
-    def makes(self) -> str:
-        """The network that it writes."""
-        return BLIND_READER if self.mask_signs else READER
 
     @property
     def starts_tuned(self) -> bool:

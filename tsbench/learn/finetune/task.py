@@ -15,7 +15,7 @@ from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.sizes import SIZES, size_of
 from tsbench.planners.plant2.torch_inference import network_of
-from tsbench.planners.plant2.vocabulary import Vocabulary
+from tsbench.planners.plant2.vocabulary import READER, Vocabulary
 from tsbench.planners.weights import fitted
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -29,10 +29,10 @@ def fine_tuning(recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> Task:
     words = recipe.vocabulary()
     layers = SIZES[size_of(recipe.begins_with())].layers
     return Task(
-        recipe.makes,
+        READER,
         recipe,
         finetune_drives(rows, recipe),
-        FinetuneSource(recipe.sampling, words, recipe.mask_signs),
+        FinetuneSource(recipe.sampling, words),
         validation_rows(rows, recipe.validation, recipe.seed),
         network=lambda: beginning(recipe, words),
         batches=lambda frames, order: capped_batches(frames, order, recipe.batch, recipe.cap),

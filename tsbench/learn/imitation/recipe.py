@@ -75,13 +75,10 @@ def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list
 def in_turn(
     rows: Sequence[ScenarioSpec], count: int, seed: int, what: str, more: Collection[str] = ()
 ) -> list[ScenarioSpec]:
-    """`count` rows: one drawn of each type of pairs (of those in `more`: three), again until enough or no more.
-
-    Both halves of pairs are in the draw, as often as each other.
-    """
+    """`count` rows: one drawn of each type (of those in `more`: three), again until there are enough or no more."""
     by_type: dict[str, list[ScenarioSpec]] = {}
     for row in sorted(rows, key=lambda r: r.scenario_id):
-        by_type.setdefault(row.pair_type, []).append(row)
+        by_type.setdefault(row.scenario_type, []).append(row)
     shuffled: list[tuple[list[ScenarioSpec], int]] = []
     for name, of_type in sorted(by_type.items()):
         order = rng_of("imitation", what, seed, name).permutation(len(of_type))

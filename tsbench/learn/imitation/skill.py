@@ -13,7 +13,7 @@ from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.plant2.planner import Plant2
-from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
+from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -84,8 +84,7 @@ def _drive(
     import torch
 
     torch.set_num_threads(1)
-    readers = {reader.weights: reader for reader in (Plant2Ft, Plant2Blind)}
-    make = partial(readers[planner], stop_policy=stop_policy) if planner in readers else Plant2
+    make = partial(Plant2Ft, stop_policy=stop_policy) if planner == "plant2-ft" else Plant2
     runner = EpisodeRunner(LoadedPlanner(planner, partial(make, folder=folder)))
     ends = []
     for row in rows:

@@ -9,10 +9,14 @@ from dataclasses import replace
 
 from tsbench.core.seeds import rng_of
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.masking import masked
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.floor.guess import guess
 from tsbench.planners.idm import Idm
+
+
+def masked(observation: Observation) -> Observation:
+    """The observation with posts in place of plates, and nothing but what all planners are given."""
+    return replace(observation, signs=tuple(s.masked() for s in observation.signs), truth=None)
 
 
 class Blind:

@@ -11,7 +11,6 @@ import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.batching import Infer
-from tsbench.planners.common.masking import masked
 from tsbench.planners.plant2.layout import SIGN_SIDE_M, SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
@@ -82,7 +81,7 @@ class Plant2Ft(Plant2):
         self, infer: Infer | None = None, folder: Path | None = None, stop_policy: StopPolicy | None = None
     ) -> None:
         super().__init__(infer, folder)
-        self._vocabulary = vocabulary_of(folder, self.weights)
+        self._vocabulary = vocabulary_of(folder)
         self._signs: SignTokeniser
         self._stop_policy = stop_policy or StopPolicy()
         self._stood, self._halted, self._settling = 0, -math.inf, False
@@ -128,17 +127,3 @@ class Plant2Ft(Plant2):
         self._signs.watch(observation)
         self._signs.fill(record[0], observation)
         return record
-
-
-class Plant2Blind(Plant2Ft):
-    """A floor: fine-tuned like `plant2-ft`, with plates masked in training. It masks them itself before it looks."""
-
-    sign_access = False
-    floor: ClassVar[bool] = True
-    weights: ClassVar[str] = "plant2-blind"
-
-    def act(self, observation: Observation) -> Control:
-        return super().act(masked(observation))
-
-    def encode(self, observation: Observation) -> Records:
-        return super().encode(masked(observation))

@@ -16,8 +16,7 @@ from tsbench.planners.base import SignView
 from tsbench.planners.weights import load_metadata
 from tsbench.signs.catalog import Catalog
 
-# Networks with words: the one that reads, and the floor, which learned with plates masked.
-READER, BLIND_READER = "plant2-ft", "plant2-blind"
+READER = "plant2-ft"
 _KEY = "vocabulary"
 
 
@@ -84,9 +83,9 @@ class Vocabulary:
         return {_KEY: json.dumps(asdict(self))}
 
 
-def vocabulary_of(folder: Path | None = None, name: str = READER) -> Vocabulary:
-    """The words of a network's weights below `folder` (None: tsbench's own); InputError where they have none."""
-    found = load_metadata(name, folder).get(_KEY)
+def vocabulary_of(folder: Path | None = None) -> Vocabulary:
+    """The words of the `plant2-ft` weights below `folder` (None: tsbench's own); InputError where they have none."""
+    found = load_metadata(READER, folder).get(_KEY)
     try:
         if found is None:
             raise ValueError("none in the file's head")
@@ -101,5 +100,5 @@ def vocabulary_of(folder: Path | None = None, name: str = READER) -> Vocabulary:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"weights {name!r}: no vocabulary of signs ({error}): train them again (tsbench train {READER})"
+            f"weights {READER!r}: no vocabulary of signs ({error}): train them again (tsbench train {READER})"
         ) from None
