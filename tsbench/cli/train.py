@@ -199,7 +199,10 @@ _SHARES = {
 @train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")
 @click.argument("folder", type=options.FOLDER, required=False)
 @click.option(
-    "--planner", type=click.Choice(["plant2", "plant2-ft", "plant2-blind"]), default="plant2-ft", show_default=True
+    "--planner",
+    type=click.Choice(["plant2", "plant2-ft", "plant2-blind"]),
+    default="plant2-ft",
+    show_default=True,
 )
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
@@ -229,9 +232,7 @@ def measure(
     rows = _train_rows(types)
     kinds = sorted({row.pair_type for row in rows})
     rows = [
-        row
-        for kind in kinds
-        for row in validation_rows([r for r in rows if r.pair_type == kind], each, seed)
+        row for kind in kinds for row in validation_rows([r for r in rows if r.pair_type == kind], each, seed)
     ]
     ends = drive(planner, folder, rows, workers, StopPolicy(*stop_policy) if stop_policy else None)
     heads = ("type", "n", *_SHARES.values())
