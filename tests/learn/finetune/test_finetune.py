@@ -30,7 +30,7 @@ from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import load_weights
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -117,11 +117,9 @@ def test_drives_are_of_no_map_that_checkpoints_are_chosen_on(
 ) -> None:
     driven = finetune_drives(rows, FineTuning(base=base, drivers=("idm-e", "idm-s4-e"), drives=100))
     assert not any(kept_for_validation(drive.spec) for drive in driven)
-    assert [drive.driver for drive in driven[:3] if isinstance(drive, PlannerDrive)] == [
-        "idm-e",
-        "idm-s4-e",
-        "idm-e",
-    ]
+    turns = {drive.spec.pair_name: drive.driver for drive in driven if isinstance(drive, PlannerDrive)}
+    assert list(turns.values())[:3] == ["idm-e", "idm-s4-e", "idm-e"]
+    assert {drive.spec.half for drive in driven} == set(HALVES)
 
     path = tmp_path / "oracle.parquet"
     kept = next(row for row in rows if kept_for_validation(row))
@@ -218,7 +216,7 @@ def test_a_masked_student_is_blind(rows: list[ScenarioSpec], base: Path, tmp_pat
         base=base, drivers=("idm-e",), drives=20, student=tmp_path, takeover=1.0, mask_signs=True
     )
     fresh_weights(tmp_path, "plant2-ft", fresh_tuned)
-    with pytest.raises(InputError, match="plant2-blind.json"):
+    with pytest.raises(InputError, match=r"plant2-blind\.json"):
         finetune_drives(rows, recipe)
     fresh_weights(tmp_path, "plant2-blind", fresh_blind)
     drives = finetune_drives(rows, recipe)
