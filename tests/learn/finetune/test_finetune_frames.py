@@ -11,8 +11,8 @@ import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.observation import destination_on_map
-from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
