@@ -10,13 +10,22 @@ import torch
 
 from tsbench.learn.imitation.trainer import Trainer
 from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
-from tsbench.planners.plant2.vocabulary import READER, vocabulary_of
+from tsbench.planners.plant2.planner_blind import Plant2Blind
+from tsbench.planners.plant2.vocabulary import READER, Vocabulary, vocabulary_of
 from tsbench.planners.weights import save_weights
 
 
 def fresh_tuned(size: str) -> Plant2FtNetwork:
     """A network for the words of tsbench's own `plant2-ft`."""
-    words = vocabulary_of()
+    return _tuned(size, vocabulary_of())
+
+
+def fresh_blind(size: str) -> Plant2FtNetwork:
+    """A network for these words and posts."""
+    return _tuned(size, vocabulary_of().with_posts())
+
+
+def _tuned(size: str, words: Vocabulary) -> Plant2FtNetwork:
     return Plant2FtNetwork(size, len(words.classes), len(words.words))
 
 
@@ -24,9 +33,8 @@ def fresh_weights(folder: Path, name: str, kind: Callable[[str], Plant2Network])
     """Save a `mini` network as it begins; returns the folder."""
     torch.manual_seed(1)
     arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
-    save_weights(
-        name, folder, arrays, {"size": "mini"}, vocabulary_of().metadata() if name == READER else None
-    )
+    words = {READER: vocabulary_of(), Plant2Blind.weights: vocabulary_of().with_posts()}
+    save_weights(name, folder, arrays, {"size": "mini"}, words[name].metadata() if name in words else None)
     return folder
 
 

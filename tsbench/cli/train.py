@@ -132,6 +132,11 @@ def _lessons(drives: int, out: str) -> Option:
             "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
         click.option("--demonstrator", "expert", default="idm-e", show_default=True, metavar="PLANNER"),
+        click.option(
+            "--mask-signs", is_flag=True,
+            help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
+            "meant then wherever plant2-ft's are.",
+        ),
         options.types, options.seed, options.workers, _cache_gb, _out(out),
     )  # fmt: skip
 
@@ -148,7 +153,10 @@ def _lessons(drives: int, out: str) -> Option:
 @_device
 @_lessons(drives=0, out="runs/train-plant2-ft")
 def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
-    """Fine-tuning of plant2 on obedient drives; writes plant2-ft.safetensors and plant2-ft.json."""
+    """Fine-tuning of plant2 on obedient drives; writes plant2-ft.safetensors and plant2-ft.json.
+
+    With --mask-signs they are plant2-blind.safetensors and plant2-blind.json.
+    """
     from tsbench.learn.finetune.task import fine_tuning  # brings torch
     from tsbench.learn.imitation.trainer import train as learn
 
@@ -188,9 +196,14 @@ _SHARES = {
 }  # fmt: skip
 
 
-@train.command(short_help="How plant2's or plant2-ft's weights drive on kept-out maps.")
+@train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")
 @click.argument("folder", type=options.FOLDER, required=False)
-@click.option("--planner", type=click.Choice(["plant2", "plant2-ft"]), default="plant2-ft", show_default=True)
+@click.option(
+    "--planner",
+    type=click.Choice(["plant2", "plant2-ft", "plant2-blind"]),
+    default="plant2-ft",
+    show_default=True,
+)
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
     "--stop-policy", type=(float,) * 5, metavar="SHARE WAITS RISE HOLD BRAKES",
@@ -214,17 +227,19 @@ def measure(
     from tsbench.planners.weights import network
 
     network(planner, folder)
-    if stop_policy and planner != "plant2-ft":
+    if stop_policy and planner == "plant2":
         raise InputError(f"--stop-policy: {planner} has none")
     rows = _train_rows(types)
-    rows = validation_rows(rows, each * len({row.scenario_type for row in rows}), seed)
+    kinds = sorted({row.pair_type for row in rows})
+    rows = [
+        row for kind in kinds for row in validation_rows([r for r in rows if r.pair_type == kind], each, seed)
+    ]
     ends = drive(planner, folder, rows, workers, StopPolicy(*stop_policy) if stop_policy else None)
     heads = ("type", "n", *_SHARES.values())
     table = Table(*heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
-    kinds = [row.scenario_type for row in rows]
     skills = {
-        kind: skill_of([end for k, end in zip(kinds, ends, strict=True) if k == kind])
-        for kind in sorted(set(kinds))
+        kind: skill_of([end for row, end in zip(rows, ends, strict=True) if row.pair_type == kind])
+        for kind in kinds
     }
     skills["all"] = whole = skill_of(ends)
     for name, skill in skills.items():

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training_helpers import break_off, fresh_tuned, fresh_weights
+from training_helpers import break_off, fresh_blind, fresh_tuned, fresh_weights
 
 from tsbench.core.errors import InputError
 from tsbench.learn.finetune.frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
@@ -26,9 +26,11 @@ from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import load_weights
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -115,11 +117,9 @@ def test_drives_are_of_no_map_that_checkpoints_are_chosen_on(
 ) -> None:
     driven = finetune_drives(rows, FineTuning(base=base, drivers=("idm-e", "idm-s4-e"), drives=100))
     assert not any(kept_for_validation(drive.spec) for drive in driven)
-    assert [drive.driver for drive in driven[:3] if isinstance(drive, PlannerDrive)] == [
-        "idm-e",
-        "idm-s4-e",
-        "idm-e",
-    ]
+    turns = {drive.spec.pair_name: drive.driver for drive in driven if isinstance(drive, PlannerDrive)}
+    assert list(turns.values())[:3] == ["idm-e", "idm-s4-e", "idm-e"]
+    assert {drive.spec.half for drive in driven} == set(HALVES)
 
     path = tmp_path / "oracle.parquet"
     kept = next(row for row in rows if kept_for_validation(row))
@@ -195,6 +195,35 @@ def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
         beginning(again, again.vocabulary()).state_dict()["signs.weight"],
         torch.from_numpy(ours["signs.weight"]),
     )
+
+
+def test_a_masked_training_is_of_another_network_and_refuses_the_others_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
+) -> None:
+    task, place = prepared(tmp_path, monkeypatch, rows, base)
+    break_off(monkeypatch, lambda: train(task, place, lambda _: None))
+    recipe = replace(task.recipe, mask_signs=True)
+    assert isinstance(recipe, FineTuning)
+    masked = fine_tuning(recipe, rows)
+    assert (task.name, masked.name) == ("plant2-ft", "plant2-blind")
+    with pytest.raises(InputError, match="with mask_signs False, not True: take another --out"):
+        train(masked, place, lambda _: None)
+    assert recipe.facts()["mask_signs"] is True
+
+
+def test_a_masked_student_is_blind(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:
+    recipe = FineTuning(
+        base=base, drivers=("idm-e",), drives=20, student=tmp_path, takeover=1.0, mask_signs=True
+    )
+    fresh_weights(tmp_path, "plant2-ft", fresh_tuned)
+    with pytest.raises(InputError, match=r"plant2-blind\.json"):
+        finetune_drives(rows, recipe)
+    fresh_weights(tmp_path, "plant2-blind", fresh_blind)
+    drives = finetune_drives(rows, recipe)
+    assert {drive.planner for drive in drives if isinstance(drive, TakeoverDrive)} == {Plant2Blind}
+    # Who trains on keeps the words of the same network, not those of the reader beside it.
+    again = replace(recipe, base=tmp_path)
+    assert again.vocabulary() == vocabulary_of(tmp_path, "plant2-blind") != vocabulary_of(tmp_path)
 
 
 def test_frames_are_told_and_shown(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:

@@ -11,11 +11,13 @@ import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.observation import destination_on_map
+from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
-from tsbench.learn.imitation.drives import Drivers, PlannerDrive
+from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations
+from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
 from tsbench.metrics.episode import passed
 from tsbench.planners.base import PlannerContext
@@ -24,7 +26,7 @@ from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -110,6 +112,49 @@ def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Driv
     assert driven is not None
     assert not passed(driven.facts)
     assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
+
+
+def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
+    """A planner's drive of one half of a pair of this type."""
+    rows = read_table(table_path("test"))
+    row = next(r for r in rows if r.pair_type == kind and r.half == name and r.variant == 0)
+    driven = PlannerDrive(row, planner).run(drivers)
+    assert driven is not None
+    return driven
+
+
+def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Drivers) -> None:
+    words = WORDS.with_posts()
+    masked = FinetuneSource(FinetuneSampling(), words, mask_signs=True)
+    firsts = []
+    for name in HALVES:
+        driven = half(drivers, "no_turn_left", name, "idm-e")
+        assert passed(driven.facts)
+        seen, blind = (s.frames(driven, drivers, np.random.default_rng(0)) for s in (SOURCE, masked))
+        assert len(seen) == len(blind) > 20
+        # Of three fields of a frame a plate decides what is in them.
+        shown = ("signs", "sign_classes", "sign_state")
+        assert all(np.array_equal(seen[n], blind[n]) for n in seen.dtype.names or () if n not in shown)
+        assert set(seen["sign_state"].tolist()) != {0}
+        assert set(blind["sign_state"].tolist()) == {0}
+        assert set(blind["sign_classes"].ravel().tolist()) == {0, words.class_of[""]}
+        # Of a post: where it stands and which way it faces, no value and no lane.
+        assert not blind["signs"][..., 4:].any()
+        assert blind["signs"][blind["sign_classes"] > 0][:, :2].any(axis=1).all()
+        firsts.append(blind[0])
+    inputs = at.SIGN_TOKENS.names or ()
+    assert all(np.array_equal(firsts[0][n], firsts[1][n]) for n in inputs)
+    assert plan_hash([], masked, 0) != plan_hash([], replace(masked, mask_signs=False), 0)
+
+
+@pytest.mark.parametrize("name", HALVES)
+def test_who_obeys_needlessly_teaches_nothing(drivers: Drivers, name: str) -> None:
+    """A slow style keeps both halves' limits; where the plate permits more it is needlessly slow."""
+    driven = half(drivers, "speed_limit", name, "idm-s1")
+    assert driven.facts.outcome is Outcome.ARRIVED
+    assert driven.facts.target.compliant
+    taught = len(SOURCE.frames(driven, drivers, np.random.default_rng(0)))
+    assert (taught == 0) is (name == CONTRAST)
 
 
 def test_the_expert_takes_over_from_where_the_student_got_to(

@@ -13,17 +13,18 @@ from training_helpers import break_off
 
 from tsbench.core.errors import InputError
 from tsbench.learn.imitation import trainer
+from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames import FRAME
 from tsbench.learn.imitation.frames_store import ImitationSource, Place, plan_hash
 from tsbench.learn.imitation.loss import losses, total, two_hot
-from tsbench.learn.imitation.recipe import Recipe, drives_of, kept_for_validation, validation_rows
+from tsbench.learn.imitation.recipe import Recipe, drives_of, in_turn, kept_for_validation, validation_rows
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import rate_at, train, trimmed
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.weights import load_weights
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
 SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
@@ -99,11 +100,31 @@ def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
     assert len({d.spec.scenario_id for d in drives}) == 600
     assert not {d.spec.map_id for d in drives} & {r.map_id for r in chosen}
     assert all(kept_for_validation(r) for r in chosen)
-    types = [d.spec.scenario_type for d in drives]
-    assert max(types.count(t) for t in set(types)) - min(types.count(t) for t in set(types)) <= 1
     assert drives_of(rows[::-1], recipe) == drives
-    two = drives_of(rows, replace(recipe, drivers=("idm", "idm-s3")))
-    assert [d.driver for d in two[:4]] == ["idm", "idm-s3", "idm", "idm-s3"]
+
+
+def test_both_halves_of_a_pair_are_drawn_together(rows: list[ScenarioSpec]) -> None:
+    """A half's own type is its plate's: by that a pair would be torn apart."""
+    recipe = Recipe(episodes=600, drivers=("idm", "idm-s3"))
+    drives = drives_of(rows, recipe)
+    pairs: dict[str, list[PlannerDrive]] = {}
+    for drive in drives:
+        pairs.setdefault(drive.spec.pair_name, []).append(drive)
+    types = [pair[0].spec.pair_type for pair in pairs.values()]
+    assert max(types.count(t) for t in set(types)) - min(types.count(t) for t in set(types)) <= 1
+    *whole, _ = [pair for pair in pairs.values() if pair[0].spec.pair_id]
+    assert len(whole) > 200
+    assert any(signed.spec.scenario_type != contrast.spec.scenario_type for signed, contrast in whole)
+    for signed, contrast in whole:
+        assert (signed.spec.half, contrast.spec.half) == HALVES
+        assert signed.driver == contrast.driver
+        assert drives.index(contrast) == drives.index(signed) + 1
+    assert [pair[0].driver for pair in pairs.values()][:3] == ["idm", "idm-s3", "idm"]
+
+
+def test_a_type_that_is_asked_for_more_of_has_three_pairs_a_turn(rows: list[ScenarioSpec]) -> None:
+    drawn = in_turn(rows, 8, 0, "lessons", more=("bike_lane",))
+    assert [row.pair_type for row in drawn] == ["bike_lane"] * 6 + ["bike_lane_road", "blocked_road"]
 
 
 def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> tuple[Recipe, Place]:

@@ -8,20 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from learned_scenes import SPEED, Recorder, record, with_signs
 from planner_loop import World, load
-from training_helpers import fresh_tuned
+from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 
+from tsbench.planners import registry
 from tsbench.planners.base import Control
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.planner import HOLD_TICKS, Plant2
+from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
-from tsbench.planners.plant2.vocabulary import vocabulary_of
-from tsbench.planners.weights import save_weights
 from tsbench.roads.destination import Destination
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.ego import Motion, advance
@@ -36,10 +35,9 @@ def drive() -> Recorder:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where: Path = tmp_path_factory.mktemp("weights")
-    torch.manual_seed(1)
-    for name, kind in (("plant2", Plant2Network), ("plant2-ft", fresh_tuned)):
-        arrays = {key: value.numpy() for key, value in kind("mini").state_dict().items()}
-        save_weights(name, where, arrays, {"size": "mini"}, vocabulary_of().metadata())
+    kinds = (("plant2", Plant2Network), ("plant2-ft", fresh_tuned), ("plant2-blind", fresh_blind))
+    for name, kind in kinds:
+        fresh_weights(where, name, kind)
     return where
 
 
@@ -51,6 +49,24 @@ def commands(planner: Plant2, drive: Recorder, *, signs: bool) -> list[Control]:
 def test_masking_signs_changes_nothing(drive: Recorder, folder: Path) -> None:
     planner = Plant2(folder=folder)
     assert commands(planner, drive, signs=True) == commands(planner, drive, signs=False)
+
+
+def test_the_learned_floor_sees_posts_and_nothing_on_them(drive: Recorder, folder: Path) -> None:
+    entry = registry.resolve("tsbench.planners.plant2.planner_blind:Plant2Blind")
+    assert (entry.floor, entry.sign_access, entry.privileged) == (True, False, False)
+    planner = Plant2Blind(folder=folder)
+    plates = [with_signs(o) for o in drive.seen]
+    posts = [replace(o, signs=tuple(s.masked() for s in o.signs)) for o in plates]
+    read = []
+    for seen in (plates, posts, drive.seen):
+        planner.reset(drive.context)
+        read.append([planner.act(o) for o in seen])
+        planner.reset(drive.context)
+        assert planner.act_batch(seen[:1]) == [replace(read[-1][0], intent=())]
+    assert read[0] == read[1] != read[2]
+    tokens = planner.encode(plates[0])[0]
+    assert np.count_nonzero(tokens["sign_classes"]) == 3
+    assert tokens["sign_state"] == 0
 
 
 def test_same_episode_same_commands(drive: Recorder, folder: Path) -> None:

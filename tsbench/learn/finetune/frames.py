@@ -40,11 +40,15 @@ SIGN_FRAME = np.dtype(
 
 @dataclass(frozen=True)
 class FinetuneSource:
-    """Frames of drives that reached the destination and kept to the sign; the others teach nothing."""
+    """Frames of drives that have SCD; the others teach nothing. mask_signs: are posts shown in place of plates?
+
+    What is answered with is of the drive, and so of what the plate said, masked or not.
+    """
 
     dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
     sampling: FinetuneSampling
     vocabulary: Vocabulary
+    mask_signs: bool = False
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
@@ -57,7 +61,7 @@ class FinetuneSource:
         view = driven.roads.view
         ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
-        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, self.mask_signs)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,13 +94,17 @@ class RecordedDrive:
 
 @dataclass(frozen=True, slots=True)
 class TakeoverDrive:
-    """The student drives; at `tick` the expert takes over. student: folder of its weights, `sha256` of the file."""
+    """The student drives; at `tick` the expert takes over. student: folder of its weights, `sha256` of the file.
+
+    planner: the student's class.
+    """
 
     spec: ScenarioSpec
     expert: str
     tick: int
     student: Path
     sha256: str
+    planner: type[Plant2Ft] = Plant2Ft
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,8 +117,10 @@ class TakeoverDrive:
     def run(self, drivers: Drivers) -> DriveResult | None:
         """Frames from the takeover on."""
         runner = drivers.kept(
-            (Handover, self.expert, self.student),
-            lambda simulation, loader: Handover(self.expert, self.student, simulation, loader),
+            (Handover, self.expert, self.planner, self.student),
+            lambda simulation, loader: Handover(
+                self.expert, self.planner(folder=self.student), simulation, loader
+            ),
         )
         facts = runner.drive(self.spec, self.tick)
         return None if facts is None else DriveResult(facts, drivers.roads(self.spec), since=self.tick)

@@ -6,12 +6,10 @@ The idea is DAgger's (Ross et al. 2011), with the expert driving on instead of o
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -39,13 +37,13 @@ class Takeover:
 
 
 class Handover:
-    """Runs such drives in the process's one simulation. student: folder of `plant2-ft`'s weights."""
+    """Runs such drives in the process's one simulation."""
 
-    def __init__(self, expert: str, student: Path, simulation: Simulation, loader: SceneLoader) -> None:
+    def __init__(self, expert: str, student: Planner, simulation: Simulation, loader: SceneLoader) -> None:
         import torch
 
         torch.set_num_threads(1)
-        self._takeover = Takeover(Plant2Ft(folder=student), resolve(expert).factory())
+        self._takeover = Takeover(student, resolve(expert).factory())
         planner = LoadedPlanner("takeover", lambda: self._takeover, privileged=True)
         self._runner = EpisodeRunner(planner, simulation=simulation, loader=loader)
 

@@ -10,13 +10,15 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
-from tsbench.learn.finetune.frames import RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
-from tsbench.learn.imitation.drives import Drive, PlannerDrive
-from tsbench.learn.imitation.recipe import TrainingRecipe, in_turn, kept_for_validation
+from tsbench.learn.imitation.drives import Drive
+from tsbench.learn.imitation.recipe import TrainingRecipe, driven_in_turn, in_turn, kept_for_validation
 from tsbench.learn.oracle.trajectories import read_trajectories
+from tsbench.planners.plant2.planner_blind import Plant2Blind
+from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.sizes import size_of
-from tsbench.planners.plant2.vocabulary import READER, Vocabulary, vocabulary_of
+from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
@@ -30,6 +32,8 @@ _PART = "train"
 class FineTuning(TrainingRecipe):
     """Figures of a fine-tuning; the defaults are docs/spec/planners.md's.
 
+    mask_signs: are posts shown in place of plates? Then the network is `plant2-blind`'s, here and wherever weights of
+    `plant2-ft` are asked for below.
     base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
     drivers: none = the oracle's drives in `trajectories`. drives: how many, types in turn, three a turn of those in
     `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover` (0 to 1) of the drives, which
@@ -37,6 +41,7 @@ class FineTuning(TrainingRecipe):
     cap: greatest share of a family in a batch.
     """
 
+    mask_signs: bool = False
     base: Path | None = None
     trajectories: Path | None = None
     drives: int = 0
@@ -54,26 +59,41 @@ class FineTuning(TrainingRecipe):
     sampling: FinetuneSampling = field(default_factory=FinetuneSampling)
 
     @property
+    def planner(self) -> type[Plant2Ft]:
+        """Whose network is trained."""
+        return Plant2Blind if self.mask_signs else Plant2Ft
+
+    @property
+    def name(self) -> str:
+        """Of what is trained, as its weights are called."""
+        return self.planner.weights
+
+    @property
     def starts_tuned(self) -> bool:
-        """Is it `plant2-ft` that is trained on, with the words that it has?"""
-        return self.base is not None and (self.base / f"{READER}.json").is_file()
+        """Is it a network of this name that is trained on, with the words that it has?"""
+        return self.base is not None and (self.base / f"{self.name}.json").is_file()
 
     def begins_with(self) -> Network:
         """The weights that the training begins with. Raises InputError where there are none."""
-        return network(READER if self.starts_tuned else "plant2", self.base)
+        return network(self.name if self.starts_tuned else "plant2", self.base)
 
     def vocabulary(self) -> Vocabulary:
-        """The base's words, where it has some; else tsbench's own and all other signs of the catalogue."""
-        return (
-            vocabulary_of(self.base) if self.starts_tuned else vocabulary_of().with_signs_of(load_catalog())
-        )
+        """The base's words, where it has some; else tsbench's own and all other signs of the catalogue, or posts."""
+        if self.starts_tuned:
+            return vocabulary_of(self.base, self.name)
+        words = vocabulary_of().with_signs_of(load_catalog())
+        return words.with_posts() if self.mask_signs else words
+
+    def source(self) -> FinetuneSource:
+        """What makes frames of the drives."""
+        return FinetuneSource(self.sampling, self.vocabulary(), self.mask_signs)
 
     def facts(self) -> dict[str, Any]:
         """What a training that is continued must have in common with the one before: files by their hashes."""
         base, found = self.begins_with(), super().facts()
         found |= {"base": base.weights.sha256, "student": None, "trajectories": None}
         if self.student is not None:
-            found["student"] = network(READER, self.student).weights.sha256
+            found["student"] = network(self.name, self.student).weights.sha256
         if self.trajectories is not None and not self.drivers:
             found["trajectories"] = hashlib.sha256(self.trajectories.read_bytes()).hexdigest()
         return {"size": size_of(base), **found}
@@ -87,13 +107,13 @@ def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Dr
     drives = _driven(rows, recipe) if recipe.drivers else _recorded(rows, recipe)
     if recipe.student is None:
         return drives
-    student, sha256 = recipe.student, network(READER, recipe.student).weights.sha256
+    student, sha256 = recipe.student, network(recipe.name, recipe.student).weights.sha256
     made: list[Drive] = []
     for drive in drives:
         # By what the drive is, not by its place in a list in which types come in turn.
         rng = rng_of("takeover", recipe.seed, sha256, *drive.names)
         share, tick = float(rng.random()), int(rng.integers(*_TAKEOVER_TICKS))
-        taken = TakeoverDrive(drive.spec, recipe.expert, tick, student, sha256)
+        taken = TakeoverDrive(drive.spec, recipe.expert, tick, student, sha256, recipe.planner)
         made.append(taken if share < recipe.takeover else drive)
     return made
 
@@ -101,7 +121,7 @@ def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Dr
 def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     chosen = [row for row in rows if not kept_for_validation(row)]
     chosen = in_turn(chosen, recipe.drives or len(chosen), recipe.seed, "lessons", recipe.more)
-    return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
+    return list(driven_in_turn(chosen, recipe.drivers))
 
 
 def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.seeds import rng_of
-from tsbench.learn.finetune.frames import FinetuneSource
 from tsbench.learn.finetune.pictures import draw_frames
 from tsbench.learn.finetune.recipe import FineTuning
 from tsbench.learn.finetune.targets import FAMILIES
@@ -55,8 +54,8 @@ def report(
         made += count
         tell(f"{made} of {len(drives)} drives")
 
-    words = recipe.vocabulary()
-    store = FrameStore(place, drives, FinetuneSource(recipe.sampling, words), recipe.seed, driven)
+    source = recipe.source()
+    store = FrameStore(place, drives, source, recipe.seed, driven)
     figures, candidates = [], []
     for chunk in range(len(store)):
         frames = store.load([chunk])
@@ -73,7 +72,7 @@ def report(
         chosen = _of_group(np.concatenate(candidates), group)
         if len(chosen):
             paths.append(out / f"frames-{group}.png")
-            save_png(paths[-1], draw_frames(chosen, load_catalog().types, words))
+            save_png(paths[-1], draw_frames(chosen, load_catalog().types, source.vocabulary))
     return paths
 
 

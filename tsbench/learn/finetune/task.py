@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tsbench.learn.finetune.frames import FinetuneSource
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.recipe import validation_rows
@@ -15,7 +14,7 @@ from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.sizes import SIZES, size_of
 from tsbench.planners.plant2.torch_inference import network_of
-from tsbench.planners.plant2.vocabulary import READER, Vocabulary
+from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.planners.weights import fitted
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -26,20 +25,20 @@ _TIE = 1e-6
 
 def fine_tuning(recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> Task:
     """The task. rows: of the train split."""
-    words = recipe.vocabulary()
+    source = recipe.source()
     layers = SIZES[size_of(recipe.begins_with())].layers
     return Task(
-        READER,
+        recipe.name,
         recipe,
         finetune_drives(rows, recipe),
-        FinetuneSource(recipe.sampling, words),
+        source,
         validation_rows(rows, recipe.validation, recipe.seed),
-        network=lambda: beginning(recipe, words),
+        network=lambda: beginning(recipe, source.vocabulary),
         batches=lambda frames, order: capped_batches(frames, order, recipe.batch, recipe.cap),
         # A loss says little of SCD. Of equal SCD the more compliant one.
         score=lambda skill: skill.scd + _TIE * skill.compliant,
         share=lambda name: share_of(name, layers, recipe),
-        metadata=words.metadata(),
+        metadata=source.vocabulary.metadata(),
     )
 
 

@@ -97,12 +97,13 @@ def frames_of(
     sampling: Sampling,
     rng: np.random.Generator,
     dtype: np.dtype[np.void],
+    mask_signs: bool = False,
 ) -> at.Records:
     """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it."""
     chosen = set(teacher.ticks())
     frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)
     row = 0
-    for k, o in enumerate(observations(driven.facts, driven.roads)):
+    for k, o in enumerate(observations(driven.facts, driven.roads, mask_signs)):
         encoder.watch(o)
         if k not in chosen:
             continue
@@ -113,10 +114,10 @@ def frames_of(
     return frames
 
 
-def observations(facts: EpisodeFacts, roads: Roads) -> Iterator[Observation]:
+def observations(facts: EpisodeFacts, roads: Roads, mask_signs: bool = False) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
     view = roads.view
-    observer = Observer(facts.scene, view, mask_signs=False)
+    observer = Observer(facts.scene, view, mask_signs)
     navigator = Navigator(view.graph, destination_on_map(view, facts.scene))
     for snapshot in facts.snapshots:
         seen = ego_on_map(view, snapshot.ego)

@@ -63,9 +63,15 @@ def kept_for_validation(spec: ScenarioSpec) -> bool:
 
 
 def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[PlannerDrive]:
-    """The drives to learn from: types in turn, drawn rows of each, drivers in turn."""
+    """The drives to learn from: types in turn, drawn pairs of each, drivers in turn."""
     chosen = in_turn([r for r in rows if not kept_for_validation(r)], recipe.episodes, recipe.seed, "drives")
-    return [PlannerDrive(spec, recipe.drivers[k % len(recipe.drivers)]) for k, spec in enumerate(chosen)]
+    return driven_in_turn(chosen, recipe.drivers)
+
+
+def driven_in_turn(rows: Sequence[ScenarioSpec], drivers: Sequence[str]) -> list[PlannerDrive]:
+    """Drivers in turn over the pairs: who drives must not tell one half from the other."""
+    turn = {name: k for k, name in enumerate(dict.fromkeys(row.pair_name for row in rows))}
+    return [PlannerDrive(row, drivers[turn[row.pair_name] % len(drivers)]) for row in rows]
 
 
 def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list[ScenarioSpec]:
@@ -75,12 +81,17 @@ def validation_rows(rows: Sequence[ScenarioSpec], count: int, seed: int) -> list
 def in_turn(
     rows: Sequence[ScenarioSpec], count: int, seed: int, what: str, more: Collection[str] = ()
 ) -> list[ScenarioSpec]:
-    """`count` rows: one drawn of each type (of those in `more`: three), again until there are enough or no more."""
-    by_type: dict[str, list[ScenarioSpec]] = {}
+    """`count` rows: a pair drawn of each type (of those in `more`: three), again until there are enough or no more.
+
+    Both halves follow each other and count as of the signed one's type, whatever the other's plate is; only the last
+    pair may be cut. A row that has no other half stands for itself.
+    """
+    by_type: dict[str, dict[str, list[ScenarioSpec]]] = {}
     for row in sorted(rows, key=lambda r: r.scenario_id):
-        by_type.setdefault(row.scenario_type, []).append(row)
-    shuffled: list[tuple[list[ScenarioSpec], int]] = []
-    for name, of_type in sorted(by_type.items()):
+        by_type.setdefault(row.pair_type, {}).setdefault(row.pair_name, []).append(row)
+    shuffled: list[tuple[list[list[ScenarioSpec]], int]] = []
+    for name, pairs in sorted(by_type.items()):
+        of_type = list(pairs.values())
         order = rng_of("imitation", what, seed, name).permutation(len(of_type))
         shuffled.append(([of_type[i] for i in order], _MORE if name in more else 1))
     longest = max((len(of_type) for of_type, _ in shuffled), default=0)
@@ -88,6 +99,7 @@ def in_turn(
         row
         for k in range(longest)
         for of_type, each in shuffled
-        for row in of_type[k * each : (k + 1) * each]
+        for pair in of_type[k * each : (k + 1) * each]
+        for row in pair
     ]
     return turns[:count]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,9 +13,13 @@ from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
+
+# Whose weights can be measured, by name.
+MEASURED: Mapping[str, type[Plant2]] = {kind.weights: kind for kind in (Plant2, Plant2Ft, Plant2Blind)}
 
 
 class End(NamedTuple):
@@ -40,7 +44,7 @@ class Skill:
 
 
 def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: int) -> Skill:
-    """Drive the weights of `plant2` or `plant2-ft` below `folder` through `rows`; raises as `drive` and `skill_of`."""
+    """Drive the weights of a planner of MEASURED below `folder` through `rows`; raises as `drive` and `skill_of`."""
     return skill_of(drive(planner, folder, rows, workers))
 
 
@@ -84,7 +88,8 @@ def _drive(
     import torch
 
     torch.set_num_threads(1)
-    make = partial(Plant2Ft, stop_policy=stop_policy) if planner == "plant2-ft" else Plant2
+    kind = MEASURED[planner]
+    make = partial(kind, stop_policy=stop_policy) if issubclass(kind, Plant2Ft) else kind
     runner = EpisodeRunner(LoadedPlanner(planner, partial(make, folder=folder)))
     ends = []
     for row in rows:

@@ -81,7 +81,7 @@ class Plant2Ft(Plant2):
         self, infer: Infer | None = None, folder: Path | None = None, stop_policy: StopPolicy | None = None
     ) -> None:
         super().__init__(infer, folder)
-        self._vocabulary = vocabulary_of(folder)
+        self._vocabulary = vocabulary_of(folder, self.weights)
         self._signs: SignTokeniser
         self._stop_policy = stop_policy or StopPolicy()
         self._stood, self._halted, self._settling = 0, -math.inf, False

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,6 +18,8 @@ from tsbench.signs.catalog import Catalog
 
 READER = "plant2-ft"
 _KEY = "vocabulary"
+# What a masked plate says (`SignView.masked`).
+_POST = ""
 
 
 @dataclass(frozen=True)
@@ -78,14 +80,18 @@ class Vocabulary:
             (*self.ends, *(sign.code for sign in new if sign.is_end)),
         )
 
+    def with_posts(self) -> Vocabulary:
+        """This, and a class for masked plates, which then leave a token of their place: for weights of a floor."""
+        return replace(self, classes=(*self.classes, (_POST,)))
+
     def metadata(self) -> dict[str, str]:
         """As it stands in the head of a weights file."""
         return {_KEY: json.dumps(asdict(self))}
 
 
-def vocabulary_of(folder: Path | None = None) -> Vocabulary:
-    """The words of the `plant2-ft` weights below `folder` (None: tsbench's own); InputError where they have none."""
-    found = load_metadata(READER, folder).get(_KEY)
+def vocabulary_of(folder: Path | None = None, name: str = READER) -> Vocabulary:
+    """The words of a network's weights below `folder` (None: tsbench's own); InputError where they have none."""
+    found = load_metadata(name, folder).get(_KEY)
     try:
         if found is None:
             raise ValueError("none in the file's head")
@@ -100,5 +106,5 @@ def vocabulary_of(folder: Path | None = None) -> Vocabulary:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"weights {READER!r}: no vocabulary of signs ({error}): train them again (tsbench train {READER})"
+            f"weights {name!r}: no vocabulary of signs ({error}): train them again (tsbench train {READER})"
         ) from None
