@@ -30,6 +30,7 @@ def test_measure_refuses_what_is_not_there(capsys: pytest.CaptureFixture[str], t
     )
 
 
+@pytest.mark.own_process
 def test_measure_says_how_weights_drive_by_type(capsys: pytest.CaptureFixture[str]) -> None:
     """tsbench's own weights keep limits on maps that they were not made from; who always halts does not arrive."""
     train = in_process("train", capsys)

@@ -29,8 +29,8 @@ def replayer() -> Iterator[Replayer]:
 
 
 def test_all_types_and_experts_are_in_it(rows: list[ScenarioSpec]) -> None:
-    known = {row.scenario_id: row for row in rows}
-    assert {known[d.scenario_id].scenario_type for d in DRIVES} == {row.scenario_type for row in rows}
+    """By their names: dev and holdout have taken some of the places since."""
+    assert {d.scenario_id.partition("-")[0] for d in DRIVES} == {row.pair_type for row in rows}
     assert {d.planner for d in DRIVES} == set(experts())
 
 
