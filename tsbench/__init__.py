@@ -1,7 +1,6 @@
 """tsbench: does a self-driving planner obey the traffic sign in front of it, and still arrive?
 
-The names below are what a planner of one's own needs, and what scripts and notebooks call. They are imported when they
-are used.
+The names below are what a planner of one's own needs. They are imported when they are used.
 """
 
 from __future__ import annotations
@@ -10,10 +9,6 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tsbench.api.runs import Run as Run
-    from tsbench.api.runs import evaluate as evaluate
-    from tsbench.api.runs import load_run as load_run
-    from tsbench.api.scenarios import load_scenarios as load_scenarios
     from tsbench.planners.base import Control as Control
     from tsbench.planners.base import Observation as Observation
     from tsbench.planners.base import Planner as Planner
@@ -31,11 +26,7 @@ _PUBLIC = {
     "Planner": "tsbench.planners.base",
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
-    "Run": "tsbench.api.runs",
     "Trajectory": "tsbench.planners.base",
-    "evaluate": "tsbench.api.runs",
-    "load_run": "tsbench.api.runs",
-    "load_scenarios": "tsbench.api.scenarios",
     "pursue_route": "tsbench.planners.common.pure_pursuit",
     "sign_ahead": "tsbench.planners.helpers",
 }
@@ -45,12 +36,8 @@ __all__ = [
     "Planner",
     "PlannerContext",
     "RoadAhead",
-    "Run",
     "Trajectory",
     "__version__",
-    "evaluate",
-    "load_run",
-    "load_scenarios",
     "pursue_route",
     "sign_ahead",
 ]

@@ -11,7 +11,6 @@ EXTRA_OF = {
     "jinja2": "report",
     "markupsafe": "report",
     "matplotlib": "report",
-    "pandas": "report",
     "PIL": "report",
     "resvg_py": "report",
     "statsmodels": "report",

@@ -1,1 +1,0 @@
-"""What scripts and notebooks call: the command line's work as Python, its tables as pandas."""
