@@ -1,6 +1,7 @@
 """tsbench: does a self-driving planner obey the traffic sign in front of it, and still arrive?
 
-The names below are what a planner of one's own needs. They are imported when they are used.
+The names below are what a planner of one's own needs, and what runs planners from Python. They are imported when they
+are used.
 """
 
 from __future__ import annotations
@@ -9,6 +10,10 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from tsbench.api.evaluate import evaluate as evaluate
+    from tsbench.api.run import Run as Run
+    from tsbench.api.run import load_run as load_run
+    from tsbench.api.scenarios import load_scenarios as load_scenarios
     from tsbench.planners.base import Control as Control
     from tsbench.planners.base import Observation as Observation
     from tsbench.planners.base import Planner as Planner
@@ -26,7 +31,11 @@ _PUBLIC = {
     "Planner": "tsbench.planners.base",
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
+    "Run": "tsbench.api.run",
     "Trajectory": "tsbench.planners.base",
+    "evaluate": "tsbench.api.evaluate",
+    "load_run": "tsbench.api.run",
+    "load_scenarios": "tsbench.api.scenarios",
     "pursue_route": "tsbench.planners.common.pure_pursuit",
     "sign_ahead": "tsbench.planners.helpers",
 }
@@ -36,8 +45,12 @@ __all__ = [
     "Planner",
     "PlannerContext",
     "RoadAhead",
+    "Run",
     "Trajectory",
     "__version__",
+    "evaluate",
+    "load_run",
+    "load_scenarios",
     "pursue_route",
     "sign_ahead",
 ]

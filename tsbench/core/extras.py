@@ -11,6 +11,7 @@ EXTRA_OF = {
     "jinja2": "report",
     "markupsafe": "report",
     "matplotlib": "report",
+    "pandas": "report",
     "PIL": "report",
     "resvg_py": "report",
     "statsmodels": "report",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from io import BytesIO
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 import shapely
 from PIL import Image as PilImage
 
-from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
@@ -158,5 +159,12 @@ def sheet(panels: Sequence[tuple[str, Image]], columns: int) -> Image:
 
 def save_png(path: Path, picture: Image) -> None:
     """Write a picture, (height, width, 3) RGB, whole or not at all. Raises InputError."""
-    with io_errors_as_input_errors(path), replacing(path) as part:
-        PilImage.fromarray(picture).save(part, format="PNG", compress_level=4)
+    with io_errors_as_input_errors(path):
+        write_atomic(path, png_bytes(picture))
+
+
+def png_bytes(picture: Image) -> bytes:
+    """The file of a picture, (height, width, 3) RGB."""
+    file = BytesIO()
+    PilImage.fromarray(picture).save(file, format="PNG", compress_level=4)
+    return file.getvalue()

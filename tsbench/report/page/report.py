@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.parallel import worker_processes
-from tsbench.report.analyses.pool import Pool, read_pool
+from tsbench.report.analyses.pool import Pool, make_pool, read_pool
 from tsbench.report.page.content import about, episodes_table, heading, sections
 from tsbench.report.page.episode import EpisodePacker, Packed, pack_plate
 from tsbench.report.page.episode_index import EpisodeIndex, Key, by_interest, index_episodes
 from tsbench.report.page.shell import render_page
+from tsbench.run.log.read import StoredRun
 
 # Fewer are packed sooner than processes have started.
 _FEW = 64
@@ -152,6 +156,34 @@ def write_report(
 def served_page(pool: Pool, index: EpisodeIndex, source: str) -> str:
     """The page of a run that is served: every traced episode is fetched from below `source` when it is played."""
     return Fixed(pool, index).page(Embedded(rows=set(index.traces)), source)
+
+
+def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
+    """A page that plays one traced episode, and beside it the other half of its pair where that has a trace too.
+
+    Raises InputError where there is no such trace, or it cannot be shown.
+    """
+    rows = run.of(planner)
+    row = next((r for r in rows.to_pylist() if r["scenario_id"] == scenario_id), None)
+    if row is None:
+        raise InputError(f"{run.path}: no episode of {planner} on {scenario_id}")
+    alike = (
+        pc.equal(rows["pair_id"], row["pair_id"])
+        if row["pair_id"]
+        else pc.equal(rows["scenario_id"], scenario_id)
+    )
+    pool = make_pool([replace(run, episodes=rows.filter(alike))], allow_partial=True)
+    # The traces of all other episodes are no strays.
+    index = replace(index_episodes(pool), notes=())
+    players = embed(index, sys.maxsize, 1, lambda _done, _of: None)
+    if (planner, scenario_id) not in map(index.key, players.rows):
+        why = "; ".join(players.notes) or "it has no trace (trace='all' keeps all)"
+        raise InputError(f"{run.path}: {planner}/{scenario_id} cannot be played: {why}")
+    return render_page(
+        "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=_SCRIPTS,
+        title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
+        runs=[], notes=players.notes, players=len(players.rows), episodes=len(index.rows),
+    )  # fmt: skip
 
 
 class Fixed:

@@ -74,7 +74,11 @@ def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) 
     Raises InputError: unreadable runs, an unclear planner; without `allow_partial` holes; without `force` different
     contracts or different scenarios.
     """
-    a, b = find_side(text_a), find_side(text_b)
+    return match(find_side(text_a), find_side(text_b), force=force, allow_partial=allow_partial)
+
+
+def match(a: Side, b: Side, *, force: bool, allow_partial: bool) -> Matched:
+    """Compare two sides, and refuse, as `compare_runs`."""
     warnings = [*_contracts(a.run, b.run, force)]
     holes = {side.label: side.run.holes(side.planner) for side in (a, b)}
     asked = {side.label: side.run.asked[side.planner] for side in (a, b)}
@@ -84,7 +88,7 @@ def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) 
     first, second = shared_scenarios(left, right)
     warnings += _selections(a, b, len(left), len(right), len(first), force, bool(partial))
     if not len(first):
-        raise InputError(f"{text_a} and {text_b} have no scenario in common: nothing to compare")
+        raise InputError(f"{a.label} and {b.label} have no scenario in common: nothing to compare")
     contracts = a.run.contract, b.run.contract
     comparison = compare(first, second, seed="\n".join(sorted(set(contracts))))
     notes = tuple(f"{key}: A {x}, B {y}" for key, (x, y) in differing(a.run, b.run, _EXPLAINS).items())
@@ -95,18 +99,23 @@ def find_side(text: str) -> Side:
     """`RUN` of a run with one planner, or `RUN:planner`. Both may hold colons: the first run found counts."""
     places = [(text, None), *((text[:k], text[k + 1 :]) for k, c in enumerate(text) if c == ":" and k)]
     for path, planner in places:
-        if not is_run(Path(path)):
-            continue
-        run = read_run(Path(path))
-        names = ", ".join(run.asked)
-        if planner is None:
-            if len(run.asked) != 1:
-                raise InputError(f"{path}: has planners {names}: name one, as {path}:{next(iter(run.asked))}")
-            return Side(run, next(iter(run.asked)))
-        if planner not in run.asked:
-            raise InputError(f"{path}: has no planner {planner!r}, only {names}")
-        return Side(run, planner)
+        if is_run(Path(path)):
+            return side_of(read_run(Path(path)), planner)
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json)")
+
+
+def side_of(run: StoredRun, planner: str | None) -> Side:
+    """A planner of a run; None: the only one. Raises InputError."""
+    names = ", ".join(run.asked)
+    if planner is None:
+        if len(run.asked) != 1:
+            raise InputError(
+                f"{run.path}: has planners {names}: name one, as {run.path}:{next(iter(run.asked))}"
+            )
+        return Side(run, next(iter(run.asked)))
+    if planner not in run.asked:
+        raise InputError(f"{run.path}: has no planner {planner!r}, only {names}")
+    return Side(run, planner)
 
 
 def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:

@@ -69,14 +69,18 @@ def render_png(
     trace: Trace, scene: Scene, path: Path, time: float | None = None, country: Country | None = None
 ) -> None:
     """One moment: the given one, else the first event that counts against it, else half-way."""
+    save_png(path, moment(trace, scene, time, country))
+
+
+def moment(trace: Trace, scene: Scene, time: float | None = None, country: Country | None = None) -> Image:
+    """The picture of it, (height, width, 3) RGB."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego
     around = [(ego.x, ego.y), (ego.x - 35, ego.y - 25), (ego.x + 35, ego.y + 25)]
     sign = scene.target_sign
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
-    picture = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
-    save_png(path, picture)
+    return BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
 
 
 def _tick(trace: Trace, time: float | None) -> int:

@@ -1,0 +1,135 @@
+"""`Run`: tables as pandas, figures, comparison, and a player of an episode."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from run_builders import episodes, failed, lost, make_run, pairs
+
+import tsbench
+from tsbench.core.errors import InputError
+
+
+def test_tables(run: tsbench.Run) -> None:
+    assert set(run.episodes.planner) == {"idm", "Parked"}
+    assert list(run.timing.scenario_id) == list(run.episodes.scenario_id)
+    assert set(run.violations.planner) <= {"idm", "Parked"}
+    assert {"clause", "sentence", "target"} <= set(run.violations)
+
+
+def test_a_folder_that_is_none(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no run folder"):
+        tsbench.load_run(tmp_path)
+
+
+def test_summary(tmp_path: Path) -> None:
+    broken = {"speed_limit_m0_v0": lost("over_limit"), "yield_m1_v1": failed("it raised")}
+    summary = tsbench.load_run(make_run(tmp_path / "run", pairs("idm", **broken))).summary()
+    whole = summary.query("figure == 'paired_scd' and over == 'all'").set_index("reading")
+    # 24 pairs of each of two types; of speed_limit one is lost, of yield one has an error.
+    assert whole.value["strict"] == pytest.approx(100 * 23 / 24)
+    assert whole.value["completed"] == pytest.approx(100 * (23 / 24 + 1) / 2)
+    assert list(whole.n) == [48, 47]
+    kinds = summary.query("figure == 'signed_scd' and over == 'type' and reading == 'strict'")
+    assert dict(zip(kinds.name, kinds.value, strict=True)) == pytest.approx(
+        dict.fromkeys(("speed_limit", "yield"), 100 * 23 / 24)
+    )
+    assert set(summary.query("figure == 'mean_speed'").unit) == {"m/s"}
+
+
+def test_holes_are_named(tmp_path: Path) -> None:
+    run = tsbench.load_run(make_run(tmp_path / "run", episodes("idm"), asked=50))
+    with pytest.raises(InputError, match=r"without a record \(idm: 2 of 50\)"):
+        run.summary()
+    assert len(run.summary(allow_partial=True))
+    assert repr(run).endswith("idm; 48 of 50 episodes, interrupted)")
+
+
+def test_compare(tmp_path: Path) -> None:
+    a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm", yield_m0_v0=lost())))
+    b = tsbench.load_run(
+        make_run(tmp_path / "b", [*episodes("idm", speed_limit_m1_v1=lost()), *episodes("ppo")])
+    )
+    with pytest.raises(InputError, match="has planners idm, ppo: name one"):
+        a.compare(b)
+    found = a.compare(b, other_planner="idm")
+    assert dict(zip(found.flips.scenario_id, found.flips.won, strict=True)) == {
+        "yield-m0-v0": True, "speed_limit-m1-v1": False,
+    }  # fmt: skip
+    assert repr(found).endswith("48 paired scenarios; 1 won, 1 lost")
+    first = found.differences.query("over == 'type' and name == 'yield'").iloc[0]
+    assert (first.a, first.b) == pytest.approx((100 * 23 / 24, 100.0))
+    equal = a.compare(a)
+    assert repr(equal).endswith("0 won, 0 lost")
+
+
+def test_other_contracts_are_refused(tmp_path: Path) -> None:
+    a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm")))
+    b = tsbench.load_run(make_run(tmp_path / "b", episodes("idm"), contract="ab" * 32))
+    with pytest.raises(InputError, match="their scores are not comparable"):
+        a.compare(b)
+    assert a.compare(b, force=True).title.startswith("FORCED, contracts differ")
+
+
+def test_an_episode_in_a_notebook(run: tsbench.Run, tmp_path: Path) -> None:
+    first = run.episodes.scenario_id[0]
+    shown = run.show(f"idm/{first}", time=1.0)
+    for row in (0, 1):
+        assert f'data-blob="episode/{row}"' in shown.page
+    assert 'data-blob="episode/2"' not in shown.page
+    assert shown._repr_html_().startswith('<iframe src="data:text/html;base64,')
+    assert f"#play=idm%2F{first}&amp;t=1" in shown._repr_html_()
+    assert shown.frame.startswith(b"\x89PNG")
+    assert shown.frame != run.show(f"idm/{first}", time=3.0).frame
+    assert shown.save(tmp_path / "frame.png").read_bytes() == shown._repr_png_()
+    assert shown.save(tmp_path / "player.html").read_text() == shown.page
+
+
+def test_an_episode_that_cannot_be_shown(run: tsbench.Run) -> None:
+    with pytest.raises(InputError, match="no trace of 'nothing'"):
+        run.show("nothing")
+    with pytest.raises(InputError, match="was driven by several planners, name one"):
+        run.show(run.episodes.scenario_id[0])
+    with pytest.raises(InputError, match="--time 999: the episode lasts"):
+        _ = run.show(f"idm/{run.episodes.scenario_id[0]}", time=999.0).frame
+
+
+def test_a_player_in_an_output_cell(run: tsbench.Run, tmp_path: Path) -> None:
+    """Chromium plays it inside of another page, without an error."""
+    program = shutil.which("chromium") or pytest.skip("no chromium on this machine")
+    from playwright.sync_api import expect, sync_playwright
+
+    name = run.episodes.scenario_id[0]
+    cell = tmp_path / "cell.html"
+    cell.write_text(run.show(f"idm/{name}", time=0.5)._repr_html_())
+    problems: list[str] = []
+    with sync_playwright() as tool:
+        browser = tool.chromium.launch(executable_path=program, args=["--no-sandbox", "--disable-gpu"])
+        page = browser.new_page()
+        page.on("pageerror", lambda error: problems.append(str(error)))
+        page.goto(cell.as_uri())
+        frame = page.frames[1]
+        clock = frame.locator("#player-clock")
+        expect(clock).to_contain_text("0.5 s")
+        assert frame.evaluate("tsb.player.halves.length") == 2
+        frame.locator("#player-play").click()
+        expect(clock).not_to_contain_text("0.5 s")
+        frame.locator("#player-play").click()
+        assert frame.evaluate("location.hash").startswith("#play=idm")
+        browser.close()
+    assert not problems
+
+
+def test_scenarios() -> None:
+    some = tsbench.load_scenarios("dev", "speed_limit")
+    assert {scenario.row.pair_type for scenario in some} == {"speed_limit"}
+    first = some[0]
+    assert first.scene.start.lane
+    assert all(lane.width > 0.0 for lane in first.network.lanes)
+    assert first._repr_png_().startswith(b"\x89PNG")
+    assert len(tsbench.load_scenarios("dev", ["speed"])) > len(some)
+    for split, types, words in (("exam", "", "split 'exam': expected"), ("dev", "speling", "no such type")):
+        with pytest.raises(InputError, match=words):
+            tsbench.load_scenarios(split, types)

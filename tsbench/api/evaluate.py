@@ -1,0 +1,90 @@
+"""`tsbench run` from Python."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from tsbench.api.run import Run
+from tsbench.api.scenarios import words_of
+from tsbench.core.errors import InputError
+from tsbench.run.execution.base import Limits
+from tsbench.run.listener import Listener
+from tsbench.run.plan import BOTH, Request
+from tsbench.run.progress import ProgressWatcher
+from tsbench.run.session import Options, run
+
+# A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
+Given = str | type[Any] | Callable[..., Any]
+_WORKER = "tsbench.run.execution.worker_main"
+
+
+def evaluate(
+    planner: Given | Sequence[Given],
+    *,
+    split: str,
+    types: str | Sequence[str] = (),
+    limit: int | None = None,
+    variants: str = "all",
+    half: str = BOTH,
+    workers: int | None = None,
+    memory_limit: float = Limits.most_memory,
+    executor: str = "local",
+    out: str | Path | None = None,
+    trace: str = "violations",
+    device: str = "cpu",
+    mask_signs: bool = False,
+    allow_partial: bool = False,
+    listeners: Sequence[Listener] = (),
+) -> Run:
+    """Run planners on scenarios; the same call again continues an interrupted run, or reads a complete one.
+
+    planner: one or several; a name, "pkg.module:Class", "file.py:Class", or a class or function that is written in a
+    file. All else is as in `tsbench run`. Raises InputError: wrong options, bad input, or a folder that cannot be used.
+    """
+    if getattr(sys.modules["__main__"].__spec__, "name", "") == _WORKER:
+        raise InputError(
+            'evaluate is called while a worker imports a planner: put it below if __name__ == "__main__":'
+        )
+    given = planner if isinstance(planner, list | tuple) else [planner]
+    request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
+    options = Options(
+        request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
+        device=device, mask_signs=mask_signs, allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
+    )  # fmt: skip
+    return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)
+
+
+def spec_of(planner: Given) -> str:
+    """What `--planner` would be given. Raises InputError for what the processes of a run cannot import."""
+    if isinstance(planner, str):
+        return planner
+    if not (inspect.isclass(planner) or inspect.isfunction(planner)):
+        raise InputError(f"planner: expected a name, a class or a function, not {type(planner).__name__}")
+    name, module = planner.__qualname__, sys.modules[planner.__module__]
+    found: Any = module
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    source = _source(planner.__module__)
+    if found is not planner or source is None:
+        raise InputError(
+            f"planner {name}: the processes of a run cannot import it, as it is not at the top of a file: write it to "
+            f"one (in a notebook: %%writefile planner.py) and give 'planner.py:{name}'"
+        )
+    return f"{source}:{name}"
+
+
+def _source(module: str) -> str | None:
+    """A module as a worker imports it; None for what was typed in."""
+    if module != "__main__":
+        return module
+    main = sys.modules[module]
+    if main.__spec__ is not None:
+        return main.__spec__.name
+    file = getattr(main, "__file__", None)
+    return file if file is not None and file.endswith(".py") else None

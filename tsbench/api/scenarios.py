@@ -1,0 +1,66 @@
+"""Scenarios of the data set, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from tsbench.core.errors import InputError
+from tsbench.core.extras import load
+from tsbench.roads.road_map import RoadMap
+from tsbench.run.plan import choose_types
+from tsbench.scenarios.scene_loader import Roads, SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene import Scene
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A row of a split's table with its scene, which is read when it is asked for."""
+
+    row: ScenarioSpec
+    _loader: SceneLoader = field(repr=False, compare=False)
+
+    @property
+    def scenario_id(self) -> str:
+        return self.row.scenario_id
+
+    @cached_property
+    def _loaded(self) -> tuple[Scene, Roads]:
+        return self._loader.load(self.row)
+
+    @property
+    def scene(self) -> Scene:
+        """All that does not move, plates and plans included: more than a planner is told."""
+        return self._loaded[0]
+
+    @property
+    def network(self) -> RoadMap:
+        """The map as planners get it."""
+        return self._loaded[1].view.map
+
+    def _repr_png_(self) -> bytes:
+        paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.video.render")
+        picture: bytes = paint.png_bytes(render.scene_picture(self.scene, self.scenario_id))
+        return picture
+
+
+def load_scenarios(split: str = "test", types: str | Sequence[str] = ()) -> tuple[Scenario, ...]:
+    """The scenarios of a split, in its table's order. types: ids and groups of types; none: all.
+
+    Raises InputError for an unknown split or type, and where the split is not here.
+    """
+    if split not in SPLITS:
+        raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
+    wanted = choose_types(words_of(types), load_catalog())
+    loader = SceneLoader()
+    return tuple(Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted)
+
+
+def words_of(types: str | Sequence[str]) -> tuple[str, ...]:
+    """Types and groups, given one by one or with commas between them."""
+    words = types.split(",") if isinstance(types, str) else types
+    return tuple(word.strip() for word in words if word.strip())
