@@ -128,7 +128,9 @@ class Run:
 
     def __repr__(self) -> str:
         there, asked = len(self._stored.episodes), sum(self._stored.asked.values())
-        return f"Run({str(self.path)!r}: {', '.join(self.planners)}; {there} of {asked} episodes, {self.status})"
+        return (
+            f"Run({str(self.path)!r}: {', '.join(self.planners)}; {there} of {asked} episodes, {self.status})"
+        )
 
 
 def load_run(path: str | Path) -> Run:
