@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from tsbench.planners.geometry import RouteLine as RouteLine
     from tsbench.planners.geometry import lane_bounds as lane_bounds
     from tsbench.planners.geometry import lane_polygon as lane_polygon
-    from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.geometry import route_lanes as route_lanes
+    from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.helpers import RoadAhead as RoadAhead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
 
