@@ -11,12 +11,12 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
-from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import EXECUTORS
+from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import Options, RunResult
+from tsbench.run.session import LEAST_MEMORY_MB, Options, RunResult
 from tsbench.run.session import run as run_session
 
 # Of `tsbench oracle collect` too.
@@ -41,7 +41,8 @@ which_half = click.option(
 @which_half
 @options.run_workers
 @click.option(
-    "--memory-limit", type=click.IntRange(min=512), default=int(Limits.most_memory), show_default=True, metavar="MB",
+    "--memory-limit", type=click.IntRange(min=LEAST_MEMORY_MB), default=int(Limits.most_memory), show_default=True,
+    metavar="MB",
     help="Most that a worker, with all that its planner has started, may take in an episode.",
 )  # fmt: skip
 @click.option(
@@ -55,14 +56,16 @@ which_half = click.option(
     "--trace", type=click.Choice(TRACES), default="violations", show_default=True,
     help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
 )  # fmt: skip
-@click.option(
-    "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
-)
+@options.device
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @options.allow_partial
+@click.option(
+    "--listener", "listeners", multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
+    help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
+)  # fmt: skip
 def run(
     planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str, half: str,
-    memory_limit: int, **others: Any,
+    memory_limit: int, listeners: tuple[str, ...], **others: Any,
 ) -> None:  # fmt: skip
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
@@ -73,7 +76,8 @@ def run(
         Limits(most_memory=float(memory_limit)),
     )
     asked = Options(request=request, limits=limits, **others)
-    ended = run_session(asked, ProgressWatcher(Console(stderr=True)))
+    told = [make_listener(name) for name in listeners]
+    ended = run_session(asked, ProgressWatcher(Console(stderr=True)), told)
     _tell(ended, table_console())
     if ended.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)

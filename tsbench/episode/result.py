@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tsbench.episode.command import Plan
 from tsbench.episode.outcome import EpisodeFacts, Outcome
@@ -31,4 +31,4 @@ class EpisodeResult:
     start_s: float
     sim_s: float
     total_s: float
-    plans: tuple[Plan | None, ...] = ()
+    plans: tuple[Plan | None, ...] = field(default=(), kw_only=True)

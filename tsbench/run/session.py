@@ -16,24 +16,29 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
+from tsbench.planners.common.batching import DEVICES
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
 from tsbench.run.execution.base import Executor, Limits
-from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.factory import EXECUTORS, make_executor
 from tsbench.run.execution.messages import RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.manifest import floors_of, new_manifest
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
-from tsbench.run.plan import BOTH, Plan, Request, make_plan
+from tsbench.run.plan import BOTH, TRACES, Plan, Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import SPLITS
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
+
+LEAST_MEMORY_MB = 512
 
 
 @dataclass(frozen=True)
@@ -89,11 +94,12 @@ class RunResult:
     summary: Summary | None
 
 
-def run(options: Options, watcher: ProgressListener) -> RunResult:
+def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listener] = ()) -> RunResult:
     """Run, or continue, what the options ask for.
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
     """
+    _check(options)
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
     contract, effective = contract_hash(plan.table, catalog), _effective(options, plan)
@@ -110,6 +116,11 @@ def run(options: Options, watcher: ProgressListener) -> RunResult:
             for line in folder.notices:
                 watcher.notice(line)
             asked = dict.fromkeys(names, plan.scenarios)
+            counts = {name: len(rows) for name, rows in asked.items()}
+            for listener in listeners:
+                listener.started(
+                    Started(folder.path, contract, manifest["edition"], counts, manifest["asked"])
+                )
             status, journal = "complete", folder.journal
             if journal is not None:
                 setup = Setup(
@@ -120,15 +131,32 @@ def run(options: Options, watcher: ProgressListener) -> RunResult:
                 def keep(record: Record) -> None:
                     folder.keep(record)
                     watcher.episode(record.row)
+                    for listener in listeners:
+                        listener.episode(record.row)
 
                 with stop_on_signals() as stopped:
                     drive(pool, setup, asked, journal, keep, stopped, watcher)
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
-            ending = _ending(folder, status, {name: len(rows) for name, rows in asked.items()}, options)
+            ending = _ending(folder, status, counts, options)
             if journal is not None:
                 folder.end(status, ending.summary, ending.errors, pool.memory())
+            for listener in listeners:
+                listener.finished(ending)
             return ending
+
+
+def _check(options: Options) -> None:
+    """What the command line refuses by itself, for those who call from Python."""
+    choices = {"split": (options.request.split, SPLITS), "trace": (options.trace, TRACES),
+               "device": (options.device, DEVICES), "executor": (options.executor, EXECUTORS)}  # fmt: skip
+    for name, (value, known) in choices.items():
+        if value not in known:
+            raise InputError(f"--{name} {value}: expected {', '.join(known)}")
+    least = {"workers": (options.workers, 1), "memory-limit": (options.limits.most_memory, LEAST_MEMORY_MB)}
+    for name, (number, bound) in least.items():
+        if number is not None and number < bound:
+            raise InputError(f"--{name} {number:g}: expected at least {bound}")
 
 
 def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:

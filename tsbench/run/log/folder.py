@@ -28,7 +28,7 @@ JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
 TRACES, ERRORS = "traces", "errors"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
 _FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", RESCORED, *TABLES))
-_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report"))
+_FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report", "tensorboard"))
 
 
 # What a continued run takes over from its earlier sessions.
