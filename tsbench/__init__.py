@@ -20,40 +20,40 @@ if TYPE_CHECKING:
     from tsbench.planners.base import PlannerContext as PlannerContext
     from tsbench.planners.base import Trajectory as Trajectory
     from tsbench.planners.common.pure_pursuit import pursue_route as pursue_route
+    from tsbench.planners.geometry import EGO as EGO
+    from tsbench.planners.geometry import ActorHistory as ActorHistory
+    from tsbench.planners.geometry import RouteLine as RouteLine
+    from tsbench.planners.geometry import lane_bounds as lane_bounds
+    from tsbench.planners.geometry import lane_polygon as lane_polygon
+    from tsbench.planners.geometry import route_lanes as route_lanes
+    from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.helpers import RoadAhead as RoadAhead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
 
 __version__ = "0.1.0"
 
 _PUBLIC = {
+    "ActorHistory": "tsbench.planners.geometry",
     "Control": "tsbench.planners.base",
+    "EGO": "tsbench.planners.geometry",
     "Observation": "tsbench.planners.base",
     "Planner": "tsbench.planners.base",
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
+    "RouteLine": "tsbench.planners.geometry",
     "Run": "tsbench.api.run",
     "Trajectory": "tsbench.planners.base",
     "evaluate": "tsbench.api.evaluate",
+    "lane_bounds": "tsbench.planners.geometry",
+    "lane_polygon": "tsbench.planners.geometry",
     "load_run": "tsbench.api.run",
     "load_scenarios": "tsbench.api.scenarios",
     "pursue_route": "tsbench.planners.common.pure_pursuit",
+    "route_lanes": "tsbench.planners.geometry",
+    "route_line": "tsbench.planners.geometry",
     "sign_ahead": "tsbench.planners.helpers",
 }
-__all__ = [
-    "Control",
-    "Observation",
-    "Planner",
-    "PlannerContext",
-    "RoadAhead",
-    "Run",
-    "Trajectory",
-    "__version__",
-    "evaluate",
-    "load_run",
-    "load_scenarios",
-    "pursue_route",
-    "sign_ahead",
-]
+__all__ = ["__version__", *_PUBLIC]
 
 
 def __getattr__(name: str) -> object:

@@ -52,7 +52,7 @@ def test_harvest_of_an_empty_folder(tmp_path: Path) -> None:
 @pytest.mark.own_process
 def test_show_of_an_unknown_map(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="j-nowhere-0: no such map"):
-        call("show", "j-nowhere-0", "--png", str(tmp_path / "x.png"))
+        call("show", "j-nowhere-0", "--out", str(tmp_path / "x.png"))
 
 
 @pytest.mark.parametrize("box", ["1,2,3", "a,b,c,d", "37.7,55.7,37.6,55.8", "30,50,40,60"])

@@ -45,9 +45,9 @@ def drive(scenario: str, planner: str, rank: int) -> Recorded:
         (["collect", "--types", "nonsense"], "--types nonsense: no such type or group"),
         (["collect", "--types", "yield", "--limit", "1", "--out", "mine"], "mine: is neither empty nor a collection"),
         (["select", "nowhere"], "nowhere/run.json: no collection (tsbench oracle collect makes one)"),
-        (["stats", "--table", "none.parquet"], f"none.parquet: {NO_TABLE}"),
-        (["verify", "--table", "none.parquet"], f"none.parquet: {NO_TABLE}"),
-        (["restore", "--table", "none.parquet"], f"none_tries.parquet: {NO_TABLE}"),
+        (["stats", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
+        (["verify", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
+        (["restore", "--trajectories", "none.parquet"], f"none_tries.parquet: {NO_TABLE}"),
     ],
 )  # fmt: skip
 def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[str], told: str) -> None:
@@ -70,7 +70,7 @@ def test_stats_prints_and_writes(oracle: Command, tmp_path: Path, rows: list[Sce
     first, second = rows[0].scenario_id, rows[-1].scenario_id
     drives = [drive(first, "idm-e", 1), drive(first, "ppo-e", 2), drive(second, "idm-e", 1)]
     write_trajectories(drives, tmp_path / "oracle.parquet")
-    out, _ = oracle("stats", "--table", "oracle.parquet", "--split", "test", "--out", "made")
+    out, _ = oracle("stats", "--trajectories", "oracle.parquet", "--split", "test", "--out", "made")
     assert f"Composition of the oracle: 3 drives, test split ({len(rows):,} scenarios)" in out
     assert "36828" in out
     assert {path.name for path in (tmp_path / "made").iterdir()} == {
@@ -85,12 +85,12 @@ def test_a_drive_that_does_not_replay_is_named(
     """Exit code 1: the input is in order, what it says is not so."""
     scenario = rows[0].scenario_id
     write_trajectories([drive(scenario, "idm-e", 1)], tmp_path / "oracle.parquet")
-    _, err = oracle("verify", "--table", "oracle.parquet", "--split", "test", expect=1)
+    _, err = oracle("verify", "--trajectories", "oracle.parquet", "--split", "test", expect=1)
     assert err.startswith(f"error: {scenario}: idm-e, attempt 0: the replay differs from the recorded drive")
 
 
 def test_drives_of_unknown_scenarios_are_refused(oracle: Command, tmp_path: Path) -> None:
     write_trajectories([drive("elsewhere-v0", "idm-e", 1)], tmp_path / "oracle.parquet")
     assert "scenario elsewhere-v0 is not in" in refused(
-        oracle, "stats", "--table", "oracle.parquet", "--split", "test"
+        oracle, "stats", "--trajectories", "oracle.parquet", "--split", "test"
     )

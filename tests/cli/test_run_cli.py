@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from patience import HANG_S
 
+from tsbench.cli import cli
 from tsbench.core.paths import data_root
 from tsbench.run.log.schema import EPISODES
 
@@ -37,6 +40,29 @@ def test_help_names_all_commands() -> None:
     done = tsbench("--help")
     for name in ("run", "compare", "rescore", "render", "planners", "signs", "scenarios", "maps", "bench"):
         assert f"\n  {name} " in done.stdout
+
+
+def _leaves(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[str, click.Command]]:
+    if not isinstance(command, click.Group):
+        yield " ".join(path), command
+        return
+    context = click.Context(command)
+    for name in command.list_commands(context):
+        below = command.get_command(context, name)
+        assert below is not None
+        yield from _leaves(below, (*path, name))
+
+
+def test_an_option_is_one_thing_in_all_commands() -> None:
+    found: dict[str, dict[str, str]] = {}
+    for path, command in _leaves(cli):
+        for one in command.params:
+            if isinstance(one, click.Option):
+                found.setdefault(one.opts[0], {})[path] = one.type.name
+    # What is written may be a file or a folder; `data fetch` takes addresses too; one command has two planners only.
+    apart = {name: kinds for name, kinds in found.items() if len(set(kinds.values())) > 1}
+    assert set(apart) == {"--out", "--from", "--planner"}, apart
+    assert len(found) > 50
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -68,6 +68,28 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
+def test_plans_come_back_and_older_traces_have_none(tmp_path: Path) -> None:
+    episode = an_episode(4)
+    told = (np.array([(1.5, 2.5), (3.25, -4.0)], dtype=np.float32), None, np.zeros((0, 2), dtype=np.float32))
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(episode, plans=told))
+    plans = read_trace(path).plans
+    assert [None if plan is None else plan.tolist() for plan in plans] == [
+        [[1.5, 2.5], [3.25, -4.0]],
+        None,
+        [],
+        None,
+    ]
+    assert plans[0] is not None
+    assert (plans[0].dtype, plans[2].shape) == (np.float32, (0, 2))  # type: ignore[union-attr]
+    table = pq.read_table(path).drop_columns(["plan_x", "plan_y"])
+    head = pq.ParquetFile(path).metadata.metadata[b"tsbench.trace"]
+    with pq.ParquetWriter(path, table.schema) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"tsbench.trace": head})
+    assert read_trace(path).plans == (None,) * 4
+
+
 def test_the_facts_are_found_again(tmp_path: Path) -> None:
     episode = an_episode()
     write_trace(tmp_path / "t.parquet", made.result(episode))

@@ -40,11 +40,11 @@ def an_episode(violated: bool = True, ticks: int = 61) -> EpisodeFacts:
     return made.facts(egos, others, outcome=Outcome.ARRIVED, target=target)
 
 
-def put_trace(run: Path, planner: str, scenario: str, violated: bool = True) -> Path:
-    """Write a trace; the record says what it says."""
+def put_trace(run: Path, planner: str, scenario: str, violated: bool = True, **other: Any) -> Path:
+    """Write a trace; the record says what it says. other: of its result."""
     spec = replace(made.spec(scenario), map_id="map-1-0")
     path = trace_path(run, planner, scenario)
-    write_trace(path, made.result(an_episode(violated), planner, spec=spec))
+    write_trace(path, made.result(an_episode(violated), planner, spec=spec, **other))
     return path
 
 

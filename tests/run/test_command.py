@@ -7,7 +7,7 @@ import pytest
 from run_helpers import episode_builders
 
 from tsbench.core.errors import PlannerOutputError
-from tsbench.episode.command import to_command
+from tsbench.episode.command import to_command, to_plan
 from tsbench.planners.base import Control, Trajectory
 from tsbench.sim.ego import Motion
 
@@ -63,3 +63,34 @@ def test_what_is_no_command(output: object, words: str) -> None:
         command(output)
     assert words in str(told.value)
     assert len(str(told.value)) < 300
+
+
+def test_a_plan_is_a_copy_of_plain_numbers() -> None:
+    points = np.array([(1, 2), (3, 4)])
+    plan = to_plan(Control(0.0, 0.0, plan=points))
+    points[:] = 0
+    assert plan is not None
+    assert (plan.dtype, plan.tolist()) == (np.float32, [[1.0, 2.0], [3.0, 4.0]])
+    poses = np.array([(5.0, 6.0, 0.1), (1e300, 8.0, 0.1)])
+    plan = to_plan(Trajectory(np.array([1.0, 2.0]), poses))
+    assert plan is not None
+    assert plan.tolist() == [[5.0, 6.0], [1e6, 8.0]]
+    assert to_plan(Control(0.0, 0.0)) is None
+    assert to_plan(Control(0.0, 0.0, plan=np.zeros((0, 2)))).shape == (0, 2)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        ([(0.0, 0.0)], "Control.plan is list, expected a NumPy array of numbers"),
+        (np.array([("a", "b")]), "Control.plan is an array of <U1"),
+        (np.zeros(4), "Control.plan has shape (4,), expected (k, 2)"),
+        (np.zeros((4, 3)), "Control.plan has shape (4, 3)"),
+        (np.zeros((1001, 2)), "Control.plan has shape (1001, 2)"),
+        (np.full((2, 2), np.nan), "Control.plan holds NaN"),
+    ],
+)
+def test_what_is_no_plan(plan: object, words: str) -> None:
+    with pytest.raises(PlannerOutputError) as told:
+        to_plan(Control(0.0, 0.0, plan=plan))  # type: ignore[arg-type]
+    assert words in str(told.value)

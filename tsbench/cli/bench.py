@@ -13,13 +13,13 @@ from tsbench.core.files import write_json
 
 
 @click.command()
-@click.option("--scenes", type=POSITIVE, default=12, show_default=True, help="How many scenes.")
+@click.option("--limit", type=POSITIVE, metavar="N", default=12, show_default=True, help="How many scenes.")
 @click.option("--rounds", type=POSITIVE, default=5, show_default=True, help="Medians over so many rounds.")
 @click.option("--json", "json_path", type=FILE, metavar="FILE", help="Write the figures here.")
 @click.option(
     "--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else."
 )
-def bench(scenes: int, rounds: int, json_path: Path | None, networks: bool) -> None:
+def bench(limit: int, rounds: int, json_path: Path | None, networks: bool) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
     if networks:
         _networks(json_path)
@@ -28,7 +28,7 @@ def bench(scenes: int, rounds: int, json_path: Path | None, networks: bool) -> N
 
     console = Console()
     with console.status("choosing scenes") as status:
-        result = run_bench(scenes, rounds, lambda text: status.update(text))
+        result = run_bench(limit, rounds, lambda text: status.update(text))
     full = result.full_ticks_per_s
     loops = {
         "bare libsumo step": result.bare_ticks_per_s,

@@ -92,14 +92,14 @@ def fetch(place: str | None, bbox: str | None, name: str | None, out: Path | Non
 @maps.command()
 @click.argument("map_ids", nargs=-1, required=True)
 @options.osm
-@options.png("Sheet to draw.", required=True)
-def show(map_ids: tuple[str, ...], osm_dir: Path | None, png: Path) -> None:
+@options.out("PNG file to draw.", type=options.FILE, required=True)
+def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
     from tsbench.dataset.maps import paths
     from tsbench.report.map_sheet import draw_maps
 
-    draw_maps(map_ids, osm_dir or paths.sources_dir(), png)
-    click.echo(f"{len(map_ids)} maps: {png}")
+    draw_maps(map_ids, osm_dir or paths.sources_dir(), out)
+    click.echo(f"{len(map_ids)} maps: {out}")
 
 
 def _print_counts(tables: list[CountTable]) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.machine import own_cores
+from tsbench.planners.common.batching import DEVICES
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
 
@@ -64,8 +65,8 @@ def out(help: str, default: str | None = None, *, type: click.Path = PATH, requi
     )
 
 
-def png(help: str, *, required: bool = False) -> Option:
-    return click.option("--png", type=FILE, metavar="FILE", required=required, help=help)
+def png(help: str) -> Option:
+    return click.option("--png", type=FILE, metavar="FILE", help=help)
 
 
 def limit(help: str) -> Option:
@@ -88,6 +89,13 @@ workers = click.option(
 # Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
 run_workers = click.option(
     "--workers", type=POSITIVE, show_default="one per core", metavar="N", help="Processes."
+)
+trajectories = click.option(
+    "--trajectories", type=PATH, metavar="FILE",
+    help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",
+)  # fmt: skip
+device = click.option(
+    "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
 )
 seed = click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
 

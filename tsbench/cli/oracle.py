@@ -27,10 +27,6 @@ from tsbench.run.progress import ProgressWatcher
 _FOLDER = "runs/oracle"
 _split = options.split("train")
 _folder = click.argument("folder", metavar="[DIR]", type=options.FOLDER, default=_FOLDER)
-_table = click.option(
-    "--table", type=options.PATH, metavar="FILE",
-    help="The chosen drives. Default: scenarios/oracle.parquet of the data folder.",
-)  # fmt: skip
 
 
 @click.group()
@@ -75,11 +71,11 @@ def collect(
 
 @oracle.command()
 @_folder
-@_table
+@options.trajectories
 @options.allow_partial
-def select(folder: Path, table: Path | None, allow_partial: bool) -> None:
+def select(folder: Path, trajectories: Path | None, allow_partial: bool) -> None:
     """Keep the best two successful drives of each scenario of the collection DIR (default: runs/oracle)."""
-    found = select_drives(folder, table or trajectories_path(), allow_partial)
+    found = select_drives(folder, trajectories or trajectories_path(), allow_partial)
     share = 100.0 * found.covered / found.scenarios if found.scenarios else 0.0
     click.echo(
         f"{found.drives} drives of {found.covered} of {found.scenarios} driven scenarios ({share:.2f} %): "
@@ -93,31 +89,33 @@ def select(folder: Path, table: Path | None, allow_partial: bool) -> None:
 
 @oracle.command()
 @_folder
-@_table
-def restore(folder: Path, table: Path | None) -> None:
+@options.trajectories
+def restore(folder: Path, trajectories: Path | None) -> None:
     """Begin the collection DIR (default: runs/oracle) with what the chosen drives and their tries hold.
 
     `tsbench oracle collect` then adds experts or scenarios to it.
     """
-    click.echo(f"{restore_drives(table or trajectories_path(), folder)} experts' scenarios in {folder}")
+    click.echo(
+        f"{restore_drives(trajectories or trajectories_path(), folder)} experts' scenarios in {folder}"
+    )
 
 
 @oracle.command()
 @_split
-@_table
+@options.trajectories
 @analysis_out("oracle.csv, oracle.tex, oracle.md, oracle.png and oracle.svg")
-def stats(split: str, table: Path | None, out: Path) -> None:
+def stats(split: str, trajectories: Path | None, out: Path) -> None:
     """Coverage, and whose drives were chosen, by group: a table and a figure."""
-    show_analysis(stats_of(table or trajectories_path(), split), out)
+    show_analysis(stats_of(trajectories or trajectories_path(), split), out)
 
 
 @oracle.command()
 @_split
-@_table
+@options.trajectories
 @options.limit("So many drives, drawn at random; default: all.")
-def verify(split: str, table: Path | None, limit: int | None) -> None:
+def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
     """Replay chosen drives and compare each with its fingerprints."""
-    count = verify_drives(table or trajectories_path(), split, limit)
+    count = verify_drives(trajectories or trajectories_path(), split, limit)
     click.echo(f"{count} drives replayed, all as recorded")
 
 

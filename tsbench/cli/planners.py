@@ -53,9 +53,14 @@ def _print_parts() -> None:
 @planners.command("check")
 @click.argument("planner")
 @click.option(
-    "--scenes", default=10, show_default=True, type=click.IntRange(2, 100), help="How many to drive."
+    "--limit",
+    default=10,
+    show_default=True,
+    type=click.IntRange(2, 100),
+    metavar="N",
+    help="Scenes to drive.",
 )
-def check(planner: str, scenes: int) -> int:
+def check(planner: str, limit: int) -> int:
     """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
@@ -63,7 +68,7 @@ def check(planner: str, scenes: int) -> int:
     from tsbench.tools.check import check_driving, choose
 
     loaded = registry.resolve(planner)
-    chosen = choose(read_table(table_path("test")), scenes)
+    chosen = choose(read_table(table_path("test")), limit)
     console = Console()
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
-from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
@@ -57,9 +56,7 @@ which_half = click.option(
     "--trace", type=click.Choice(TRACES), default="violations", show_default=True,
     help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
 )  # fmt: skip
-@click.option(
-    "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
-)
+@options.device
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @options.allow_partial
 @click.option(
@@ -79,9 +76,8 @@ def run(
         Limits(most_memory=float(memory_limit)),
     )
     asked = Options(request=request, limits=limits, **others)
-    ended = run_session(
-        asked, ProgressWatcher(Console(stderr=True)), [make_listener(name) for name in listeners]
-    )
+    told = [make_listener(name) for name in listeners]
+    ended = run_session(asked, ProgressWatcher(Console(stderr=True)), told)
     _tell(ended, table_console())
     if ended.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)

@@ -79,20 +79,20 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.types
 @options.split()
 @click.option(
-    "--sample",
+    "--each",
     type=options.POSITIVE,
     metavar="N",
     help="N pairs of each type, drawn at random; default: all.",
 )
 @options.workers
-def certify(types: tuple[str, ...], split: str | None, sample: int | None, workers: int) -> None:
+def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
     from tsbench.dataset.certify.recertify import draw_sample, recertify
     from tsbench.scenarios.store import check_files
 
     rows = options.rows_of(split, types)
-    if sample is not None:
-        rows = draw_sample(rows, sample)
+    if each is not None:
+        rows = draw_sample(rows, each)
     check_files(rows)
     with bars() as show:
         failures = recertify(
@@ -209,10 +209,15 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
 @scenarios.command()
 @options.split()
 @click.option(
-    "--scenes", type=options.POSITIVE, default=300, show_default=True, help="Driven for the cruise speed."
+    "--limit",
+    type=options.POSITIVE,
+    metavar="N",
+    default=300,
+    show_default=True,
+    help="Driven for the cruise speed.",
 )
 @analysis_out("calibration.csv, .tex, .md, .png and .svg")
-def calibration(split: str | None, scenes: int, out: Path) -> None:
+def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
     import numpy as np
 
@@ -226,7 +231,7 @@ def calibration(split: str | None, scenes: int, out: Path) -> None:
     names = {s.scenario_id for s in rows}
     proven = [c for c in read_certificates(certificates_path()) if c.scenario_id in names]
     densities = np.array([c.realised_density for c in proven if c.asked_density])
-    chosen = sample_rows(rows, scenes)
+    chosen = sample_rows(rows, limit)
     with bars() as show:
         sim = Simulation()
         cruise = driven_speeds(chosen, sim, SceneLoader(), lambda n: show("drive", n, len(chosen)))

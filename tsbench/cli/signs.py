@@ -32,9 +32,7 @@ def show_sign(code: str) -> None:
 
 @signs.command("pages")
 @options.types
-@click.option(
-    "--out", type=options.FOLDER, required=True, metavar="DIR", help="Folder for pages and pictures."
-)
+@options.out("Folder for pages and pictures.", type=options.FOLDER, required=True)
 def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
     from tsbench.report.tables.sign_pages import PageMaker

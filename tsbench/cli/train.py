@@ -12,7 +12,6 @@ from tsbench.cli.console import table_console
 from tsbench.cli.options import POSITIVE, Option, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.planners.common.batching import DEVICES
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune.recipe import FineTuning
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from tsbench.scenarios.spec import ScenarioSpec
 
 _NOT_NEGATIVE = click.IntRange(min=0)
-_device = click.option("--device", type=click.Choice(DEVICES), default="cpu", show_default=True)
 _cache_gb = click.option(
     "--cache-gb",
     default=8.0,
@@ -54,7 +52,7 @@ def _reinforcement(steps: int, out: str) -> Option:
     return several(
         _count("--steps", steps, "Decisions (0.3 s each) in all, those of earlier sessions included."),
         click.option(
-            "--envs", type=POSITIVE, default=lambda: 4 * own_cores(), show_default="four per core", metavar="N",
+            "--workers", type=POSITIVE, default=lambda: 4 * own_cores(), show_default="four per core", metavar="N",
             help="Processes that drive, one simulation each.",
         ),
         click.option(
@@ -62,7 +60,7 @@ def _reinforcement(steps: int, out: str) -> Option:
             help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
         ),
         _rate(None, "Learning rate that this session begins with; it falls to a tenth. Default: the planner's."),
-        options.more, options.seed, options.types, _device, _out(out),
+        options.more, options.seed, options.types, options.device, _out(out),
     )  # fmt: skip
 
 
@@ -80,11 +78,11 @@ def carl(**asked: Any) -> None:
     _train("carl", **asked)
 
 
-def _train(planner: str, out: Path, envs: int, **asked: Any) -> None:
+def _train(planner: str, out: Path, **asked: Any) -> None:
     from tsbench.learn.rl.config import Job
     from tsbench.learn.rl.train import train as learn  # brings torch
 
-    job = Job(planner, out, workers=envs, **asked)
+    job = Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
     _train_rows(job.types)
     _tell(out, learn(job, click.echo))
@@ -98,7 +96,7 @@ def _train(planner: str, out: Path, envs: int, **asked: Any) -> None:
 @_count("--batch", 256)
 @_rate(6e-4)
 @_count("--validation", 160, "Episodes driven after each epoch; the best network is kept.")
-@several(options.types, options.seed, _device, options.workers, _cache_gb, _out("runs/train-plant2"))
+@several(options.types, options.seed, options.device, options.workers, _cache_gb, _out("runs/train-plant2"))
 def plant2(
     planners: tuple[str, ...], types: tuple[str, ...], device: str, workers: int, cache_gb: float, out: Path,
     **figures: Any,
@@ -117,10 +115,7 @@ def plant2(
 def _lessons(drives: int, out: str) -> Option:
     """The options that say which drives are learned from, and with what."""
     return several(
-        click.option(
-            "--trajectories", type=options.PATH, metavar="FILE",
-            help="The oracle's drives; default: those of the data folder.",
-        ),
+        options.trajectories,
         options.planners("Expert that drives anew instead, in turn"),
         _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
         options.more,
@@ -150,7 +145,7 @@ def _lessons(drives: int, out: str) -> Option:
 @_count("--batch", 128, least=8)
 @_rate(1e-4)
 @_count("--validation", 58, "Episodes driven after each epoch; the network with most SCD is kept.")
-@_device
+@options.device
 @_lessons(drives=0, out="runs/train-plant2-ft")
 def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """Fine-tuning of plant2 on obedient drives; writes plant2-ft.safetensors and plant2-ft.json.

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.planners.base import Control, Trajectory
 from tsbench.roads.road_map import RoadMap
-from tsbench.sim.ego import Motion, check_trajectory, track
+from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
 
 Command = tuple[float, float]
+Plan = npt.NDArray[np.float32]
+_FARTHEST_M = 1e6
 
 
 def to_command(output: object, motion: Motion, network: RoadMap) -> tuple[Command, tuple[str, ...]]:
@@ -27,6 +31,28 @@ def to_command(output: object, motion: Motion, network: RoadMap) -> tuple[Comman
         # A number of the planner's own making may raise what it likes.
         raise PlannerOutputError(f"{type(output).__name__} cannot be read ({cause_of(error)})") from error
     raise PlannerOutputError(f"act returned {type(output).__name__}, expected Control or Trajectory")
+
+
+def to_plan(output: Any) -> Plan | None:
+    """Where the ego means to drive, (k, 2), by a Control or Trajectory; None where it tells nothing.
+
+    A plain array of our own: what the planner does with its own later changes nothing. Raises PlannerOutputError.
+    """
+    name = "Trajectory.poses" if isinstance(output, Trajectory) else "Control.plan"
+    try:
+        points = output.poses[:, :2] if isinstance(output, Trajectory) else output.plan
+        if points is None:
+            return None
+        _check_array(name, points)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) > MAX_TRAJECTORY_POSES:
+            raise PlannerOutputError(f"{name} has shape {points.shape}, expected (k, 2)")
+        if np.isnan(points).any():
+            raise PlannerOutputError(f"{name} holds NaN")
+        return np.array(np.clip(points, -_FARTHEST_M, _FARTHEST_M), dtype=np.float32, subok=False)
+    except (PlannerOutputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise PlannerOutputError(f"{name} cannot be read ({cause_of(error)})") from error
 
 
 def _numbers(control: Control) -> Command:
@@ -48,14 +74,18 @@ def _numbers(control: Control) -> Command:
 def _tracked(trajectory: Trajectory, motion: Motion) -> Command:
     times, poses = trajectory.times, trajectory.poses
     for name, array in (("times", times), ("poses", poses)):
-        if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
-            kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
-            raise PlannerOutputError(f"Trajectory.{name} is {kind}, expected a NumPy array of numbers")
+        _check_array(f"Trajectory.{name}", array)
     check_trajectory(times, poses)
     command = track(motion, times, poses)
     if not all(map(math.isfinite, command)):
         raise PlannerOutputError("trajectory leads beyond what numbers can hold")
     return command
+
+
+def _check_array(name: str, array: object) -> None:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise PlannerOutputError(f"{name} is {kind}, expected a NumPy array of numbers")
 
 
 def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from tsbench.episode.command import Plan
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.scenarios.spec import ScenarioSpec
@@ -16,6 +17,7 @@ class EpisodeResult:
     error: one line, "" where there is none; detail: traceback and SUMO's last words for `errors/`.
     planner_s: (n,) seconds that the planner took at each tick; sim_s, start_s, total_s: wall-clock seconds.
     commands: (n, 2) acceleration and steering as asked by the planner (or its trajectory's tracker).
+    plans: where the planner meant to drive, with each command that told it.
     """
 
     spec: ScenarioSpec
@@ -29,3 +31,4 @@ class EpisodeResult:
     start_s: float
     sim_s: float
     total_s: float
+    plans: tuple[Plan | None, ...] = field(default=(), kw_only=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
 from tsbench.core.seeds import floor_seed, planner_seed
-from tsbench.episode.command import to_command
+from tsbench.episode.command import Plan, to_command, to_plan
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
 from tsbench.episode.phase import Phase
@@ -117,6 +117,7 @@ class EpisodeLoop:
             start_s=episode.start_s if episode else 0.0,
             sim_s=episode.sim_s if episode else 0.0,
             total_s=time.perf_counter() - began,
+            plans=tuple(episode.plans) if episode else (),
         )  # fmt: skip
 
     def _context(self, seed: int, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
@@ -210,6 +211,7 @@ class Episode:
         self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
         self.snapshots: list[WorldSnapshot] = []
         self.commands: list[tuple[float, float]] = []
+        self.plans: list[Plan | None] = []
         self.planner_s: list[float] = []
         self.sim_s = 0.0
         self.monitors = make_monitors(catalog, scene)
@@ -280,9 +282,11 @@ class Episode:
             t1 = clock()
             # What it returned is its own code still.
             command, self.intent = to_command(output, self.motion, self.view.map)
+            plan = to_plan(output)
             beat(Phase.SIMULATING)
             self.planner_s.append(t1 - t0)
             self.commands.append(command)
+            self.plans.append(plan)
             self.motion = advance(self.motion, *command)
             self.ego = self._locate(self.ego.lane)
             step += 1

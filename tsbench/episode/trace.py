@@ -25,6 +25,7 @@ from tsbench.core.files import replacing
 from tsbench.core.parquet import check_size, columns, fields_of
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
+from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
@@ -43,12 +44,15 @@ _ACTOR = (
     ("index", pa.int32()), ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()),
     ("speed", pa.float64()), ("lane", pa.int32()), ("lane_s", pa.float64()),
 )  # fmt: skip
+# What the planner meant to do; traces from before it was kept lack them.
+_PLAN = ("plan_x", "plan_y")
 _FIELDS: list[Any] = [
     *columns(pa.int32(), "step"),
     *columns(pa.float64(), "time"),
     *(pa.field(f"ego_{name}", kind, nullable=False) for name, kind in _EGO),
     *(pa.field(f"actor_{n}", pa.list_(*columns(k, "element")), nullable=False) for n, k in _ACTOR),
     *columns(pa.float64(), "acceleration", "steering", nullable=True),
+    *columns(pa.list_(*columns(pa.float32(), "element")), *_PLAN, nullable=True),
 ]
 SCHEMA = pa.schema(_FIELDS)
 
@@ -59,7 +63,8 @@ class Trace:
 
     snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
     acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless,
-    start_remaining_m: as in `EpisodeFacts`.
+    start_remaining_m: as in `EpisodeFacts`. plans: one per tick, (k, 2) where the planner meant to drive, None where it
+    told nothing.
     """
 
     spec: ScenarioSpec
@@ -73,6 +78,7 @@ class Trace:
     snapshots: list[WorldSnapshot]
     commands: Array
     needless: tuple[Violation, ...] = ()
+    plans: tuple[Plan | None, ...] = ()
 
     @property
     def events(self) -> list[Violation]:
@@ -100,9 +106,10 @@ def trace_of(result: EpisodeResult) -> Trace:
         raise ValueError(
             f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})"
         )
+    plans = _of_ticks(result.plans, len(facts.snapshots))
     return Trace(
         result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
-        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless,
+        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, plans,
     )  # fmt: skip
 
 
@@ -164,7 +171,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
     }
     text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    table = pa.table(_arrays(facts.snapshots, result.commands), schema=SCHEMA)
+    table = pa.table(_arrays(facts.snapshots, result.commands, result.plans), schema=SCHEMA)
     layout: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
     with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         writer.write_table(table, row_group_size=table.num_rows)
@@ -172,7 +179,13 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         writer.add_key_value_metadata({_KEY: text})
 
 
-def _arrays(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
+def _of_ticks(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
+    return (*plans[:ticks], *[None] * (ticks - len(plans)))
+
+
+def _arrays(
+    snapshots: list[WorldSnapshot], commands: Array, plans: tuple[Plan | None, ...]
+) -> dict[str, Any]:
     counts = [len(s.actors) for s in snapshots]
     offsets = pa.array(np.concatenate(([0], np.cumsum(counts))), type=pa.int32())
     flat: dict[str, list[npt.NDArray[Any]]] = {
@@ -198,6 +211,10 @@ def _arrays(snapshots: list[WorldSnapshot], commands: Array) -> dict[str, Any]:
     missing = [None] * (len(snapshots) - min(len(commands), len(snapshots)))
     for k, name in enumerate(("acceleration", "steering")):
         arrays[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
+    told = _of_ticks(plans, len(snapshots))
+    for k, name in enumerate(_PLAN):
+        values = [None if plan is None else plan[:, k] for plan in told]
+        arrays[name] = pa.array(values, type=SCHEMA.field(name).type)
     return arrays
 
 
@@ -220,6 +237,9 @@ def read_trace(path: Path) -> Trace:
             raise InputError(
                 f"{path}: trace of schema {meta['schema']}, this tsbench reads schema {TRACE_SCHEMA}"
             )
+        for name in _PLAN:
+            if name not in table.column_names:
+                table = table.append_column(SCHEMA.field(name), pa.nulls(len(table), SCHEMA.field(name).type))
         return _trace(meta, table.cast(SCHEMA).combine_chunks())
     except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
         raise InputError(
@@ -246,6 +266,14 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         commands=commands.astype(np.float64, copy=False),
         # Traces from before contrast scenes have none.
         needless=tuple(from_plain(Violation, event) for event in meta.get("needless", ())),
+        plans=_plans(table),
+    )
+
+
+def _plans(table: Any) -> tuple[Plan | None, ...]:
+    xs, ys = (table[name].to_pylist() for name in _PLAN)
+    return tuple(
+        None if x is None else np.array((x, y), dtype=np.float32).T for x, y in zip(xs, ys, strict=True)
     )
 
 

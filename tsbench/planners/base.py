@@ -7,7 +7,7 @@ A planner is a class with `reset(context)` and `act(observation) -> Control | Tr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 from tsbench.core.errors import InputError
@@ -29,12 +29,14 @@ class Control:
     """Acceleration (m/s2) and steering angle (rad, left positive); clipped to the vehicle's limits.
 
     intent: edges that the ego means to drive from where it is, as a driver's indicators tell others; () = the
-    navigation's way. Other traffic goes by it when it gives way.
+    navigation's way. Other traffic goes by it when it gives way. plan: (k, 2) where the ego means to drive, in the
+    world frame; it is kept in the trace and drawn in pictures, and nothing else comes of it.
     """
 
     acceleration: float
     steering: float
     intent: tuple[str, ...] = ()
+    plan: Array | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class Trajectory:
     """Future poses that the harness's own tracker follows.
 
     times: (k,) s from now, increasing, first > 0. poses: (k, 3) x, y, heading of the ego's centre in the
-    world frame. intent: as in `Control`.
+    world frame; they are its plan. intent: as in `Control`.
     """
 
     times: Array

@@ -124,3 +124,16 @@ def test_a_trace_of_another_episode_is_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(InputError, match="cannot be read as a trace"):
         page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0"))
+
+
+def test_plans_come_back_however_far_they_lead(tmp_path: Path) -> None:
+    near = np.array([(60.0, -4.0), (75.5, -4.0), (80.0, 2.0)], dtype=np.float32)
+    far = np.array([(1e6, -1e6), (-1e6, 1e6), (1e6, -1e6)], dtype=np.float32)
+    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0", plans=(None, near, near[:0], far))
+    header, arrays = unpack(page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0")).episode)
+    assert header["plans"] == [[1, 3], [3, 3]]
+    unit = header["units"]["plan"]
+    for k, axis in enumerate("xy"):
+        found = summed(arrays[f"plan_{axis}"], [3, 3]) * unit + header["middle"][k]
+        assert found[:3] == pytest.approx(near[:, k], abs=unit / 2 + 1e-6)
+        assert (np.sign(found[3:]) == np.sign(far[:, k])).all()

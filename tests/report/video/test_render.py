@@ -76,6 +76,15 @@ def colour_at(eye: BirdsEye, page: np.ndarray, x: float, y: float) -> tuple[int,
     return tuple(int(v) for v in pixel)
 
 
+def test_the_plan_of_a_tick_is_drawn(trace: Trace, scene: Scene) -> None:
+    plans = [None] * len(trace.snapshots)
+    plans[10] = np.array([(80.0, -11.0), (95.0, -11.0)], dtype=np.float32)
+    plans[11] = np.array([(80.0, -11.0)], dtype=np.float32)
+    eye = bird(replace(trace, plans=tuple(plans)), scene)
+    for tick, drawn in ((9, False), (10, True), (11, False)):
+        assert (colour_at(eye, eye.page(tick), 88.0, -11.0) == STYLE.plan) == drawn, tick
+
+
 def test_colours_are_where_things_are(trace: Trace, scene: Scene) -> None:
     eye = bird(trace, scene)
     page = eye.page(20)

@@ -111,6 +111,7 @@ class BirdsEye:
         camera = self._ground_camera.window(left, top, view.shape[1], view.shape[0])
         view[:] = self.ground[top : top + view.shape[0], left : left + view.shape[1]]
         self._draw_route(view, tick, left, top)
+        self._draw_plan(view, tick, camera)
         paint(view, camera, tick_shapes(self.trace.snapshots[tick]))
         draw_scale_bar(view, camera.scale)
         draw_attribution(view)
@@ -135,6 +136,12 @@ class BirdsEye:
         if last - first > 1 and math.isfinite(route.remaining):
             points = fixed[first:last] - np.array((left << SHIFT, top << SHIFT), dtype=np.int32)
             cv2.polylines(view, [points], False, STYLE.route, 2, cv2.LINE_AA, SHIFT)
+
+    def _draw_plan(self, view: Image, tick: int, camera: Camera) -> None:
+        """Where the planner meant to drive from here, where it told so."""
+        plan = self.trace.plans[tick] if tick < len(self.trace.plans) else None
+        if plan is not None and len(plan) > 1:
+            cv2.polylines(view, [camera.fixed(plan)], False, STYLE.plan, 2, cv2.LINE_AA, SHIFT)
 
     def _trail(self, tick: int) -> None:
         if tick > self._trailed:

@@ -25,6 +25,7 @@ class Style:
     glass: Colour = (38, 44, 54)
     outline: Colour = (30, 33, 38)
     route: Colour = (70, 170, 255)
+    plan: Colour = (214, 92, 214)
     compliant: Colour = (60, 200, 120)
     destination: Colour = (46, 178, 98)
     plate_line: Colour = (255, 196, 0)

@@ -31,6 +31,8 @@ from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 _UNIT_M, _UNIT_RAD, _UNIT_MPS = 0.05, 2 * np.pi / 2048, 0.05
 _ROOM_M = 12.0
 _LARGEST = 30_000
+# A planner may mean anything: second differences of its points fit into 16 bits wherever they are.
+_PLAN_UNITS, _PLAN_FARTHEST = 4, 8_000
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,12 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
             arrays[f"{name}_{axis}"] = deltas(np.rint((xyh[:, k] - middle[k]) / unit), at)
         arrays[f"{name}_h"] = deltas(_turns(xyh[:, 2], at), at)
     arrays["ego_v"] = deltas(np.rint(track[:, 3] / _UNIT_MPS), np.zeros(1, dtype=np.int64))
+    told = [(tick, plan) for tick, plan in enumerate(trace.plans) if plan is not None and len(plan)]
+    plans = np.concatenate([np.zeros((0, 2)), *(plan for _, plan in told)])
+    at = np.cumsum([0, *(len(plan) for _, plan in told)])[:-1]
+    for k, axis in enumerate("xy"):
+        near = (plans[:, k] - middle[k]) / (_PLAN_UNITS * unit)
+        arrays[f"plan_{axis}"] = deltas(np.rint(np.clip(near, -_PLAN_FARTHEST, _PLAN_FARTHEST)), at)
     table = snapshots[-1].actors.table
     sizes = np.round(np.column_stack((table.length, table.width))[: len(table.ids)], 2).tolist()
     actors = [
@@ -134,8 +142,8 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
     pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
     parts = {
         "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
-        "actors": actors, "pieces": pieces, "middle": middle.tolist(),
-        "units": {"m": unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS},
+        "actors": actors, "pieces": pieces, "plans": [[tick, len(plan)] for tick, plan in told],
+        "middle": middle.tolist(), "units": {"m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS},
     }  # fmt: skip
     return parts, arrays
 

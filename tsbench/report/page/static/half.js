@@ -39,6 +39,14 @@ tsb.Half = class {
       at += count;
       return part;
     });
+    const plan = ["x", "y"].map((axis, k) =>
+      tsb.summed(array[`plan_${axis}`], e.plans.map((one) => one[1]), units.plan).map((v) => v + e.middle[k]));
+    let from = 0;
+    e.planned = new Map(e.plans.map(([tick, count]) => {
+      const points = [];
+      for (const to = from + count; from < to; from++) points.push(plan[0][from], plan[1][from]);
+      return [tick, points];
+    }));
     e.unpacked = true;
   }
 
@@ -91,7 +99,9 @@ tsb.Half = class {
     trail.push(ego.x, ego.y);
     const past = episode.events.filter((event) => event.target && this.ticks(event) <= tick + 1e-5);
     if (follow) this.view.follow(ego.x, ego.y);
-    this.view.draw({ lines: [{ c: "trail", w: 0.35, points: trail }], marks: past, bodies });
+    const plan = episode.planned.get(Math.floor(tick)) ?? [];
+    const lines = [{ c: "trail", w: 0.35, points: trail }, { c: "plan", w: 0.35, points: plan }];
+    this.view.draw({ lines, marks: past, bodies });
     this.line(wanted, whole);
   }
 

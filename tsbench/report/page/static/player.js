@@ -161,7 +161,7 @@ tsb.player = (() => {
     const action = actions[key] ?? actions[key.toLowerCase()];
     if (action) { event.preventDefault(); action(); }
   });
-  const named = { ego: "ego", trail: "its trail", route: "navigation's way", compliant: "an obedient way", plate_line: "target plate, its line, its rule's zone",
+  const named = { ego: "ego", trail: "its trail", plan: "its plan", route: "navigation's way", compliant: "an obedient way", plate_line: "target plate, its line, its rule's zone",
     destination: "destination", convoy: "held for the ego", car: "car", bus: "bus", bicycle: "bicycle", pedestrian: "pedestrian", violation: "violation" };
   get("legend").append(...Object.entries(named).map(([name, text]) =>
     el("span", { class: "key" }, el("i", { style: `background:var(--bev-${name})` }), text)));
