@@ -42,7 +42,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     from tsbench.dataset.maps.harvest import harvest as run_harvest
     from tsbench.dataset.maps.stats import count_tables
 
-    target = out or paths.sumo_nets() / "pool.parquet"
+    target = out or paths.made_pool()
     report = target.with_name("harvest.json")
     with bars() as show:
         result = run_harvest(osm_dir or paths.sources_dir(), target, report, workers, show)

@@ -12,7 +12,7 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import data_root
+from tsbench.core.paths import dataset_root
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS
@@ -51,7 +51,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
 
-    chosen, root = options.types_of(types), data_root() / "scenarios"
+    chosen, root = options.types_of(types), dataset_root() / "scenarios"
     with bars() as show:
         reports = build_scenarios(
             BuildRequest(chosen, osm_dir or sources_dir(), root, workers, _REJECTION_TEST, splits or SPLITS),
@@ -96,7 +96,7 @@ def certify(types: tuple[str, ...], split: str | None, sample: int | None, worke
     check_files(rows)
     with bars() as show:
         failures = recertify(
-            rows, data_root() / "scenarios", workers, lambda n: show("certify", n, len(rows))
+            rows, dataset_root() / "scenarios", workers, lambda n: show("certify", n, len(rows))
         )
     _end(len(rows), failures, "without a valid certificate")
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
-from tsbench.core.paths import data_file, fetch_hint
+from tsbench.core.paths import dataset_file, fetch_hint
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
@@ -24,7 +24,7 @@ SCHEMA = pa.schema(
 
 
 def table_path(split: str, root: Path | None = None) -> Path:
-    return data_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
+    return dataset_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
 
 
 def splits_there(root: Path | None = None) -> tuple[str, ...]:
