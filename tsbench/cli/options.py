@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.machine import own_cores
+from tsbench.core.paths import CITY, OWN_CITY, city_in_use, using_city
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
 
@@ -35,6 +36,12 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
     return None if code is None else load_country(code)
 
 
+def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
+    if name is not None:
+        context.with_resource(using_city(name))
+        city_in_use()
+
+
 def words(name: str, help: str) -> Option:
     return click.option(name, default="", metavar="TYPE,GROUP,…", callback=_words, help=help)
 
@@ -51,10 +58,12 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
 
 
 def split(default: str | None = None, *, required: bool = False) -> Option:
-    return click.option(
+    """`--split`, and of which city."""
+    table = click.option(
         "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
         show_default=not required and (default or "all that are there"),
     )  # fmt: skip
+    return several(table, city)
 
 
 def out(help: str, default: str | None = None, *, type: click.Path = PATH, required: bool = False) -> Option:
@@ -72,6 +81,10 @@ def limit(help: str) -> Option:
     return click.option("--limit", type=POSITIVE, metavar="N", help=help)
 
 
+city = click.option(
+    "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
+    help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
+)  # fmt: skip
 types = words("--types", "Scenario types and groups; default: all.")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")

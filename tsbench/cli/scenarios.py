@@ -18,8 +18,6 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country
 
-_REJECTION_TEST = "tsbench.dataset.certify.rejection_test:RejectionTest"
-
 
 def _find(scenario_id: str) -> ScenarioSpec:
     for spec in options.rows_of(None):
@@ -45,6 +43,7 @@ def scenarios() -> None:
 @scenarios.command()
 @options.types
 @click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: all.")
+@options.city
 @options.osm
 @options.workers
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
@@ -54,8 +53,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
     chosen, root = options.types_of(types), dataset_root() / "scenarios"
     with bars() as show:
         reports = build_scenarios(
-            BuildRequest(chosen, osm_dir or sources_dir(), root, workers, _REJECTION_TEST, splits or SPLITS),
-            show,
+            BuildRequest(chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
         )
     rows = [
         (
@@ -112,6 +110,7 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 
 @scenarios.command()
 @click.argument("scenario_id")
+@options.city
 @options.png("Draw the scene to this file.")
 @options.caption_country
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
@@ -132,6 +131,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 
 @scenarios.command("open")
 @click.argument("scenario_id")
+@options.city
 @options.out("Folder for the scene's files.  [default: runs/scenes/ID]", type=options.FOLDER)
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
 def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
@@ -177,6 +177,7 @@ def verify(split: str | None) -> None:
 
 
 @scenarios.command()
+@options.city
 @click.option("--markdown", type=options.FILE, metavar="FILE", help="Write the tables there too.")
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates and quotas per type and split."""

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -50,8 +52,23 @@ def city_in_use() -> str:
     """The name of the city whose data set is used. Raises InputError for what cannot be one."""
     name = os.environ.get(CITY) or OWN_CITY
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name):
-        raise InputError(f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)")
+        raise InputError(
+            f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
+        )
     return name
+
+
+@contextmanager
+def using_city(name: str) -> Iterator[None]:
+    """Another city's data set for as long as this lasts, here and in processes that are started meanwhile."""
+    before = os.environ.get(CITY)
+    os.environ[CITY] = name
+    try:
+        yield
+    finally:
+        del os.environ[CITY]
+        if before is not None:
+            os.environ[CITY] = before
 
 
 def dataset_file(name: str) -> Path:

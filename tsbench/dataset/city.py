@@ -29,7 +29,7 @@ Tile = tuple[int, int]
 
 @dataclass(frozen=True)
 class Extract:
-    """An OSM extract. code: its short name in map ids. well_tagged: lanes and shapes are as surveyed. rank: in its city."""
+    """An OSM extract. code: short name in map ids. well_tagged: lanes and shapes are as surveyed. rank: in its city."""
 
     name: str
     code: str
@@ -63,8 +63,8 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    zone: of UTM, as netconvert takes it: the one frame of all extracts. types: its type map, in `sumo_nets/netconvert/`. maps: of each type at most, by the
-    splits that it has.
+    zone: of UTM, as netconvert takes it: the one frame of all extracts. types: its type map, in `sumo_nets/netconvert/`.
+    maps: of each type at most, by the splits that it has.
     """
 
     name: str
@@ -99,7 +99,9 @@ def load_city(name: str) -> City:
     """The description of a city. Raises InputError (file, key, problem)."""
     path = cities_folder() / f"{name}.yaml"
     if not path.is_file():
-        raise InputError(f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)")
+        raise InputError(
+            f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)"
+        )
     return _read(path, name)
 
 
@@ -113,7 +115,9 @@ def _read(path: Path, name: str) -> City:
         if not isinstance(data[key], str):
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["side"] != SIDE:
-        raise InputError(f"{path}: side: {data['side']!r:.80}: only cities that drive on the {SIDE} can be built")
+        raise InputError(
+            f"{path}: side: {data['side']!r:.80}: only cities that drive on the {SIDE} can be built"
+        )
     _number(path, "zone", data["zone"], 1, 60, int)
     maps = data.get("maps", MAPS)
     if not isinstance(maps, dict) or not maps or set(maps) - set(MAPS):
@@ -164,7 +168,7 @@ def check_extract(extract: Extract, path: Path) -> None:
     digest = sha256_of(path)
     if digest != extract.sha256:
         raise InputError(
-            f"{path}: SHA-256 {digest} is not that of '{extract.name}' ({extract.sha256}); get it from {extract.address}"
+            f"{path}: SHA-256 {digest} is not that of '{extract.name}', {extract.sha256}; it is at {extract.address}"
         )
 
 

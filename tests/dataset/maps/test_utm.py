@@ -69,7 +69,9 @@ def test_the_same_town_elsewhere_is_the_same_network(
 
 def test_extracts_outside_the_citys_zone_are_no_part_of_its_pool() -> None:
     _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(37)}, Path("osm"))
-    with pytest.raises(InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"):
+    with pytest.raises(
+        InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"
+    ):
         _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(31)}, Path("osm"))
 
 

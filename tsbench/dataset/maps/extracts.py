@@ -7,7 +7,7 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.dataset.city import Extract, check_extract, chosen_city
-from tsbench.dataset.maps.osm import SUFFIXES, extract_name
+from tsbench.dataset.maps.osm import SUFFIXES
 
 
 def extract_info(name: str) -> Extract:

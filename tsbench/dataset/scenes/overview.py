@@ -47,9 +47,13 @@ class TypeStats:
     seen: float
 
 
+def report_file(root: Path | None = None) -> Path:
+    return dataset_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+
+
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
     """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
-    path = dataset_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    path = report_file(root)
     if not path.exists():
         raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
     report: list[dict[str, Any]] = read_json(path, "build report")
