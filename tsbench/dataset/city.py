@@ -63,7 +63,7 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    zone: of UTM, as netconvert takes it: the one frame of all extracts. types: its type map, in `sumo_nets/netconvert/`.
+    zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map, in `sumo_nets/netconvert/`.
     maps: of each type at most, by the splits that it has.
     """
 
