@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.machine import own_cores
-from tsbench.core.paths import CITY, OWN_CITY, city_in_use, using_city
+from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
 
@@ -39,7 +39,6 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
         context.with_resource(using_city(name))
-        city_in_use()
 
 
 def words(name: str, help: str) -> Option:

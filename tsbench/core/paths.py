@@ -50,7 +50,10 @@ def data_file(name: str) -> Path:
 
 def city_in_use() -> str:
     """The name of the city whose data set is used. Raises InputError for what cannot be one."""
-    name = os.environ.get(CITY) or OWN_CITY
+    return _checked(os.environ.get(CITY) or OWN_CITY)
+
+
+def _checked(name: str) -> str:
     if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name):
         raise InputError(
             f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
@@ -60,9 +63,12 @@ def city_in_use() -> str:
 
 @contextmanager
 def using_city(name: str) -> Iterator[None]:
-    """Another city's data set for as long as this lasts, here and in processes that are started meanwhile."""
+    """Another city's data set for as long as this lasts, here and in processes that are started meanwhile.
+
+    Raises InputError for a name that cannot be one.
+    """
     before = os.environ.get(CITY)
-    os.environ[CITY] = name
+    os.environ[CITY] = _checked(name)
     try:
         yield
     finally:
