@@ -85,6 +85,11 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     )
     name = f"nowhere-{editions()[-1].name}"
     assert f"edition {name}, contract" in table
+    # A run knows whose scenes it drove.
+    assert "disagreements: 0" in call(capsys, "rescore", str(tmp_path / "run"))
+    called = ("report", str(tmp_path / "run"), "--out", str(tmp_path / "report.html"))
+    assert "cannot be played" not in call(capsys, *called)
+    assert "nowhere, dev split" in (tmp_path / "report.html").read_text(encoding="utf-8")
     with using_city("nowhere"):
         assert edition_now() == name
         assert edition_of(contract_now("dev")) == name

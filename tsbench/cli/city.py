@@ -48,8 +48,9 @@ def show(name: str, png: Path | None) -> None:
     from tsbench.scenarios.map_pool import pool_file, read_pool
 
     found = load_city(name)
-    extracts = [(e.name, e.date, e.licence, e.address, e.sha256) for e in found.extracts]
-    print_table(("extract", "date", "licence", "address", "SHA-256"), extracts, title=found.title, left=5)
+    click.echo(found.title)
+    for extract in found.extracts:
+        click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     with using_city(name):
         if not pool_file().is_file():
             click.echo(f"nothing is built yet: tsbench city build {name} --osm DIR")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
@@ -39,6 +40,19 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
         context.with_resource(using_city(name))
+
+
+def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
+    """Use the data set that the run folders given are of. Raises InputError where they are of several."""
+    from tsbench.run.log.manifest import read_manifest
+
+    found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,))]
+    cities = {manifest["effective"].get("city", OWN_CITY) for manifest in found if manifest is not None}
+    if len(cities) > 1:
+        raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
+    for name in cities:
+        context.with_resource(using_city(name))
+    return runs
 
 
 def words(name: str, help: str) -> Option:
@@ -93,7 +107,7 @@ caption_country = country(
 allow_partial = click.option(
     "--allow-partial", is_flag=True, help="Take what has missing records too; the title says so."
 )
-runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH)
+runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH, callback=of_their_city)
 workers = click.option(
     "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
 )
