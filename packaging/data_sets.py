@@ -28,6 +28,7 @@ SETS = {
             "scenarios/editions.yaml",
             "scenarios/nuplan_statistics.json",
             "scenarios/recipes/*",
+            "cities/*.yaml",
             "sumo_nets/*",
             "sumo_nets/netconvert/*",
         ),

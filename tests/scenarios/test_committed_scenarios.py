@@ -21,6 +21,7 @@ from tsbench.core.seeds import seed_of
 from tsbench.run.edition import editions
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.dataset.city import load_city
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -137,7 +138,7 @@ def test_no_place_is_in_two_splits(rows: list[ScenarioSpec]) -> None:
 
 
 def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str, PoolRow]) -> None:
-    split = split_pool(list(pool.values()))
+    split = split_pool(list(pool.values()), load_city("moscow").split)
     assert not {(r.split, r.map_id) for r in rows if split[r.map_id] != r.split}
     share = Counter(split.values())
     assert share["test"] / (share["test"] + share["train"]) == pytest.approx(0.2, abs=0.05)

@@ -9,6 +9,7 @@ from spec_tables import numbers, table, words
 
 from tsbench.core import benchmark
 from tsbench.core.seeds import ROOT_SEED
+from tsbench.dataset.city import load_city
 from tsbench.dataset.scenes import split, variants
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.run.edition import earlier_splits
@@ -62,7 +63,9 @@ def test_the_grid_of_variants() -> None:
 
 
 def test_split_and_certificate() -> None:
-    assert (split.APART_M, split.TEST_SHARE, ROOT_SEED, DENSITY_TOLERANCE) == (300.0, 0.2, 42, 0.25)
+    assert (split.APART_M, ROOT_SEED, DENSITY_TOLERANCE) == (300.0, 42, 0.25)
+    plan = load_city("moscow").split
+    assert (plan.test_share, plan.tile_m) == (0.2, 2000.0)
     assert RECIPES["min_speed"].tempted == "idm-s1"
     assert {recipe.tempted for type_, recipe in RECIPES.items() if type_ != "min_speed"} == {"idm"}
 

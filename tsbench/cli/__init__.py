@@ -36,6 +36,7 @@ SECTIONS = {
     },
     "Make the data": {
         "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
+        "city": ("tsbench.cli.city:city", "A data set of another city, from its OpenStreetMap extract."),
         "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
         "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     },

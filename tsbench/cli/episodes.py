@@ -39,7 +39,7 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
         command(selection=Selection(violations, types, planners, outcomes), **others)
 
     return options.several(
-        click.argument("run", type=options.PATH),
+        click.argument("run", type=options.PATH, callback=options.of_their_city),
         click.argument("episode", metavar="[EPISODE]", required=False),
         click.option(
             "--violations", is_flag=True, help="All episodes in which the target sign was violated."

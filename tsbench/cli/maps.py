@@ -33,6 +33,7 @@ def convert(extract: Path, out: Path) -> None:
 
 
 @maps.command()
+@options.city
 @options.osm
 @options.out("Pool index to write.  [default: sumo_nets/pool.parquet]", type=options.FILE)
 @options.workers
@@ -42,7 +43,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     from tsbench.dataset.maps.harvest import harvest as run_harvest
     from tsbench.dataset.maps.stats import count_tables
 
-    target = out or paths.sumo_nets() / "pool.parquet"
+    target = out or paths.made_pool()
     report = target.with_name("harvest.json")
     with bars() as show:
         result = run_harvest(osm_dir or paths.sources_dir(), target, report, workers, show)
@@ -61,6 +62,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     metavar="FILE",
     help="Pool index.  [default: sumo_nets/pool.parquet]",
 )
+@options.city
 @options.png("Draw a map with every crop as a dot.")
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
@@ -91,6 +93,7 @@ def fetch(place: str | None, bbox: str | None, name: str | None, out: Path | Non
 
 @maps.command()
 @click.argument("map_ids", nargs=-1, required=True)
+@options.city
 @options.osm
 @options.out("PNG file to draw.", type=options.FILE, required=True)
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
+from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.planners.common.batching import DEVICES
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
@@ -36,6 +38,24 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
     return None if code is None else load_country(code)
 
 
+def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
+    if name is not None:
+        context.with_resource(using_city(name))
+
+
+def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
+    """Use the data set that the run folders given are of. Raises InputError where they are of several."""
+    from tsbench.run.log.manifest import read_manifest
+
+    found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,))]
+    cities = {manifest["effective"].get("city", OWN_CITY) for manifest in found if manifest is not None}
+    if len(cities) > 1:
+        raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
+    for name in cities:
+        context.with_resource(using_city(name))
+    return runs
+
+
 def words(name: str, help: str) -> Option:
     return click.option(name, default="", metavar="TYPE,GROUP,…", callback=_words, help=help)
 
@@ -52,10 +72,12 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
 
 
 def split(default: str | None = None, *, required: bool = False) -> Option:
-    return click.option(
+    """`--split`, and of which city."""
+    table = click.option(
         "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
         show_default=not required and (default or "all that are there"),
     )  # fmt: skip
+    return several(table, city)
 
 
 def out(help: str, default: str | None = None, *, type: click.Path = PATH, required: bool = False) -> Option:
@@ -73,6 +95,10 @@ def limit(help: str) -> Option:
     return click.option("--limit", type=POSITIVE, metavar="N", help=help)
 
 
+city = click.option(
+    "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
+    help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
+)  # fmt: skip
 types = words("--types", "Scenario types and groups; default: all.")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
@@ -82,7 +108,7 @@ caption_country = country(
 allow_partial = click.option(
     "--allow-partial", is_flag=True, help="Take what has missing records too; the title says so."
 )
-runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH)
+runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH, callback=of_their_city)
 workers = click.option(
     "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
 )

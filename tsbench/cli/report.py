@@ -43,7 +43,7 @@ def report(
 
 
 @click.command()
-@click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH)
+@click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH, callback=options.of_their_city)
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free."
 )

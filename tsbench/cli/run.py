@@ -86,7 +86,7 @@ def run(
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=options.PATH)
+@click.argument("folder", metavar="RUN", type=options.PATH, callback=options.of_their_city)
 def rescore(folder: Path) -> None:
     """Judge RUN's traces again, compute all its figures again, and compare with what stands in it.
 

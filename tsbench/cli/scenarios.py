@@ -12,13 +12,11 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import data_root
+from tsbench.core.paths import dataset_root
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country
-
-_REJECTION_TEST = "tsbench.dataset.certify.rejection_test:RejectionTest"
 
 
 def _find(scenario_id: str) -> ScenarioSpec:
@@ -45,17 +43,17 @@ def scenarios() -> None:
 @scenarios.command()
 @options.types
 @click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: all.")
+@options.city
 @options.osm
 @options.workers
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
 
-    chosen, root = options.types_of(types), data_root() / "scenarios"
+    chosen, root = options.types_of(types), dataset_root() / "scenarios"
     with bars() as show:
         reports = build_scenarios(
-            BuildRequest(chosen, osm_dir or sources_dir(), root, workers, _REJECTION_TEST, splits or SPLITS),
-            show,
+            BuildRequest(chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
         )
     rows = [
         (
@@ -96,7 +94,7 @@ def certify(types: tuple[str, ...], split: str | None, each: int | None, workers
     check_files(rows)
     with bars() as show:
         failures = recertify(
-            rows, data_root() / "scenarios", workers, lambda n: show("certify", n, len(rows))
+            rows, dataset_root() / "scenarios", workers, lambda n: show("certify", n, len(rows))
         )
     _end(len(rows), failures, "without a valid certificate")
 
@@ -112,6 +110,7 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 
 @scenarios.command()
 @click.argument("scenario_id")
+@options.city
 @options.png("Draw the scene to this file.")
 @options.caption_country
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
@@ -132,6 +131,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 
 @scenarios.command("open")
 @click.argument("scenario_id")
+@options.city
 @options.out("Folder for the scene's files.  [default: runs/scenes/ID]", type=options.FOLDER)
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
 def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
@@ -177,6 +177,7 @@ def verify(split: str | None) -> None:
 
 
 @scenarios.command()
+@options.city
 @click.option("--markdown", type=options.FILE, metavar="FILE", help="Write the tables there too.")
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates and quotas per type and split."""

@@ -4,11 +4,17 @@ Names are relative to a root, with slashes: `sign_catalog`, `scenarios/test.parq
 A folder named by TSBENCH_DATA, or else the clone that this package lies in, is the only root. A tsbench that was
 installed from its wheel has three: the package itself (the catalogue), the package `tsbench_data` (what the test split
 needs), and a folder of the user, of this version, for what `tsbench data fetch` brings.
+
+One city's data set is in use: the benchmark's own, in the folders just named, or one that was built here, which
+TSBENCH_CITY (`--city`) names and which stands in folders of the same names below `cities/data/<city>`.
 """
 
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -19,6 +25,7 @@ import platformdirs
 import tsbench
 from tsbench.core.errors import InputError
 
+CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -41,8 +48,55 @@ def data_file(name: str) -> Path:
     return next((place for place in places if place.exists()), places[-1])
 
 
+def city_in_use() -> str:
+    """The name of the city whose data set is used. Raises InputError for what cannot be one."""
+    return _checked(os.environ.get(CITY) or OWN_CITY)
+
+
+def _checked(name: str) -> str:
+    if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name):
+        raise InputError(
+            f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
+        )
+    return name
+
+
+@contextmanager
+def using_city(name: str) -> Iterator[None]:
+    """Another city's data set for as long as this lasts, here and in processes that are started meanwhile.
+
+    Raises InputError for a name that cannot be one.
+    """
+    before = os.environ.get(CITY)
+    os.environ[CITY] = _checked(name)
+    try:
+        yield
+    finally:
+        del os.environ[CITY]
+        if before is not None:
+            os.environ[CITY] = before
+
+
+def dataset_file(name: str) -> Path:
+    """A file or folder of the data set in use: the pool, tables, scenes, certificates."""
+    return data_file(f"{_dataset()}{name}")
+
+
+def dataset_root() -> Path:
+    """The folder that the data set in use is made in."""
+    return data_root() / _dataset()
+
+
+def _dataset() -> str:
+    city = city_in_use()
+    return "" if city == OWN_CITY else f"cities/data/{city}/"
+
+
 def fetch_hint(part: str) -> str:
     """The words that say how to get a set of the data (tsbench.data) that is not here."""
+    city = city_in_use()
+    if city != OWN_CITY:
+        return f"tsbench city build {city} --osm DIR"
     return f"tsbench data fetch --from DIR|URL {part}"
 
 

@@ -66,7 +66,10 @@ class Junction(MapJunction):
 
 @dataclass(frozen=True)
 class RoadNetwork(RoadMap):
-    """All that SUMO knows: for simulation, rules and experts. `outgoing[lane]` = its connections in file order."""
+    """All that SUMO knows: for simulation, rules and experts. `outgoing[lane]` = its connections in file order.
+
+    class_speed: the limit of a road by its class alone where the network was made, m/s.
+    """
 
     lanes: tuple[Lane, ...]
     edges: Mapping[str, Edge]
@@ -74,6 +77,12 @@ class RoadNetwork(RoadMap):
     connections: tuple[Connection, ...]
     outgoing: tuple[tuple[Connection, ...], ...]
     crossings: Mapping[str, Crossing] = field(default_factory=dict)
+    class_speed: Mapping[str, float] = field(default_factory=dict)
+
+    def expected_speed(self, edge_id: str) -> float:
+        """What a driver expects of a road where no plate says otherwise, m/s; its own limit where it has no class."""
+        edge = self.edges[edge_id]
+        return self.class_speed.get(edge.road_class, self.lanes[edge.lanes[0]].speed)
 
     def lane(self, lane_id: str) -> Lane:
         """The lane with this SUMO id."""
@@ -223,6 +232,7 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
             if e.get("type") != "internal"
         }
         crossings = _read_crossings(root)
+        class_speed = {str(e.attrib["id"]): float(e.attrib["speed"]) for e in root.iterfind("type")}
     except (KeyError, ValueError, IndexError) as error:
         raise InputError(f"{path}: malformed network ({type(error).__name__}: {error})") from None
     if not lanes:
@@ -233,5 +243,5 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
     return RoadNetwork(
         lanes=tuple(lanes), lane_index=index, edges=edges, junctions=junctions,
         connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-        crossings=crossings,
+        crossings=crossings, class_speed=class_speed,
     )  # fmt: skip

@@ -17,7 +17,6 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
-from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
 from tsbench.roads.smooth import joined
 
@@ -174,8 +173,7 @@ class _Sealing:
         return chain[0] if len(chain) == 1 or stems or not stem or stem in self.parts else stem
 
     def _speed(self, edge: str) -> float:
-        one = self.network.edges[edge]
-        return CLASS_SPEED_MPS.get(one.road_class, self.network.lanes[one.lanes[0]].speed)
+        return self.network.expected_speed(edge)
 
     def _edge(self, name: str, chain: tuple[str, ...]) -> None:
         rows = list(zip(*(self.parts[edge] for edge in chain), strict=True))

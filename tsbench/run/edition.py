@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -15,6 +15,7 @@ import yaml
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
+from tsbench.core.paths import OWN_CITY, city_in_use, data_file, dataset_root
 from tsbench.run.contract import contract_hash
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -22,6 +23,7 @@ from tsbench.signs.catalog import load_catalog
 
 PATH = Path(__file__).with_name("editions.yaml")
 LOCAL = "+local"
+_OF_CITY = "edition.yaml"  # beside the data of a city
 _HEAD = (
     "# Editions, oldest first: docs/editions.md says what each is. released: contract hash of each split, by version\n"
     "# of tsbench. Written by `python -m tsbench.run.edition`; titles by hand.\n"
@@ -48,11 +50,25 @@ def edition_of(contract: str, told: object = "") -> str:
 
     told: what the run that has this contract says of its edition. It is believed only as far as which one was changed.
     """
-    for edition in editions():
+    for edition in (*editions(), *built_editions()):
         if any(contract in splits.values() for splits in edition.released.values()):
             return edition.name
-    name = told.removesuffix(LOCAL) if isinstance(told, str) and told else editions()[-1].name
+    name = told.removesuffix(LOCAL) if isinstance(told, str) and told else edition_now()
     return f"{name}{LOCAL}"
+
+
+def edition_now() -> str:
+    """The edition that is run here: `2026.2`, of another city `north-bayreuth-2026.2`."""
+    city, name = city_in_use(), editions()[-1].name
+    return name if city == OWN_CITY else f"{city}-{name}"
+
+
+def built_editions() -> tuple[Edition, ...]:
+    """Those of other cities whose data sets were built here, by city."""
+    paths = sorted(data_file("cities/data").glob(f"*/{_OF_CITY}"))
+    return tuple(
+        Edition(**entry) for path in paths for entry in yaml.safe_load(path.read_text(encoding="utf-8"))
+    )
 
 
 def contract_now(split: str) -> str:
@@ -65,16 +81,29 @@ def earlier_splits(root: Path | None = None) -> dict[str, str]:
     return {split: name for split, name in scene_editions(root).items() if name != editions()[-1].name}
 
 
+def release_city(title: str) -> Mapping[str, str]:
+    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split."""
+    now = {split: contract_now(split) for split in splits_there()}
+    scenes = dict.fromkeys(now, editions()[-1].name)
+    write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(scenes).encode())
+    _write((Edition(edition_now(), title, {tsbench.__version__: now}),), dataset_root() / _OF_CITY)
+    return now
+
+
 def release() -> Mapping[str, str]:
     """Write the contracts of this tsbench down as those of its version; returns them by split."""
     *older, last = editions()
     now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
     newest = replace(last, released={**last.released, tsbench.__version__: now})
-    text = yaml.safe_dump(
-        [asdict(edition) for edition in (*older, newest)], sort_keys=False, allow_unicode=True, width=120
-    )
-    write_atomic(PATH, f"{_HEAD}{text}".encode())
+    _write((*older, newest), PATH)
     return now
+
+
+def _write(all_of_them: Sequence[Edition], path: Path) -> None:
+    text = yaml.safe_dump(
+        [asdict(edition) for edition in all_of_them], sort_keys=False, allow_unicode=True, width=120
+    )
+    write_atomic(path, f"{_HEAD}{text}".encode())
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from urllib.parse import quote
 import pyarrow as pa
 
 from tsbench.core.errors import InputError
+from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.outcome import Outcome
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.contract import contract_hash
@@ -266,7 +267,9 @@ def _asked(options: Options) -> dict[str, Any]:
 
 def _effective(options: Options, plan: Plan) -> dict[str, Any]:
     """What the options came to, as far as it decides what stands in the folder."""
+    city = city_in_use()
     return {
+        **({} if city == OWN_CITY else {"city": city}),
         "split": plan.request.split,
         "types": list(plan.types),
         "variants": plan.request.variants,

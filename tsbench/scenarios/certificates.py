@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
-from tsbench.core.paths import data_file
+from tsbench.core.paths import dataset_file
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
@@ -134,7 +134,7 @@ SCHEMA = pa.schema(fields_of(Certificate)).with_metadata({VERSION_KEY: str(SCHEM
 
 
 def certificates_path(root: Path | None = None) -> Path:
-    return data_file("scenarios/certificates.parquet") if root is None else root / "certificates.parquet"
+    return dataset_file("scenarios/certificates.parquet") if root is None else root / "certificates.parquet"
 
 
 def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:

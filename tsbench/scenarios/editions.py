@@ -8,14 +8,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file
+from tsbench.core.paths import dataset_file
 from tsbench.core.textfile import read_yaml
 from tsbench.scenarios.table import SPLITS
 
 
 def scene_editions(root: Path | None = None) -> dict[str, str]:
     """By split, of those that the file names; {} without a file. Raises InputError for anything else in it."""
-    path = data_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
+    path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
     if not path.is_file():
         return {}
     content = read_yaml(path, "list of editions")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from tsbench.core.paths import data_file
+from tsbench.core.paths import dataset_file
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, read_rows, save_rows
 
 SCHEMA_VERSION = 1
@@ -20,12 +20,12 @@ SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
 
 
 def pool_file() -> Path:
-    return data_file("sumo_nets/pool.parquet")
+    return dataset_file("sumo_nets/pool.parquet")
 
 
 @dataclass(frozen=True, slots=True)
 class PoolRow:
-    """One map of the pool. Metres, m/s, degrees; places in UTM 37 north, the same frame for all sources.
+    """One map of the pool. Metres, m/s, degrees; places in the UTM frame of their city, the same for all its sources.
 
     `shape`: T | X | ring | straight | curved. `slot` (dual path, else ""): prohibited, compliant manoeuvre.
     `east`/`north`: middle of the crop's bounding box, `half_w`/`half_h`: half its sides. `lanes`: most per

@@ -12,7 +12,7 @@ import pyarrow as pa
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
-from tsbench.core.paths import data_file, fetch_hint
+from tsbench.core.paths import OWN_CITY, city_in_use, dataset_file, fetch_hint
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
@@ -24,7 +24,7 @@ SCHEMA = pa.schema(
 
 
 def table_path(split: str, root: Path | None = None) -> Path:
-    return data_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
+    return dataset_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
 
 
 def splits_there(root: Path | None = None) -> tuple[str, ...]:
@@ -40,7 +40,9 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
 
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    hint = f"{fetch_hint(path.stem)} brings the released one, tsbench scenarios build makes one"
+    own = city_in_use() == OWN_CITY
+    made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
+    hint = f"{fetch_hint(path.stem)} {made}"
     rows = open_table(path, SCHEMA, hint, later=_LATER).to_pylist()
     specs = [ScenarioSpec(**{k: v for k, v in r.items() if v is not None or k not in _LATER}) for r in rows]
     _check(specs, path)

@@ -23,7 +23,7 @@ def workplace_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "sumo_nets").mkdir()
     (root / "extracts").mkdir()
     shutil.copytree(REPOSITORY / "sumo_nets" / "netconvert", root / "sumo_nets" / "netconvert")
-    shutil.copy(REPOSITORY / "sumo_nets" / "harvest.yaml", root / "sumo_nets" / "harvest.yaml")
+    shutil.copytree(REPOSITORY / "cities", root / "cities", ignore=shutil.ignore_patterns("data"))
     (root / "extracts" / "tiny.osm").write_text(make_town().xml(), encoding="utf-8")
     return root
 

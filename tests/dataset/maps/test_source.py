@@ -9,7 +9,8 @@ import pytest
 from town import EAST, NORTH, make_town
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.source import SourceNetwork, list_extracts, load_source
+from tsbench.dataset.maps.extracts import list_extracts
+from tsbench.dataset.maps.source import SourceNetwork, load_source
 
 
 def test_nodes_stand_where_the_town_put_them(tiny: SourceNetwork) -> None:

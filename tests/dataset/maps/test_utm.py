@@ -67,10 +67,10 @@ def test_the_same_town_elsewhere_is_the_same_network(
     assert lon == pytest.approx({"paris": 1.77, "south": 26.1, "date_line": 175.85}[place], abs=0.05)
 
 
-def test_extracts_of_two_zones_are_no_one_pool() -> None:
+def test_extracts_outside_the_citys_zone_are_no_part_of_its_pool() -> None:
     _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(37)}, Path("osm"))
     with pytest.raises(
-        InputError, match="osm: a is in UTM zone 37, b in UTM zone 31: one pool is of one city"
+        InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"
     ):
         _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(31)}, Path("osm"))
 

@@ -247,7 +247,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     sides = {r.map_id: "test" if k % 2 else "train" for k, r in enumerate(rows)}
     waiting = iter(pools)
     monkeypatch.setattr(build_module, "read_pool", lambda _: rows)
-    monkeypatch.setattr(build_module, "split_pool", lambda _: sides)
+    monkeypatch.setattr(build_module, "split_pool", lambda *_: sides)
     monkeypatch.setattr(build_module, "load_recipe", lambda *_: recipe())
     monkeypatch.setattr(parallel, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
 

@@ -14,17 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pool_builders import row
 
+from tsbench.dataset.city import SplitPlan, load_city
 from tsbench.dataset.scenes import split as split_module
 from tsbench.dataset.scenes.places import places_of, with_places
-from tsbench.dataset.scenes.split import (
-    DEV_TILES,
-    HOLDOUT_TILES,
-    TILE_M,
-    choose_test_tiles,
-    split_pool,
-    tile_of,
-)
+from tsbench.dataset.scenes.split import choose_test_tiles, split_pool, tile_of
 from tsbench.scenarios.map_pool import PoolRow
+
+PLAN = load_city("moscow").split
 
 
 @st.composite
@@ -73,7 +69,7 @@ SPLITS = {"train", "dev", "holdout", "test"}
 @settings(deadline=None, max_examples=80)
 @given(pools())
 def test_maps_of_different_splits_are_three_hundred_metres_apart(rows: list[PoolRow]) -> None:
-    split = split_pool(rows)
+    split = split_pool(rows, PLAN)
     assert set(split) == {r.map_id for r in rows}
     assert set(split.values()) <= {*SPLITS, "buffer"}
     for a, b in combinations(rows, 2):
@@ -85,35 +81,34 @@ def test_maps_of_different_splits_are_three_hundred_metres_apart(rows: list[Pool
 @settings(deadline=None, max_examples=60)
 @given(pools())
 def test_no_ring_is_in_two_splits(rows: list[PoolRow]) -> None:
-    split = split_pool(rows)
+    split = split_pool(rows, PLAN)
     for ring in {r.junction_ids for r in rows if r.family == "roundabout"}:
         assert len({split[r.map_id] for r in rows if r.junction_ids == ring} - {"buffer"}) <= 1
 
 
 def at(tile: tuple[int, int], name: str, offset: float = 0.0) -> PoolRow:
     """A map of 100 m in the middle of a tile, so many metres further east."""
-    east, north = ((k + 0.5) * TILE_M for k in tile)
+    east, north = ((k + 0.5) * PLAN.tile_m for k in tile)
     return row(name, "junction", "T", east=east + offset, north=north, half=50.0)
 
 
 def test_holdout_goes_before_test_and_test_before_dev(monkeypatch: pytest.MonkeyPatch) -> None:
-    held, mine = min(HOLDOUT_TILES), min(DEV_TILES)
+    held, mine = min(PLAN.holdout), min(PLAN.dev)
     rows = [at(held, "a"), at(mine, "b"), at((0, 0), "c"), at((0, 1), "d")]
-    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({held, (0, 0)}))
-    assert split_pool(rows) == {"a": "holdout", "b": "dev", "c": "test", "d": "train"}
-    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({mine}))
-    assert split_pool(rows)["b"] == "test"
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda *_: frozenset({held, (0, 0)}))
+    assert split_pool(rows, PLAN) == {"a": "holdout", "b": "dev", "c": "test", "d": "train"}
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda *_: frozenset({mine}))
+    assert split_pool(rows, PLAN)["b"] == "test"
 
 
 def test_who_is_near_another_split_is_in_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(split_module, "choose_test_tiles", lambda _: frozenset({(0, 0)}))
-    monkeypatch.setattr(split_module, "DEV_TILES", frozenset({(2, 0)}))
-    monkeypatch.setattr(split_module, "HOLDOUT_TILES", frozenset({(4, 0)}))
+    monkeypatch.setattr(split_module, "choose_test_tiles", lambda *_: frozenset({(0, 0)}))
+    plan = replace(PLAN, dev=frozenset({(2, 0)}), holdout=frozenset({(4, 0)}))
     # Across the border of a tile, with 299 and 301 m between the extents.
     rows = [at((k, 0), f"{k}{side}", side * 950.0) for k in (0, 2, 4) for side in (-1, 1)]
     for k, gap_m in ((0, 299.0), (2, 301.0), (4, 299.0)):
         rows.append(at((k, 0), f"{k}+", 950.0 + 100.0 + gap_m))
-    split = split_pool(rows)
+    split = split_pool(rows, plan)
     assert [split[f"{k}+"] for k in (0, 2, 4)] == ["buffer", "train", "buffer"]
     assert {split[f"{k}{side}"] for k in (0, 2, 4) for side in (-1, 1)} == {"test", "dev", "holdout"}
 
@@ -123,8 +118,8 @@ def test_who_is_near_another_split_is_in_none(monkeypatch: pytest.MonkeyPatch) -
 def test_the_tiles_do_not_depend_on_the_order_of_the_pool(rows: list[PoolRow], random) -> None:
     shuffled = list(rows)
     random.shuffle(shuffled)
-    assert choose_test_tiles(rows) == choose_test_tiles(shuffled)
-    assert split_pool(rows) == split_pool(rows)
+    assert choose_test_tiles(rows, PLAN) == choose_test_tiles(shuffled, PLAN)
+    assert split_pool(rows, PLAN) == split_pool(rows, PLAN)
 
 
 def test_about_a_fifth_of_every_stratum_is_test() -> None:
@@ -135,7 +130,7 @@ def test_about_a_fifth_of_every_stratum_is_test() -> None:
         family, shape = kinds[k % 4]
         east, north = (float(v) for v in rng.uniform(0.0, 40_000.0, 2))
         rows.append(row(f"m-{k}", family, shape, east=east, north=north))
-    split = split_pool(rows)
+    split = split_pool(rows, PLAN)
     for family, shape in kinds:
         sides = Counter(split[r.map_id] for r in rows if (r.family, r.shape) == (family, shape))
         assert sides["test"] / 750 == pytest.approx(0.2, abs=0.05)
@@ -143,9 +138,19 @@ def test_about_a_fifth_of_every_stratum_is_test() -> None:
 
 
 def test_tiles_are_squares_of_two_kilometres() -> None:
-    assert TILE_M == 2000.0
-    assert tile_of(row("a", east=1999.9, north=0.0)) == (0, 0)
-    assert tile_of(row("a", east=2000.0, north=-0.1)) == (1, -1)
+    assert PLAN.tile_m == 2000.0
+    assert tile_of(row("a", east=1999.9, north=0.0), PLAN.tile_m) == (0, 0)
+    assert tile_of(row("a", east=2000.0, north=-0.1), PLAN.tile_m) == (1, -1)
+
+
+@settings(deadline=None, max_examples=40)
+@given(pools())
+def test_a_town_has_dev_where_it_has_no_test_and_never_a_map_in_both(rows: list[PoolRow]) -> None:
+    split = split_pool(rows, SplitPlan(1000.0, 0.8))
+    assert set(split.values()) <= {"test", "dev", "buffer"}
+    for a, b in combinations(rows, 2):
+        if {split[a.map_id], split[b.map_id]} == {"test", "dev"}:
+            assert gap(a, b) >= 300.0 - 1e-6
 
 
 def apart(*maps: PoolRow) -> list[PoolRow]:
@@ -184,4 +189,4 @@ def test_rows_get_the_place_of_their_map_among_the_maps_of_their_table() -> None
 def test_roundabouts_have_no_say_in_the_choice_of_tiles(rows: list[PoolRow]) -> None:
     others = [r for r in rows if r.family != "roundabout"]
     if others:
-        assert choose_test_tiles(rows) == choose_test_tiles(others)
+        assert choose_test_tiles(rows, PLAN) == choose_test_tiles(others, PLAN)

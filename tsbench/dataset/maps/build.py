@@ -13,7 +13,7 @@ from lxml import etree
 
 from tsbench.core.files import write_atomic
 from tsbench.dataset.maps.netconvert import run_netconvert
-from tsbench.dataset.maps.paths import netconvert_file
+from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainNet, PlainNode
 
 TIMEOUT_S = 300.0
@@ -42,7 +42,7 @@ def write_plain(plain: PlainNet, prefix: Path) -> list[str]:
         *("--configuration-file", str(netconvert_file("crop.netccfg"))),
         # our own files need no validation: reading the schemas costs 40 ms of 140
         *("--xml-validation", "never"),
-        *("--type-files", str(netconvert_file("moscow.typ.xml"))),
+        *("--type-files", str(types_file())),
         *("--node-files", str(nodes), "--edge-files", str(edges)),
     ]
     if plain.connections or plain.crossings:

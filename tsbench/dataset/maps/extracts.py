@@ -1,44 +1,58 @@
-"""What is known about the extracts: `sumo_nets/harvest.yaml`, the best tagged first."""
+"""The extracts of the city in use: which they are, where they lie, the best tagged first."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file
-from tsbench.core.textfile import read_yaml
-
-
-@dataclass(frozen=True)
-class Extract:
-    """An extract's name, its short code in map ids, and whether lanes and shapes are as surveyed."""
-
-    name: str
-    code: str
-    well_tagged: bool
-    rank: int
-
-
-@cache
-def known_extracts() -> dict[str, Extract]:
-    path = data_file("sumo_nets/harvest.yaml")
-    content = read_yaml(path, "list of extracts")
-    if not isinstance(content, dict) or content.get("schema") != 1:
-        raise InputError(f"{path}: expected `schema: 1`")
-    return {
-        entry["name"]: Extract(entry["name"], entry["code"], bool(entry["well_tagged"]), rank)
-        for rank, entry in enumerate(content["extracts"])
-    }
+from tsbench.core.paths import OWN_CITY
+from tsbench.dataset.city import Extract, check_extract, chosen_city
+from tsbench.dataset.maps.osm import SUFFIXES
 
 
 def extract_info(name: str) -> Extract:
-    """A known extract; an unknown one counts as well tagged, ranks after those, and is its own code."""
-    known = known_extracts()
-    return known.get(name, Extract(name, name, True, len(known)))
+    """An extract of the city; another counts as well tagged, ranks after those, and is its own code."""
+    known = chosen_city().extracts
+    other = Extract(name, name, True, "", "", "", "", len(known))
+    return next((extract for extract in known if extract.name == name), other)
 
 
 def by_preference(names: list[str]) -> list[str]:
-    """The names with well-tagged extracts first, in the file's order, then by name."""
+    """The names with well-tagged extracts first, in the city's order, then by name."""
     infos = [extract_info(name) for name in names]
     return [info.name for info in sorted(infos, key=lambda e: (not e.well_tagged, e.rank, e.name))]
+
+
+def find_extract(name: str, osm_dir: Path) -> Path:
+    """The extract called `name` in a folder, whatever its kind."""
+    for suffix in SUFFIXES:
+        path = osm_dir / f"{name}{suffix}"
+        if path.is_file():
+            return path
+    address = extract_info(name).address
+    raise InputError(
+        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like); "
+        + (f"it is at {address}, " if address else "")
+        + "`tsbench maps fetch` gets extracts, or name their folder with --osm"
+    )
+
+
+def list_extracts(osm_dir: Path) -> list[Path]:
+    """The extracts of a folder that a harvest takes, by name.
+
+    For Moscow all that lie there. For another city those that it names, each with its SHA-256.
+    """
+    if not osm_dir.is_dir():
+        raise InputError(
+            f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
+        )
+    city = chosen_city()
+    if city.name != OWN_CITY:
+        named = {find_extract(extract.name, osm_dir): extract for extract in city.extracts}
+        for path, extract in named.items():
+            check_extract(extract, path)
+        return sorted(named)
+    found = sorted(path for path in osm_dir.iterdir() if path.name.endswith(SUFFIXES))
+    if not found:
+        raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
+    return found

@@ -13,16 +13,16 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import Kept, worker_processes
-from tsbench.core.paths import data_file
+from tsbench.dataset.city import chosen_city, cities_folder
 from tsbench.dataset.maps.crop import plain_crop
-from tsbench.dataset.maps.extracts import by_preference
+from tsbench.dataset.maps.extracts import by_preference, list_extracts
 from tsbench.dataset.maps.families.expectations import expectations
 from tsbench.dataset.maps.families.registry import REGISTRY
 from tsbench.dataset.maps.lint import lint_crops
 from tsbench.dataset.maps.osm import extract_name
 from tsbench.dataset.maps.overlap import Coverage
-from tsbench.dataset.maps.paths import build_dir, netconvert_file
-from tsbench.dataset.maps.source import kept_source, list_extracts, load_source
+from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
+from tsbench.dataset.maps.source import kept_source, load_source
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 
@@ -108,8 +108,8 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
 
 def _key(extracts: Sequence[Path]) -> str:
     """A digest of extracts, configurations and this package's code: other inputs, another folder."""
-    inputs = [*extracts, data_file("sumo_nets/harvest.yaml")]
-    inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg", "moscow.typ.xml")]
+    inputs = [*extracts, cities_folder() / f"{chosen_city().name}.yaml", types_file()]
+    inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg")]
     inputs += sorted(Path(__file__).parent.rglob("*.py"))
     digest = hashlib.blake2b(digest_size=8)
     for path in inputs:
@@ -122,12 +122,13 @@ def _convert(name: str, osm_dir: Path) -> UtmFrame:
 
 
 def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
-    """Places are compared in metres, so all extracts of a pool are of one frame."""
-    first, frame = next(iter(frames.items()))
-    other = next((name for name, found in frames.items() if found != frame), None)
+    """Places are compared in metres, so all extracts of a pool are in the frame of their city."""
+    city = chosen_city()
+    other = next((name for name, found in frames.items() if found != city.frame), None)
     if other is not None:
         raise InputError(
-            f"{osm_dir}: {first} is in {frame}, {other} in {frames[other]}: one pool is of one city; give each a folder"
+            f"{osm_dir}: {other} is in {frames[other]}, {city.name} in {city.frame}: one pool is of one city; "
+            f"describe another one in cities/ and name it with --city"
         )
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.osm import ExtractFacts, read_extract
-from tsbench.dataset.maps.paths import netconvert_file
+from tsbench.dataset.maps.paths import netconvert_file, types_file
 
 EXTRACT_TIMEOUT_S = 900.0
 
@@ -74,7 +74,7 @@ def _convert(extract: Path, option: str, out: Path) -> ExtractFacts:
         out.parent.mkdir(parents=True, exist_ok=True)
         arguments = [
             *("--configuration-file", str(netconvert_file("extract.netccfg"))),
-            *("--type-files", str(netconvert_file("moscow.typ.xml"))),
+            *("--type-files", str(types_file())),
             *("--osm-files", str(plain), option, str(out)),
         ]
         run_netconvert(arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)

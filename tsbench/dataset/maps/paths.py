@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tsbench.core.paths import data_file, data_root
+from tsbench.core.paths import data_file, data_root, dataset_root
+from tsbench.dataset.city import chosen_city
 
 
 def sumo_nets() -> Path:
@@ -24,3 +25,13 @@ def build_dir() -> Path:
 
 def netconvert_file(name: str) -> Path:
     return data_file(f"sumo_nets/netconvert/{name}")
+
+
+def types_file() -> Path:
+    """The city's type map: what netconvert takes for lanes, speeds and widths by road class."""
+    return netconvert_file(chosen_city().types)
+
+
+def made_pool() -> Path:
+    """Where a harvest writes the city's pool; its counts lie beside it."""
+    return dataset_root() / "sumo_nets" / "pool.parquet"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from lxml import etree
@@ -54,6 +55,12 @@ def parse_nodes(path: Path) -> dict[str, tuple[float, float]]:
 def parse_projection(path: Path) -> str:
     """The projection of a file of nodes, as PROJ writes it; "" where it has none."""
     return next((e.get("projParameter", "") for e in _elements(path, "location")), "")
+
+
+@cache
+def class_speeds(path: Path) -> dict[str, float]:
+    """The limit of each road class of a type map, m/s."""
+    return {str(e.attrib["id"]): float(e.attrib["speed"]) for e in _elements(path, "type")}
 
 
 def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[ParsedEdge]:

@@ -16,9 +16,10 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
+from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.netconvert import convert_to_plain
-from tsbench.dataset.maps.osm import SUFFIXES, extract_name
-from tsbench.dataset.maps.paths import build_dir, netconvert_file
+from tsbench.dataset.maps.osm import extract_name
+from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_projection, parse_roundabouts
 from tsbench.dataset.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
@@ -108,29 +109,6 @@ def _group(keys: Ints, count: int) -> list[list[int]]:
     return groups
 
 
-def find_extract(name: str, osm_dir: Path) -> Path:
-    """The extract called `name` in a folder, whatever its kind."""
-    for suffix in SUFFIXES:
-        path = osm_dir / f"{name}{suffix}"
-        if path.is_file():
-            return path
-    raise InputError(
-        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like); "
-        f"`tsbench maps fetch` gets extracts, or name their folder with --osm"
-    )
-
-
-def list_extracts(osm_dir: Path) -> list[Path]:
-    if not osm_dir.is_dir():
-        raise InputError(
-            f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
-        )
-    found = sorted(path for path in osm_dir.iterdir() if path.name.endswith(SUFFIXES))
-    if not found:
-        raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
-    return found
-
-
 @lru_cache(maxsize=8)
 def kept_source(name: str, osm_dir: Path) -> SourceNetwork:
     """The network of an extract, kept in this process from task to task."""
@@ -140,10 +118,8 @@ def kept_source(name: str, osm_dir: Path) -> SourceNetwork:
 def load_source(name: str, osm_dir: Path) -> SourceNetwork:
     """The network of an extract, from the cache if it was made from the same bytes and configuration."""
     extract = find_extract(name, osm_dir)
-    key = "-".join(
-        [sha256_of(extract)[:16]]
-        + [sha256_of(netconvert_file(part))[:8] for part in ("extract.netccfg", "moscow.typ.xml")]
-    )
+    configuration = (netconvert_file("extract.netccfg"), types_file())
+    key = "-".join([sha256_of(extract)[:16], *(sha256_of(part)[:8] for part in configuration)])
     cache = build_dir() / "sources" / f"{name}-{SCHEMA}-{key}.parquet"
     if not cache.is_file():
         _write(_convert(extract), cache)

@@ -1,4 +1,4 @@
-"""Counts of the pool, as plain tables and as a map of Moscow with every crop as a dot."""
+"""Counts of the pool, as plain tables and as a map of the city with every crop as a dot."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.extracts import by_preference, extract_info
 from tsbench.scenarios.map_pool import FAMILIES, SLOTS, PoolRow
 
@@ -105,7 +106,7 @@ def _table(
 
 
 def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
-    """A map of the pool: one dot per crop, coloured by family; kilometres of UTM 37 north."""
+    """A map of the pool: one dot per crop, coloured by family; kilometres in the city's frame."""
     figure = Figure(figsize=(11, 11), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.add_subplot()
@@ -115,7 +116,7 @@ def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
         label = f"{family.replace('_', ' ')} ({len(members):,})"
         axis.scatter(east, north, s=14 if family == "roundabout" else 2, c=colour, linewidths=0, label=label)
     axis.set_aspect("equal")
-    axis.set_xlabel("east, km (UTM 37 N)")
+    axis.set_xlabel(f"east, km ({chosen_city().frame})")
     axis.set_ylabel("north, km")
     axis.set_title(f"{len(pool):,} maps")
     axis.legend(markerscale=3, loc="upper right")

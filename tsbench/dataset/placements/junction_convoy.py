@@ -15,7 +15,6 @@ from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.world import EGO_WIDTH_M
 
@@ -51,7 +50,7 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
 def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
     """Speeds (m/s) of an ego on its way through, and on its approach, of which it knows the class of road."""
     lane = task.network.lanes[c.from_lane]
-    cruise = CLASS_SPEED_MPS.get(task.network.edges[lane.edge].road_class, lane.speed)
+    cruise = task.network.expected_speed(lane.edge)
     return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
 
 

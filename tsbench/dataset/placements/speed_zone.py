@@ -8,7 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsbench.dataset.maps.paths import types_file
 from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.placements.base import (
     Arrangement,
     Placement,
@@ -23,7 +25,6 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
-from tsbench.roads.road_class import CLASS_SPEED_MPS
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
@@ -77,7 +78,7 @@ class SpeedZonePlacement(Placement):
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
-        expected = CLASS_SPEED_MPS.get(f"highway.{row.road_class}", math.nan)
+        expected = class_speeds(types_file()).get(f"highway.{row.road_class}", math.nan)
         require(
             abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class"
         )

@@ -23,6 +23,7 @@ from tsbench.core.files import write_json
 from tsbench.core.parallel import Kept, Workers, worker_processes
 from tsbench.core.provenance import closure, digest, versions
 from tsbench.core.seeds import seed_of
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.registry import placement_of
 from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
@@ -44,6 +45,7 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
+REJECTION_TEST = "tsbench.dataset.certify.rejection_test:RejectionTest"
 AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
@@ -51,7 +53,7 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class BuildRequest:
-    """types: () = all with a recipe. osm: folder of extracts. root: the `scenarios/` folder to fill.
+    """What to build of the city in use. types: () = all with a recipe. osm: folder of extracts. root: `scenarios/`.
 
     certifier: "module:Class" of what drives rows to prove them, "" = nobody; by name, as it stands above this layer and
     is made in each worker process. splits: which tables.
@@ -61,7 +63,7 @@ class BuildRequest:
     osm: Path
     root: Path
     workers: int
-    certifier: str
+    certifier: str = REJECTION_TEST
     splits: tuple[str, ...] = SPLITS
 
     @property
@@ -139,6 +141,7 @@ class TypeBuilder:
         self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]
     ) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
+        self.maps = chosen_city().maps
         placement = Path(inspect.getfile(type(placement_of(recipe))))
         self.key = f"{_maker_fingerprint(placement)}|{recipe}"
 
@@ -154,8 +157,8 @@ class TypeBuilder:
         self, rows: Sequence[PoolRow], split: str, progress: Progress
     ) -> tuple[list[MapScenarios], TypeReport]:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
-        quota = {k: v * MAPS[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
-        wanted = max(sum(self.recipe.maps.values()) * MAPS[split] // MAPS["train"], 1)
+        quota = {k: v * self.maps[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
+        wanted = max(sum(self.recipe.maps.values()) * self.maps[split] // MAPS["train"], 1)
         taken: list[MapScenarios] = []
         places: list[tuple[float, float]] = []
         counts: Counter[str] = Counter()
@@ -246,11 +249,12 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     """
     catalog = load_catalog()
     rows = read_pool(pool_file())
-    split_of = split_pool(rows)
+    city = chosen_city()
+    split_of = split_pool(rows, city.split)
     recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
-        for split in (s for s in SPLITS if s in request.splits):
+        for split in (s for s in SPLITS if s in request.splits and s in city.maps):
             for recipe in recipes:
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
                 _keep(request, recipe.type.id, split, sites, rows)

@@ -11,7 +11,7 @@ from statistics import median
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file
+from tsbench.core.paths import dataset_file
 from tsbench.core.textfile import read_json
 from tsbench.dataset.scenes.build import stratum_of
 from tsbench.dataset.scenes.places import places_of
@@ -47,9 +47,13 @@ class TypeStats:
     seen: float
 
 
+def report_file(root: Path | None = None) -> Path:
+    return dataset_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+
+
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
     """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
-    path = data_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    path = report_file(root)
     if not path.exists():
         raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
     report: list[dict[str, Any]] = read_json(path, "build report")

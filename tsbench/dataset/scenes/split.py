@@ -1,42 +1,31 @@
 """The split of the whole pool by place, before any sign is assigned.
 
-Source: docs/spec/scenes.md, "Split". Moscow is cut into square tiles of 2 km (a common metric frame for all extracts);
-a fifth of the tiles is test. One district is holdout, of which nothing is ever learned, and a few tiles of what would
-be train are dev. A map whose extent comes within 300 m of another split's without being one of it belongs to none, so
-that no place, road or junction is in two, whatever extract it was cut from.
+Source: docs/spec/scenes.md, "Split". A city is cut into square tiles (a common metric frame for all its extracts), as
+its `cities/<name>.yaml` says. Moscow: tiles of 2 km, a fifth of them test; one district is holdout, of which nothing is
+ever learned, and a few tiles of what would be train are dev. A map whose extent comes within 300 m of another split's
+without being one of it belongs to none, so that no place, road or junction is in two, whatever extract it was cut from.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 import shapely
 
 from tsbench.core.seeds import ROOT_SEED
+from tsbench.dataset.city import SplitPlan, Tile
 from tsbench.scenarios.map_pool import PoolRow
 
-TILE_M = 2000.0
 APART_M = 300.0
-TEST_SHARE = 0.2
 CANDIDATES = 400
 BUFFER = "buffer"
 
-Tile = tuple[int, int]
 
-# The south-east around Kuzminki, 8 km by 8 km: maps for all types are there, and hardly one was in use before.
-HOLDOUT_TILES = frozenset(product(range(211, 215), range(3084, 3088)))
-# Together they have many maps for every type, and few that were in use before.
-DEV_TILES = frozenset(
-    {(192, 3076), (195, 3082), (197, 3072), (201, 3085), (208, 3088), (208, 3091), (210, 3091)}
-)
-
-
-def tile_of(row: PoolRow) -> Tile:
+def tile_of(row: PoolRow, tile_m: float) -> Tile:
     """The tile that holds the middle of a map."""
-    return math.floor(row.east / TILE_M), math.floor(row.north / TILE_M)
+    return math.floor(row.east / tile_m), math.floor(row.north / tile_m)
 
 
 def _stratum(row: PoolRow) -> str:
@@ -44,25 +33,26 @@ def _stratum(row: PoolRow) -> str:
     return f"{row.family}/{row.shape}/{row.slot}/{lanes}/{'tagged' if row.well_tagged else 'plain'}"
 
 
-def choose_test_tiles(rows: Sequence[PoolRow]) -> frozenset[Tile]:
-    """The tiles of the test split: of 400 seeded draws, the one closest to a fifth in every stratum.
+def choose_test_tiles(rows: Sequence[PoolRow], plan: SplitPlan) -> frozenset[Tile]:
+    """The tiles of the test split: of 400 seeded draws, the one closest to the plan's share in every stratum.
 
     Strata: family, shape, slot, lane bucket, tagging. Roundabouts have no say: one ring is many maps of one place.
     """
     rows = [r for r in rows if r.family != "roundabout"] or rows
-    tiles = sorted({tile_of(r) for r in rows})
+    tile = {r.map_id: tile_of(r, plan.tile_m) for r in rows}
+    tiles = sorted(set(tile.values()))
     column = {t: i for i, t in enumerate(tiles)}
     strata = {name: i for i, name in enumerate(sorted({_stratum(r) for r in rows}))}
     counts = np.zeros((len(strata), len(tiles)))
     for row in rows:
-        counts[strata[_stratum(row)], column[tile_of(row)]] += 1
+        counts[strata[_stratum(row)], column[tile[row.map_id]]] += 1
     share = counts / counts.sum(axis=1, keepdims=True)
     weight = np.sqrt(counts.sum(axis=1))
     rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, 0x5917]))
     best, best_cost = np.zeros(len(tiles), dtype=bool), math.inf
     for _ in range(CANDIDATES):
-        chosen = rng.random(len(tiles)) < TEST_SHARE
-        error = share @ chosen - TEST_SHARE
+        chosen = rng.random(len(tiles)) < plan.test_share
+        error = share @ chosen - plan.test_share
         cost = float(np.sum(weight * error * error))
         if cost < best_cost:
             best, best_cost = chosen, cost
@@ -76,19 +66,19 @@ def extents(rows: Sequence[PoolRow]) -> np.ndarray:
     return np.asarray(shapely.box(e - w, n - h, e + w, n + h))
 
 
-def split_pool(rows: Sequence[PoolRow]) -> dict[str, str]:
+def split_pool(rows: Sequence[PoolRow], plan: SplitPlan) -> dict[str, str]:
     """map_id -> test | holdout | dev | train | buffer (near a map of another split, in none)."""
-    test_tiles, boxes, first = choose_test_tiles(rows), extents(rows), _first_of_ring(rows)
+    test_tiles, boxes, first = choose_test_tiles(rows, plan), extents(rows), _first_of_ring(rows)
 
     def among(tiles: frozenset[Tile]) -> np.ndarray:
-        return np.array([tile_of(rows[k]) in tiles for k in first])
+        return np.array([tile_of(rows[k], plan.tile_m) in tiles for k in first])
 
-    split = np.where(among(test_tiles), "test", "train").astype(object)
-    split[(split == "train") & _near(boxes, split == "test")] = BUFFER
-    holdout = among(HOLDOUT_TILES)
+    split = np.where(among(test_tiles), "test", plan.rest).astype(object)
+    split[(split == plan.rest) & _near(boxes, split == "test")] = BUFFER
+    holdout = among(plan.holdout)
     split[_near(boxes, holdout)] = BUFFER
     split[holdout] = "holdout"
-    dev = (split == "train") & among(DEV_TILES)
+    dev = (split == "train") & among(plan.dev)
     split[(split == "train") & _near(boxes, dev)] = BUFFER
     split[dev] = "dev"
     return {row.map_id: name for row, name in zip(rows, split.tolist(), strict=True)}

@@ -91,7 +91,8 @@ class Pool:
         half = effective.get("half", BOTH)
         halves = "" if half == BOTH else f", {half} halves"
         masked = ", signs masked" if effective["mask_signs"] else ""
-        return f"{effective['split']} split, variants {effective['variants']}{halves}{masked}"
+        city = f"{effective['city']}, " if "city" in effective else ""
+        return f"{city}{effective['split']} split, variants {effective['variants']}{halves}{masked}"
 
     def title(self, what: str) -> str:
         """What is shown, of what; where records are missing that comes first."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tsbench.core.errors import InputError
+from tsbench.core.paths import CITY, city_in_use
 from tsbench.episode.trace import trace_path
 from tsbench.run.contract import contract_hash
 from tsbench.run.execution.base import Limits
@@ -29,11 +30,15 @@ _DATA = "TSBENCH_DATA"
 
 @dataclass(frozen=True)
 class Handshake:
-    """What an actor is told of the machine that the run was started on. data: its folder of data, "" = tsbench's."""
+    """What an actor is told of the machine that the run was started on.
+
+    data: its folder of data, "" = tsbench's. city: whose data set.
+    """
 
     cwd: str
     sys_path: tuple[str, ...]
     data: str
+    city: str
     limits: Limits
 
 
@@ -48,6 +53,7 @@ class RayActor:
         sys.path += [place for place in told.sys_path if place not in sys.path]
         if told.data:
             os.environ.setdefault(_DATA, told.data)
+        os.environ[CITY] = told.city
         self._folder = TemporaryDirectory(prefix="tsbench-actor-")
         self._setup: Setup
         self._pool = Pool(1, told.limits)
@@ -105,4 +111,6 @@ def _refused(problem: str) -> bytes:
 
 def handshake(limits: Limits) -> bytes:
     """What an actor is told by the machine that the run is started on."""
-    return encode(Handshake(str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), limits))
+    return encode(
+        Handshake(str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), city_in_use(), limits)
+    )

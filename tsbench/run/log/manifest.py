@@ -38,7 +38,7 @@ _SHAPE: dict[str, Any] = {
     "status": _STATES,
     "planners": [PlannerInfo],
     "effective": {
-        "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
+        "city?": str, "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
         "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float,
         "collection?": str,
     },

@@ -1,0 +1,129 @@
+"""`tsbench city` and `--city` from the outside: a town from its extract to a table of drivers."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from town import make_town
+
+from tsbench.cli import main
+from tsbench.core import paths as repository_paths
+from tsbench.core.paths import CITY, city_in_use, using_city
+from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.run.edition import contract_now, edition_now, edition_of, editions
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+NORTH = 5_540_000.0
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """What a clone has besides code and tables, with a made-up town of zone 32 as a city: all of it is dev."""
+    root = tmp_path_factory.mktemp("clone")
+    shutil.copytree(REPOSITORY / "sumo_nets" / "netconvert", root / "sumo_nets" / "netconvert")
+    shutil.copytree(REPOSITORY / "scenarios" / "recipes", root / "scenarios" / "recipes")
+    shutil.copy(REPOSITORY / "scenarios" / "nuplan_statistics.json", root / "scenarios")
+    shutil.copytree(REPOSITORY / "sign_catalog", root / "sign_catalog")
+    shutil.copytree(REPOSITORY / "cities", root / "cities", ignore=shutil.ignore_patterns("data"))
+    extract = root / "osm" / "nowhere.osm"
+    extract.parent.mkdir()
+    extract.write_text(make_town().xml(UtmFrame(32), NORTH), encoding="utf-8")
+    digest = hashlib.sha256(extract.read_bytes()).hexdigest()
+    city = yaml.safe_load((root / "cities" / "north-bayreuth.yaml").read_text())
+    city |= {"city": "nowhere", "split": {"tile_m": 2000, "test_share": 0.0}, "maps": {"dev": 1}}
+    city["extracts"] = [city["extracts"][0] | {"name": "nowhere", "code": "now", "sha256": digest}]
+    (root / "cities" / "nowhere.yaml").write_text(yaml.safe_dump(city))
+    (root / "cities" / "elsewhere.yaml").write_text(yaml.safe_dump(city | {"city": "elsewhere", "zone": 33}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TSBENCH_DATA", str(root))
+        patch.delenv(CITY, raising=False)
+        patch.setenv("COLUMNS", "200")
+        repository_paths.data_root.cache_clear()
+        yield root
+    repository_paths.data_root.cache_clear()
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    told = capsys.readouterr()
+    assert ended.value.code == code, told.out + told.err
+    assert city_in_use() == "moscow", "a command leaves its city behind"
+    if code:
+        assert told.err.strip().count("\n") == 0, told.err
+    return told.out + told.err
+
+
+@pytest.mark.slow
+@pytest.mark.own_process
+def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    osm = ("--osm", str(clone / "osm"), "--types", "yield,roundabout", "--workers", "1")
+    built = call(capsys, "city", "build", "nowhere", *osm)
+    assert "1 of 1" in built
+    data = clone / "cities" / "data" / "nowhere"
+    rows = pq.read_table(data / "scenarios" / "dev.parquet").to_pylist()
+    assert {(r["split"], r["half"]) for r in rows} == {("dev", "signed"), ("dev", "contrast")}
+    assert all(r["map_id"].split("-")[1] == "now" for r in rows)
+    # Interrupted or not: the same again, to the byte.
+    files = {path: path.read_bytes() for path in data.rglob("*.parquet") if "build" not in path.parts}
+    call(capsys, "city", "build", "nowhere", *osm)
+    assert {path: path.read_bytes() for path in files} == files
+    assert "0 problems" in call(capsys, "scenarios", "verify", "--city", "nowhere")
+    assert f"dev {len(rows)}" in call(capsys, "city", "list")
+    shown = call(capsys, "city", "show", "nowhere", "--png", str(tmp_path / "map.png"))
+    assert "yield" in shown
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    drivers = ("--planner", "idm", "--planner", "blind", "--planner", "idm-e", "--workers", "1")
+    table = call(
+        capsys, "run", "--city", "nowhere", "--split", "dev", *drivers, "--out", str(tmp_path / "run")
+    )
+    name = f"nowhere-{editions()[-1].name}"
+    assert f"edition {name}, contract" in table
+    # A run knows whose scenes it drove.
+    assert "disagreements: 0" in call(capsys, "rescore", str(tmp_path / "run"))
+    called = ("report", str(tmp_path / "run"), "--out", str(tmp_path / "report.html"))
+    assert "cannot be played" not in call(capsys, *called)
+    assert "nowhere, dev split" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    with using_city("nowhere"):
+        assert edition_now() == name
+        assert edition_of(contract_now("dev")) == name
+        assert edition_of("f" * 64) == f"{name}+local"
+
+
+def test_what_is_not_built_says_which_command_builds_it(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "nothing is built yet: tsbench city build krems --osm DIR" in call(capsys, "city", "show", "krems")
+    told = call(capsys, "scenarios", "list", "--city", "krems", "--split", "dev", code=2)
+    assert "cities/data/krems/scenarios/dev.parquet" in told
+    assert "tsbench city build krems --osm DIR makes it" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("scenarios", "list", "--city", "../x"), "a city's name is of a-z, 0-9 and '-'"),
+        (("city", "show", "atlantis"), "no such city; there are andorra, "),
+        (("city", "build", "moscow", "--osm", "."), "moscow is the benchmark's own: tsbench maps harvest"),
+        (("city", "build", "krems", "--osm", "nowhere"), "no such folder of OSM extracts"),
+    ],
+)
+def test_what_cannot_be_is_one_line(
+    clone: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
+) -> None:
+    assert says in call(capsys, *arguments, code=2)
+
+
+def test_an_extract_of_another_zone_is_no_part_of_a_city(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = call(capsys, "city", "build", "elsewhere", "--osm", str(clone / "osm"), "--workers", "1", code=2)
+    assert "nowhere is in UTM zone 32, elsewhere in UTM zone 33: one pool is of one city" in told
+    told = call(capsys, "maps", "harvest", "--osm", str(clone / "osm"), "--workers", "1", code=2)
+    assert "nowhere is in UTM zone 32, moscow in UTM zone 37" in told

@@ -1,0 +1,175 @@
+"""Cities as data: those that are described, and what is wrong with a description or an extract in one line."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pool_builders import row
+
+from tsbench.core.benchmark import MAPS
+from tsbench.core.errors import InputError
+from tsbench.core.paths import CITY, city_in_use, data_root, dataset_file, dataset_root, using_city
+from tsbench.dataset.city import cities_folder, city_names, load_city
+from tsbench.dataset.maps.extracts import extract_info, list_extracts
+from tsbench.dataset.maps.paths import types_file
+from tsbench.dataset.scenes.carried import carried
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.signs.catalog import load_catalog
+
+
+@pytest.mark.parametrize("name", city_names())
+def test_every_city_names_a_type_map_and_where_its_extracts_are(name: str) -> None:
+    city = load_city(name)
+    with using_city(name):
+        assert types_file().is_file()
+    assert all(e.address.startswith("https://") and e.licence == "ODbL-1.0" for e in city.extracts)
+    assert set(city.maps) <= set(MAPS)
+    assert city.split.rest in city.maps
+
+
+def test_codes_of_extracts_are_of_one_city() -> None:
+    codes = [extract.code for name in city_names() for extract in load_city(name).extracts]
+    assert len(set(codes)) == len(codes)
+
+
+def test_moscow_is_what_the_benchmark_has() -> None:
+    city = load_city("moscow")
+    assert (city.maps, city.zone, len(city.extracts)) == (MAPS, 37, 7)
+    assert (len(city.split.holdout), len(city.split.dev), city.split.rest) == (16, 7, "train")
+
+
+@pytest.fixture
+def described(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Writes north-bayreuth's description with changes, as a city of its own, and gives its name."""
+    content = yaml.safe_load((cities_folder() / "north-bayreuth.yaml").read_text())
+    monkeypatch.setattr("tsbench.dataset.city.cities_folder", lambda: tmp_path)
+
+    def write(changes: dict[str, Any], name: str = "here") -> str:
+        changed = {**content, "city": name, **changes}
+        (tmp_path / f"{name}.yaml").write_text(
+            yaml.safe_dump({k: v for k, v in changed.items() if v is not None})
+        )
+        return name
+
+    return write
+
+
+EXTRACT = {
+    "name": "a", "code": "a", "well_tagged": True, "date": "2014-11", "address": "https://x", "sha256": "0" * 64,
+    "licence": "ODbL-1.0",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"side": "left"}, "side: 'left': only cities that drive on the right"),
+        ({"zone": 0}, "zone: 0 is not in 1 to 60"),
+        ({"zone": 61}, "zone: 61 is not in 1 to 60"),
+        ({"zone": 32.0}, r"zone: 32\.0"),
+        ({"zone": True}, "zone: True"),
+        ({"title": None}, "expected the keys"),
+        ({"lanes": 2}, "expected the keys"),
+        ({"schema": 2}, "schema: 1"),
+        ({"country": 49}, "country: must be text"),
+        ({"maps": {"tets": 5}}, "maps: expected numbers for some of"),
+        ({"maps": {"test": 0}}, "maps: test: 0 is not in 1 to 80"),
+        ({"split": {"tile_m": 1000}}, "split: expected the keys test_share, tile_m"),
+        ({"split": {"tile_m": 499, "test_share": 0.5}}, "split: tile_m: 499"),
+        ({"split": {"tile_m": 1000, "test_share": 1.01}}, r"split: test_share: 1\.01"),
+        ({"split": {"tile_m": 1000, "test_share": 0.5, "dev": [[1]]}}, "split: dev: expected pairs"),
+        ({"extracts": []}, "extracts: must be a list of at least one"),
+        ({"extracts": [{**EXTRACT, "date": 2014}]}, r"extracts: number 1: date: must be text \(in quotes\)"),
+        ({"extracts": [{**EXTRACT, "sha256": "0" * 63}]}, "sha256: must be 64 digits"),
+        ({"extracts": [EXTRACT, {**EXTRACT, "name": "b"}]}, "the same code stands twice"),
+        ({"extracts": [{k: v for k, v in EXTRACT.items() if k != "address"}]}, "number 1: expected the keys address"),
+    ],
+)  # fmt: skip
+def test_a_wrong_description_is_one_line(
+    described: Callable[..., str], changes: dict[str, Any], says: str
+) -> None:
+    name = described(changes)
+    with pytest.raises(InputError, match=says) as caught:
+        load_city(name)
+    assert str(caught.value).count("here.yaml") == 1
+
+
+def test_the_bounds_themselves_are_fine(described: Callable[..., str]) -> None:
+    found = load_city(
+        described({"zone": 60, "maps": {"dev": 1}, "split": {"tile_m": 500, "test_share": 0.0}})
+    )
+    assert (found.zone, found.maps, found.split.test_share) == (60, {"dev": 1}, 0.0)
+
+
+def test_a_city_that_nobody_described() -> None:
+    with pytest.raises(InputError, match=r"atlantis\.yaml: no such city; there are .*moscow"):
+        load_city("atlantis")
+
+
+@pytest.mark.parametrize("name", ["../moscow", "a/b", "Moscow", "-a", "a.b"])
+def test_a_name_leads_nowhere_else(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"), using_city(name):
+        pass
+    monkeypatch.setenv(CITY, name)
+    with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"):
+        dataset_root()
+
+
+def test_the_city_in_use_has_its_own_data_and_is_left_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(CITY, raising=False)
+    own = dataset_file("scenarios/test.parquet")
+    assert own == data_root() / "scenarios" / "test.parquet"
+    with using_city("krems"):
+        # What the city does not have is not Moscow's.
+        assert (
+            dataset_file("scenarios/test.parquet") == data_root() / "cities/data/krems/scenarios/test.parquet"
+        )
+        with using_city("andorra"):
+            assert city_in_use() == "andorra"
+        assert (city_in_use(), extract_info("krems").code) == ("krems", "kre")
+    assert (city_in_use(), dataset_file("scenarios/test.parquet")) == ("moscow", own)
+
+
+def test_only_the_citys_own_extracts_are_taken_and_only_as_they_were(tmp_path: Path) -> None:
+    with using_city("krems"):
+        with pytest.raises(InputError, match=r"no extract 'krems' here .*it is at https://raw"):
+            list_extracts(tmp_path)
+        (tmp_path / "krems.osm.pbf").write_bytes(b"another state")
+        with pytest.raises(InputError, match=r"krems\.osm\.pbf: SHA-256 [0-9a-f]{64} is not that of 'krems'"):
+            list_extracts(tmp_path)
+
+
+def test_strangers_in_the_folder_do_not_matter(described: Callable[..., str], tmp_path: Path) -> None:
+    import hashlib
+
+    folder = tmp_path / "osm"
+    folder.mkdir()
+    (folder / "a.osm").write_bytes(b"mine")
+    shutil.copy(folder / "a.osm", folder / "b.osm")
+    name = described({"extracts": [{**EXTRACT, "sha256": hashlib.sha256(b"mine").hexdigest()}]})
+    with using_city(name):
+        assert list_extracts(folder) == [folder / "a.osm"]
+
+
+def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> None:
+    city = load_city(described({"split": {"tile_m": 1000, "test_share": 1.0}, "maps": {"test": 2, "dev": 1}}))
+    pool = [row("j-1", "junction", "T"), row("j-2", "junction", "T", east=5000.0)]
+    catalog = load_catalog()
+    recipes = [load_recipe(type_id, catalog) for type_id in ("yield", "roundabout", "stop")]
+    report = [
+        {"type_id": "yield", "split": "test", "maps": {"T": 1}, "reasons": {"the arm is # m long": 1}},
+        {"type_id": "stop", "split": "test", "maps": {"T": 2}, "reasons": {"the arm is # m long": 1}},
+    ]
+    found = {
+        (c.type_id, c.split): (c.there, c.maps, c.wanted, c.why) for c in carried(city, pool, recipes, report)
+    }
+    assert found["yield", "test"] == (2, 1, 2, "1 the arm is # m long")
+    assert found["stop", "test"] == (2, 2, 2, "")
+    assert found["yield", "dev"] == (0, 0, 1, "no junction of T, X in its tiles")
+    assert found["roundabout", "test"] == (0, 0, 2, "no roundabout of ring in its tiles")
+    assert [c.why for c in carried(city, pool, recipes[:1], []) if c.split == "test"] == ["not built yet"]

@@ -1,0 +1,99 @@
+"""`tsbench city`: list, show, build."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tsbench.cli import options
+from tsbench.cli.console import bars, print_table
+from tsbench.core.paths import using_city
+
+if TYPE_CHECKING:
+    from tsbench.scenarios.map_pool import PoolRow
+
+
+@click.group()
+def city() -> None:
+    """Data sets of other cities, made from their OpenStreetMap extracts (docs/city.md)."""
+
+
+@city.command("list")
+def list_() -> None:
+    """The cities that are described, and what was built of them."""
+    from tsbench.dataset.city import SIDE, city_names, load_city
+    from tsbench.scenarios.table import read_table, splits_there, table_path
+
+    rows = []
+    for name in city_names():
+        found = load_city(name)
+        with using_city(name):
+            built = [f"{split} {len(read_table(table_path(split))):,}" for split in splits_there()]
+        dates = ", ".join(sorted({extract.date for extract in found.extracts}))
+        rows.append(
+            (name, found.title, found.country, SIDE, str(found.frame), dates, ", ".join(built) or "nothing")
+        )
+    print_table(("city", "what", "country", "side", "frame", "extracts of", "rows built"), rows, left=7)
+
+
+@city.command()
+@click.argument("name")
+@options.png("Draw a map with every crop as a dot.")
+def show(name: str, png: Path | None) -> None:
+    """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
+    from tsbench.dataset.city import load_city
+    from tsbench.dataset.maps.stats import draw_pool
+    from tsbench.scenarios.map_pool import pool_file, read_pool
+
+    found = load_city(name)
+    click.echo(found.title)
+    for extract in found.extracts:
+        click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
+    with using_city(name):
+        if not pool_file().is_file():
+            click.echo(f"nothing is built yet: tsbench city build {name} --osm DIR")
+            return
+        pool = read_pool(pool_file())
+        _show_types(name, pool)
+        if png is not None:
+            draw_pool(pool, png)
+            click.echo(f"map: {png}")
+
+
+@city.command()
+@click.argument("name")
+@options.types
+@options.osm
+@options.workers
+def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+    """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
+    from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.scenes.city_build import build_city
+    from tsbench.run.edition import edition_now
+    from tsbench.scenarios.map_pool import pool_file, read_pool
+
+    chosen = options.types_of(types)
+    with using_city(name):
+        with bars() as show:
+            build_city(chosen, osm_dir or sources_dir(), workers, show)
+        _show_types(name, read_pool(pool_file()), chosen)
+        click.echo(f"{edition_now()}: tsbench run --city {name} --split test --planner idm")
+
+
+def _show_types(name: str, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
+    """What the city in use carries."""
+    from tsbench.dataset.city import load_city
+    from tsbench.dataset.scenes.carried import carried
+    from tsbench.dataset.scenes.overview import build_report, report_file
+    from tsbench.dataset.scenes.recipe import load_recipe, recipe_types
+    from tsbench.signs.catalog import load_catalog
+
+    catalog = load_catalog()
+    recipes = [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
+    found = carried(load_city(name), pool, recipes, build_report() if report_file().is_file() else [])
+    rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
+    print_table(
+        ("type", "split", "maps there", "built", "why not more"), rows, title=f"{len(pool):,} maps", left=2
+    )

@@ -1,0 +1,184 @@
+"""A city as data: `cities/<name>.yaml` says what its data set is made from, and how its tiles are split."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.benchmark import MAPS
+from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
+from tsbench.core.paths import city_in_use, data_file
+from tsbench.core.textfile import read_yaml
+from tsbench.dataset.maps.utm import UtmFrame
+
+SCHEMA_VERSION = 1
+# What traffic keeps to the left on is not built yet: placements, experts and rules know the right side only.
+SIDE = "right"
+_KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
+_MAY = {"maps"}
+_SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
+_EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "licence"}
+
+Tile = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Extract:
+    """An OSM extract. code: short name in map ids. well_tagged: lanes and shapes are as surveyed. rank: in its city."""
+
+    name: str
+    code: str
+    well_tagged: bool
+    date: str
+    address: str
+    sha256: str
+    licence: str
+    rank: int = 0
+
+
+@dataclass(frozen=True)
+class SplitPlan:
+    """How a city's tiles are split. tile_m: their side. test_share: of the tiles, drawn.
+
+    holdout, dev: tiles by number from the frame's origin, eastwards and northwards. With dev tiles the rest is train;
+    without any, all that is not test is dev.
+    """
+
+    tile_m: float
+    test_share: float
+    holdout: frozenset[Tile] = frozenset()
+    dev: frozenset[Tile] = frozenset()
+
+    @property
+    def rest(self) -> str:
+        return "train" if self.dev else "dev"
+
+
+@dataclass(frozen=True)
+class City:
+    """What the data set of a city is made from.
+
+    zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map, in `sumo_nets/netconvert/`.
+    maps: of each type at most, by the splits that it has.
+    """
+
+    name: str
+    title: str
+    country: str
+    zone: int
+    types: str
+    split: SplitPlan
+    maps: Mapping[str, int]
+    extracts: tuple[Extract, ...]
+
+    @property
+    def frame(self) -> UtmFrame:
+        return UtmFrame(self.zone)
+
+
+def cities_folder() -> Path:
+    return data_file("cities")
+
+
+def city_names() -> tuple[str, ...]:
+    """Cities that are described, sorted."""
+    return tuple(sorted(path.stem for path in cities_folder().glob("*.yaml")))
+
+
+def chosen_city() -> City:
+    """The city whose data set is in use (`--city`)."""
+    return load_city(city_in_use())
+
+
+def load_city(name: str) -> City:
+    """The description of a city. Raises InputError (file, key, problem)."""
+    path = cities_folder() / f"{name}.yaml"
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)"
+        )
+    return _read(path, name)
+
+
+@cache
+def _read(path: Path, name: str) -> City:
+    data = read_yaml(path, "description of a city")
+    _keys(path, "", data, _KEYS, _MAY)
+    if data["schema"] != SCHEMA_VERSION or data["city"] != name:
+        raise InputError(f"{path}: expected `schema: {SCHEMA_VERSION}` and `city: {name}`")
+    for key in ("title", "country", "types"):
+        if not isinstance(data[key], str):
+            raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
+    if data["side"] != SIDE:
+        raise InputError(
+            f"{path}: side: {data['side']!r:.80}: only cities that drive on the {SIDE} can be built"
+        )
+    _number(path, "zone", data["zone"], 1, 60, int)
+    maps = data.get("maps", MAPS)
+    if not isinstance(maps, dict) or not maps or set(maps) - set(MAPS):
+        raise InputError(f"{path}: maps: expected numbers for some of {', '.join(MAPS)}")
+    for split, count in maps.items():
+        _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
+    return City(
+        name, data["title"], data["country"], data["zone"], data["types"], _split(path, data["split"]), maps,
+        _extracts(path, data["extracts"]),
+    )  # fmt: skip
+
+
+def _split(path: Path, data: Any) -> SplitPlan:
+    _keys(path, "split: ", data, _SPLIT_KEYS, _SPLIT_MAY)
+    _number(path, "split: tile_m", data["tile_m"], 500, 20_000)
+    _number(path, "split: test_share", data["test_share"], 0.0, 1.0)
+    tiles = {key: data.get(key, []) for key in sorted(_SPLIT_MAY)}
+    for key, found in tiles.items():
+        if not isinstance(found, list) or not all(
+            isinstance(tile, list) and len(tile) == 2 and all(type(n) is int for n in tile) for tile in found
+        ):
+            raise InputError(f"{path}: split: {key}: expected pairs of whole numbers")
+    named = {key: frozenset((east, north) for east, north in found) for key, found in tiles.items()}
+    return SplitPlan(float(data["tile_m"]), float(data["test_share"]), **named)
+
+
+def _extracts(path: Path, data: Any) -> tuple[Extract, ...]:
+    if not isinstance(data, list) or not data:
+        raise InputError(f"{path}: extracts: must be a list of at least one")
+    for k, entry in enumerate(data):
+        where = f"extracts: number {k + 1}: "
+        _keys(path, where, entry, _EXTRACT_KEYS, set())
+        for key in sorted(_EXTRACT_KEYS - {"well_tagged"}):
+            if not isinstance(entry[key], str):
+                raise InputError(f"{path}: {where}{key}: must be text (in quotes), not {entry[key]!r:.80}")
+        if not isinstance(entry["well_tagged"], bool):
+            raise InputError(f"{path}: {where}well_tagged: must be true or false")
+        if not re.fullmatch("[0-9a-f]{64}", entry["sha256"]):
+            raise InputError(f"{path}: {where}sha256: must be 64 digits of 0-9 and a-f")
+    for key in ("name", "code"):
+        if len({entry[key] for entry in data}) < len(data):
+            raise InputError(f"{path}: extracts: the same {key} stands twice")
+    return tuple(Extract(**entry, rank=rank) for rank, entry in enumerate(data))
+
+
+def check_extract(extract: Extract, path: Path) -> None:
+    """Is the file the one that the city names? Raises InputError."""
+    digest = sha256_of(path)
+    if digest != extract.sha256:
+        raise InputError(
+            f"{path}: SHA-256 {digest} is not that of '{extract.name}', {extract.sha256}; it is at {extract.address}"
+        )
+
+
+def _keys(path: Path, where: str, data: Any, must: set[str], may: set[str]) -> None:
+    if not isinstance(data, dict) or set(data) - may != must:
+        more = f" and perhaps {', '.join(sorted(may))}" if may else ""
+        raise InputError(f"{path}: {where}expected the keys {', '.join(sorted(must))}{more}")
+
+
+def _number(path: Path, where: str, value: Any, least: float, most: float, kind: type = object) -> None:
+    fits = isinstance(value, int | float) and not isinstance(value, bool) and isinstance(value, kind)
+    if not fits or not least <= value <= most:
+        raise InputError(f"{path}: {where}: {value!r:.80} is not in {least:g} to {most:g}")
