@@ -162,9 +162,11 @@ def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
 
 
 def _link(network: RoadNetwork, lane: str, edge: str) -> Connection:
-    """The connection from a lane to an edge."""
+    """The connection from a lane to an edge. Raises UnfitMapError where other plates lead the lane elsewhere."""
     links = network.outgoing[network.lane_index[lane]]
-    return next(c for c in links if network.lanes[c.to_lane].edge == edge)
+    found = [c for c in links if network.lanes[c.to_lane].edge == edge]
+    require(bool(found), f"lane {lane} does not lead to {edge}")
+    return found[0]
 
 
 def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) -> str:
