@@ -12,6 +12,7 @@ import pytest
 import yaml
 from town import make_town
 
+import tsbench
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
 from tsbench.core.paths import CITY, city_in_use, using_city
@@ -90,6 +91,14 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     called = ("report", str(tmp_path / "run"), "--out", str(tmp_path / "report.html"))
     assert "cannot be played" not in call(capsys, *called)
     assert "nowhere, dev split" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    # From Python: a city is named where its scenes are asked for, and a run's is remembered.
+    scenarios = tsbench.load_scenarios("dev", city="nowhere")
+    assert scenarios[0].network.lanes, "read after the call, when another city is in use"
+    traced = tsbench.evaluate(
+        "idm", split="dev", city="nowhere", limit=1, workers=1, trace="all", out=tmp_path / "traced"
+    )
+    shown_episode = traced.show(traced.episodes["scenario_id"][0])
+    assert shown_episode.frame.startswith(b"\x89PNG")
     with using_city("nowhere"):
         assert edition_now() == name
         assert edition_of(contract_now("dev")) == name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from rich.console import Console
 from tsbench.api.run import Run
 from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
+from tsbench.core.paths import using_city
 from tsbench.run.execution.base import Limits
 from tsbench.run.listener import Listener
 from tsbench.run.plan import BOTH, Request
@@ -28,6 +30,7 @@ def evaluate(
     planner: Given | Sequence[Given],
     *,
     split: str,
+    city: str | None = None,
     types: str | Sequence[str] = (),
     limit: int | None = None,
     variants: str = "all",
@@ -57,7 +60,8 @@ def evaluate(
         request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
         device=device, mask_signs=mask_signs, allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
     )  # fmt: skip
-    return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)
+    with nullcontext() if city is None else using_city(city):
+        return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)
 
 
 def spec_of(planner: Given) -> str:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
+from tsbench.core.paths import dataset_file, using_city
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
@@ -48,7 +51,9 @@ class Scenario:
         return picture
 
 
-def load_scenarios(split: str = "test", types: str | Sequence[str] = ()) -> tuple[Scenario, ...]:
+def load_scenarios(
+    split: str = "test", types: str | Sequence[str] = (), *, city: str | None = None
+) -> tuple[Scenario, ...]:
     """The scenarios of a split, in its table's order. types: ids and groups of types; none: all.
 
     Raises InputError for an unknown split or type, and where the split is not here.
@@ -56,8 +61,11 @@ def load_scenarios(split: str = "test", types: str | Sequence[str] = ()) -> tupl
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
     wanted = choose_types(words_of(types), load_catalog())
-    loader = SceneLoader()
-    return tuple(Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted)
+    with nullcontext() if city is None else using_city(city):
+        loader = SceneLoader(SceneStore(dataset_file("scenarios")))
+        return tuple(
+            Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted
+        )
 
 
 def words_of(types: str | Sequence[str]) -> tuple[str, ...]:

@@ -10,10 +10,12 @@ from pathlib import Path
 from urllib.parse import quote
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report import episode_page
 from tsbench.report.video.render import moment
+from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.scene_loader import load_scene
 
@@ -34,12 +36,14 @@ class Shown:
     @cached_property
     def page(self) -> str:
         """The player with all its data as one page of HTML."""
-        return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
+        with using_city(city_of(self.run.manifest)):
+            return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
 
     @cached_property
     def frame(self) -> bytes:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
-        return png_bytes(moment(self.trace, load_scene(self.trace.spec), self.time))
+        with using_city(city_of(self.run.manifest)):
+            return png_bytes(moment(self.trace, load_scene(self.trace.spec), self.time))
 
     def save(self, path: str | Path) -> Path:
         """Write the frame (a path that ends in .png) or else the player's page."""

@@ -45,10 +45,10 @@ def _city(context: click.Context, _parameter: click.Parameter, name: str | None)
 
 def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
     """Use the data set that the run folders given are of. Raises InputError where they are of several."""
-    from tsbench.run.log.manifest import read_manifest
+    from tsbench.run.log.manifest import city_of, read_manifest
 
     found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,))]
-    cities = {manifest["effective"].get("city", OWN_CITY) for manifest in found if manifest is not None}
+    cities = {city_of(manifest) for manifest in found if manifest is not None}
     if len(cities) > 1:
         raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
     for name in cities:

@@ -16,6 +16,7 @@ from typing import Any
 import tsbench
 from tsbench.core import provenance
 from tsbench.core.errors import InputError
+from tsbench.core.paths import OWN_CITY
 from tsbench.core.plain import from_plain
 from tsbench.core.textfile import read_json
 from tsbench.run import arithmetic
@@ -96,6 +97,11 @@ def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
 def floors_of(manifest: Mapping[str, Any]) -> frozenset[str]:
     """Names of the planners of a run that read no plate and are there as a floor."""
     return frozenset(planner.name for planner in planners_of(manifest) if planner.floor)
+
+
+def city_of(manifest: Mapping[str, Any]) -> str:
+    """Whose data set a run drove."""
+    return str(manifest["effective"].get("city", OWN_CITY))
 
 
 def identity(manifest: Mapping[str, Any]) -> str:
