@@ -97,7 +97,7 @@ def make_copy(root: Path) -> Copy:
         shutil.copytree(
             ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors")
         )
-    for name in ("sumo_nets", "scenarios/nuplan_statistics.json"):
+    for name in ("cities", "sumo_nets", "scenarios/nuplan_statistics.json"):
         (root / name).symlink_to(ROOT / name)
     return Copy(root)
 
