@@ -70,7 +70,7 @@ def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside)
     assert kinds == {
         "": 1, "scenarios": 6, "scenarios/recipes": 29, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
-        "sumo_nets": 4, "sumo_nets/netconvert": 3,
+        "cities": 4, "sumo_nets": 3, "sumo_nets/netconvert": 4,
     }  # fmt: skip
     assert "tsbench_data/sumo_nets/ATTRIBUTION.md" in inside
     (wheel,) = wheels.glob("tsbench_data-*.whl")
@@ -87,6 +87,7 @@ def test_data_that_are_not_the_manifests_are_not_packed(tmp_path: Path) -> None:
         shutil.copy(ROOT / name, clone / name)
     for name in ("scenarios", "sumo_nets"):
         (clone / name).mkdir()
+    shutil.copytree(ROOT / "cities", clone / "cities", ignore=shutil.ignore_patterns("data"))
     (clone / "scenarios/build_report.json").write_bytes(
         (ROOT / "scenarios/build_report.json").read_bytes() + b" "
     )
