@@ -38,7 +38,10 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     digest = hashlib.sha256(extract.read_bytes()).hexdigest()
     city = yaml.safe_load((root / "cities" / "north-bayreuth.yaml").read_text())
     city |= {"city": "nowhere", "split": {"tile_m": 2000, "test_share": 0.0}, "maps": {"dev": 1}}
-    city["extracts"] = [city["extracts"][0] | {"name": "nowhere", "code": "now", "sha256": digest}]
+    city["extracts"] = [
+        city["extracts"][0]
+        | {"name": "nowhere", "code": "now", "sha256": digest, "bytes": extract.stat().st_size}
+    ]
     (root / "cities" / "nowhere.yaml").write_text(yaml.safe_dump(city))
     (root / "cities" / "elsewhere.yaml").write_text(yaml.safe_dump(city | {"city": "elsewhere", "zone": 33}))
     with pytest.MonkeyPatch.context() as patch:

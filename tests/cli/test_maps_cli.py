@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,8 +9,7 @@ from click.testing import CliRunner
 
 from tsbench.cli.maps import maps
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps import fetch as fetching
-from tsbench.dataset.maps.fetch import fetch_extract, parse_box
+from tsbench.dataset.maps.overpass import parse_box
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" version="1" lat="55.80" lon="37.40"/><node id="2" version="1" lat="55.801" lon="37.40"/>
@@ -59,51 +57,3 @@ def test_show_of_an_unknown_map(tmp_path: Path) -> None:
 def test_a_bad_box_is_one_line(box: str) -> None:
     with pytest.raises(InputError, match="--bbox"):
         parse_box(box)
-
-
-def test_fetch_without_osmnx(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "osmnx", None)
-    with pytest.raises(InputError, match=r"pip install 'tsbench\[make\]'"):
-        fetch_extract(tmp_path, name=None, place="Arbat, Moscow", box=None)
-    with pytest.raises(InputError, match="not both"):
-        fetch_extract(tmp_path, name=None, place=None, box=None)
-
-
-class NoNetwork:
-    """OSMnx on a machine without a network."""
-
-    class settings:  # noqa: N801 (OSMnx's own name)
-        pass
-
-    class graph:  # noqa: N801
-        @staticmethod
-        def graph_from_place(place: str, **options: object) -> object:
-            raise ConnectionError("Max retries exceeded:\nname resolution failed")
-
-
-def test_fetch_without_a_network_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setitem(sys.modules, "osmnx", NoNetwork)
-    with pytest.raises(InputError) as caught:
-        call("fetch", "Arbat, Moscow", "--out", str(tmp_path))
-    assert "\n" not in str(caught.value)
-    assert "name resolution failed" in str(caught.value)
-    assert not list(tmp_path.iterdir())
-
-
-def test_fetch_is_cached_by_query_and_checksum(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    calls: list[str | None] = []
-
-    def download(place: str | None, box: object) -> bytes:
-        calls.append(place)
-        return OSM.encode()
-
-    monkeypatch.setattr(fetching, "_download", download)
-    first = fetch_extract(tmp_path, name=None, place="Arbat, Moscow", box=None)
-    second = fetch_extract(tmp_path, name=None, place="Arbat, Moscow", box=None)
-    assert (first.cached, second.cached) == (False, True)
-    assert first.path.name == "arbat-moscow.osm.gz"
-    first.path.write_bytes(b"spoilt")
-    third = fetch_extract(tmp_path, name=None, place="Arbat, Moscow", box=None)
-    assert not third.cached
-    assert third.sha256 == first.sha256
-    assert len(calls) == 2

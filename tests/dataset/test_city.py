@@ -61,7 +61,7 @@ def described(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
 EXTRACT = {
     "name": "a", "code": "a", "well_tagged": True, "date": "2014-11", "address": "https://x", "sha256": "0" * 64,
-    "licence": "ODbL-1.0",
+    "bytes": 4, "licence": "ODbL-1.0",
 }  # fmt: skip
 
 
@@ -86,6 +86,7 @@ EXTRACT = {
         ({"extracts": []}, "extracts: must be a list of at least one"),
         ({"extracts": [{**EXTRACT, "date": 2014}]}, r"extracts: number 1: date: must be text \(in quotes\)"),
         ({"extracts": [{**EXTRACT, "sha256": "0" * 63}]}, "sha256: must be 64 digits"),
+        ({"extracts": [{**EXTRACT, "bytes": 0}]}, "bytes"),
         ({"extracts": [EXTRACT, {**EXTRACT, "name": "b"}]}, "the same code stands twice"),
         ({"extracts": [{k: v for k, v in EXTRACT.items() if k != "address"}]}, "number 1: expected the keys address"),
     ],

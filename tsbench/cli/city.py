@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,49 @@ def show(name: str, png: Path | None) -> None:
         if png is not None:
             draw_pool(pool, png)
             click.echo(f"map: {png}")
+
+
+@city.command()
+@click.argument("name")
+@options.box
+@click.option("--country", required=True, metavar="CODE", help="Two letters, such as de.")
+@click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
+@options.osm
+def new(
+    name: str,
+    bbox: str,
+    date: str | None,
+    server: str | None,
+    country: str,
+    title: str | None,
+    osm_dir: Path | None,
+) -> None:
+    """Fetch the roads of a box and describe them as the city NAME in cities/NAME.yaml."""
+    from tsbench.dataset.city import describe_city, new_city_file, zone_of
+    from tsbench.dataset.maps import overpass
+    from tsbench.dataset.maps.paths import sources_dir
+
+    file, box = new_city_file(name), overpass.parse_box(bbox)
+    day = date or f"{datetime.now(UTC):%Y-%m-%d}"
+    address = overpass.address(box, day, server or overpass.SERVER)
+    path = (osm_dir or sources_dir()) / f"{name}.osm.gz"
+    digest = overpass.fetch_extract(path, address)
+    facts = {"date": day, "address": address, "sha256": digest, "bytes": path.stat().st_size}
+    describe_city(file, title or name, country, zone_of(box), facts)
+    click.echo(
+        f"{path}: SHA-256 {digest}\n{file}: look through it, then tsbench city build {name} --osm {path.parent}"
+    )
+
+
+@city.command()
+@click.argument("name")
+@options.osm
+def fetch(name: str, osm_dir: Path | None) -> None:
+    """Fetch a city's extracts that are not there, each from its address, and check them."""
+    from tsbench.dataset.city import fetch_extracts
+    from tsbench.dataset.maps.paths import sources_dir
+
+    fetch_extracts(name, osm_dir or sources_dir(), click.echo)
 
 
 @city.command()

@@ -77,18 +77,18 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 
 
 @maps.command()
-@click.argument("place", required=False)
-@click.option("--bbox", help="west,south,east,north in degrees, instead of a place.")
-@click.option("--name", help="Name of the extract; made from the place by default.")
+@click.argument("name")
+@options.box
 @options.out("Folder.  [default: sumo_nets/sources]", type=options.FOLDER)
-def fetch(place: str | None, bbox: str | None, name: str | None, out: Path | None) -> None:
-    """Fetch the roads of a PLACE or box from OpenStreetMap (extra `fetch`)."""
-    from tsbench.dataset.maps import paths
-    from tsbench.dataset.maps.fetch import fetch_extract, parse_box
+def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path | None) -> None:
+    """Fetch the roads of a box from OpenStreetMap as the extract NAME."""
+    from tsbench.dataset.maps import overpass, paths
 
-    box = parse_box(bbox) if bbox is not None else None
-    got = fetch_extract(out or paths.sources_dir(), name=name, place=place, box=box)
-    click.echo(f"{got.path}: {'cached' if got.cached else 'fetched'}, SHA-256 {got.sha256}")
+    path = (out or paths.sources_dir()) / f"{name}.osm.gz"
+    digest = overpass.fetch_extract(
+        path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER)
+    )
+    click.echo(f"{path}: SHA-256 {digest}")
 
 
 @maps.command()

@@ -99,6 +99,15 @@ city = click.option(
     "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
     help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
 )  # fmt: skip
+# What Overpass is asked for.
+_bbox = click.option("--bbox", required=True, metavar="W,S,E,N", help="The box, in degrees.")
+_date = click.option(
+    "--date", type=click.DateTime(["%Y-%m-%d"]), callback=lambda _c, _p, day: day and f"{day:%Y-%m-%d}",
+    metavar="YYYY-MM-DD", help="The roads as they were on a day.  [default: as they are]",
+)  # fmt: skip
+_server = click.option(
+    "--server", metavar="URL", help="Who answers for Overpass.  [default: overpass-api.de]"
+)
 types = words("--types", "Scenario types and groups; default: all.")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
@@ -135,6 +144,9 @@ def several(*options: Option) -> Option:
         return function
 
     return add
+
+
+box = several(_bbox, _date, _server)
 
 
 def types_of(words: tuple[str, ...]) -> tuple[str, ...]:

@@ -17,7 +17,6 @@ EXTRA_OF = {
     "statsmodels": "report",
     "imageio_ffmpeg": "video",
     "osmium": "make",
-    "osmnx": "make",
     "sumo": "make",
     "gymnasium": "learn",
     "stable_baselines3": "learn",

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
-from tsbench.core.files import sha256_of
-from tsbench.core.paths import city_in_use, data_file
+from tsbench.core.files import sha256_of, write_atomic
+from tsbench.core.paths import city_in_use, data_file, using_city
 from tsbench.core.textfile import read_yaml
+from tsbench.data.fetch import fetch_file
+from tsbench.dataset.maps import overpass
 from tsbench.dataset.maps.utm import UtmFrame
 
 SCHEMA_VERSION = 1
+# A country's extract has less.
+_MOST_BYTES = 1 << 34
 # What traffic keeps to the left on is not built yet: placements, experts and rules know the right side only.
 SIDE = "right"
 _KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
 _MAY = {"maps"}
 _SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
-_EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "licence"}
+_EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "bytes", "licence"}
 
 Tile = tuple[int, int]
 
@@ -37,6 +43,7 @@ class Extract:
     date: str
     address: str
     sha256: str
+    bytes: int
     licence: str
     rank: int = 0
 
@@ -150,11 +157,12 @@ def _extracts(path: Path, data: Any) -> tuple[Extract, ...]:
     for k, entry in enumerate(data):
         where = f"extracts: number {k + 1}: "
         _keys(path, where, entry, _EXTRACT_KEYS, set())
-        for key in sorted(_EXTRACT_KEYS - {"well_tagged"}):
+        for key in sorted(_EXTRACT_KEYS - {"well_tagged", "bytes"}):
             if not isinstance(entry[key], str):
                 raise InputError(f"{path}: {where}{key}: must be text (in quotes), not {entry[key]!r:.80}")
         if not isinstance(entry["well_tagged"], bool):
             raise InputError(f"{path}: {where}well_tagged: must be true or false")
+        _number(path, f"{where}bytes", entry["bytes"], 1, _MOST_BYTES, int)
         if not re.fullmatch("[0-9a-f]{64}", entry["sha256"]):
             raise InputError(f"{path}: {where}sha256: must be 64 digits of 0-9 and a-f")
     for key in ("name", "code"):
@@ -166,10 +174,61 @@ def _extracts(path: Path, data: Any) -> tuple[Extract, ...]:
 def check_extract(extract: Extract, path: Path) -> None:
     """Is the file the one that the city names? Raises InputError."""
     digest = sha256_of(path)
-    if digest != extract.sha256:
+    if digest != extract.sha256 or path.stat().st_size != extract.bytes:
         raise InputError(
             f"{path}: SHA-256 {digest} is not that of '{extract.name}', {extract.sha256}; it is at {extract.address}"
         )
+
+
+def new_city_file(name: str) -> Path:
+    """Where a city is to be described. Raises InputError for a name that cannot be one or is taken."""
+    with using_city(name):
+        path = cities_folder() / f"{city_in_use()}.yaml"
+    if path.exists():
+        raise InputError(f"{path}: there is such a city already")
+    return path
+
+
+def zone_of(box: tuple[float, float, float, float]) -> int:
+    """The zone of UTM that netconvert takes for a box (west, south, east, north, degrees)."""
+    return int((0.5 * (box[0] + box[2]) + 180.0) // 6.0) % 60 + 1
+
+
+def describe_city(path: Path, title: str, country: str, zone: int, facts: Mapping[str, Any]) -> City:
+    """Write the description of a city of one extract. facts: its date, address, sha256 and bytes."""
+    name = path.stem
+    extract = {
+        "name": name,
+        "code": name.replace("-", "")[:6],
+        "well_tagged": True,
+        **facts,
+        "licence": "ODbL-1.0",
+    }
+    data = {
+        "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country, "side": SIDE, "zone": zone,
+        "types": "town.typ.xml", "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1},
+        "extracts": [extract],
+    }  # fmt: skip
+    write_atomic(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
+    return load_city(name)
+
+
+def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> None:
+    """Bring a city's extracts that are not in the folder from their addresses.
+
+    Raises InputError where one cannot be had or is not the one that the city is made of; others stay.
+    """
+    for extract in load_city(name).extracts:
+        if overpass.is_address(extract.address):
+            path = osm_dir / f"{extract.name}.osm.gz"
+            if not path.exists():
+                overpass.fetch_extract(path, extract.address)
+        else:
+            path = osm_dir / f"{extract.name}{''.join(Path(extract.address).suffixes)}"
+            if not path.exists():
+                fetch_file(extract.address, extract.bytes, extract.sha256, path)
+        check_extract(extract, path)
+        told(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
 
 
 def _keys(path: Path, where: str, data: Any, must: set[str], may: set[str]) -> None:

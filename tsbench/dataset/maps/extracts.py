@@ -13,7 +13,7 @@ from tsbench.dataset.maps.osm import SUFFIXES
 def extract_info(name: str) -> Extract:
     """An extract of the city; another counts as well tagged, ranks after those, and is its own code."""
     known = chosen_city().extracts
-    other = Extract(name, name, True, "", "", "", "", len(known))
+    other = Extract(name, name, True, "", "", "", 0, "", len(known))
     return next((extract for extract in known if extract.name == name), other)
 
 
