@@ -212,16 +212,16 @@ class WritesLine(Misdeed):
 
 
 class Gorges(Misdeed):
-    """Takes 360 MB, and keeps them."""
+    """Takes 480 MB, and keeps them."""
 
     def misbehave(self):
-        self.kept = [np.ones(45_000_000)]
+        self.kept = [np.ones(60_000_000)]
         time.sleep(3600)
 
 
 class ChildGorges(Misdeed):
     def misbehave(self):
-        code = "import time; kept = b'x' * 400_000_000; time.sleep(3600)"
+        code = "import time; kept = b'x' * 520_000_000; time.sleep(3600)"
         subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -42,7 +42,7 @@ RUN = (
 
 @pytest.fixture
 def mine(bench: Bench) -> Path:
-    path = bench.folder / "mine.py"
+    path = bench.folder / "tracker.py"
     path.write_text(MINE)
     return path
 

@@ -16,7 +16,7 @@ from tsbench.run.execution.local import Pool
 
 BAD_SCENARIO = "speed_limit-000-7"
 TOO_LATE = "one call of the planner took more than 4 s of processor time, or 4 s in all"
-TOO_LARGE = "the planner's worker took more than 400 MB of memory (--memory-limit)"
+TOO_LARGE = "the planner's worker took more than 512 MB of memory (--memory-limit)"
 BROKEN_LINE = "the planner has closed or used the line between its worker and the run"
 EXPECTED = {
     "Raises": ("planner_error", "RuntimeError: no idea what to do with <object object at 0x…>"),
@@ -69,7 +69,7 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory, make_data) -> Path:
     done = bench.run(
         *args("Prints", "Good", "Forks", "Hostile", *EXPECTED, types="speed_limit", out="run", workers="2"),
         expect=1,
-        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0, "most_memory": 400.0}',
+        TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0, "most_memory": 512.0}',
     )
     assert len(done.stdout) < 20_000
     assert "xxxxx" not in done.stdout + done.stderr
