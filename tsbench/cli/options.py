@@ -123,7 +123,7 @@ workers = click.option(
 )
 # Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
 run_workers = click.option(
-    "--workers", type=POSITIVE, show_default="one per core", metavar="N", help="Processes."
+    "--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use."
 )
 trajectories = click.option(
     "--trajectories", type=PATH, metavar="FILE",

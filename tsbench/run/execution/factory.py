@@ -13,15 +13,14 @@ _OVERSUBSCRIPTION = 4
 
 
 def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> Executor:
-    """An executor, one of EXECUTORS. workers: how many, None = one for each core, and more where those mostly wait for
-    an inference process; never more than `most`.
+    """An executor, one of EXECUTORS. workers: for how many cores, None = all; more than one of them drive more episodes
+    at once where these mostly wait for an inference process; never more than `most`.
 
     Raises InputError where Ray is asked for and not installed, or its cluster cannot be reached.
     """
     if kind == "ray":
         executor: Executor = load("tsbench.run.execution.ray").RayExecutor(workers, most, limits)
         return executor
-    cores = own_cores()
-    return Pool(
-        min(workers or cores, most), limits, oversubscribed=min(workers or _OVERSUBSCRIPTION * cores, most)
-    )
+    cores = workers or own_cores()
+    waiting = 1 if workers == 1 else _OVERSUBSCRIPTION * cores
+    return Pool(min(cores, most), limits, oversubscribed=min(waiting, most))
