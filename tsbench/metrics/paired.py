@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -150,15 +151,27 @@ def mcnemar_power(n: int, rare: float, effect: float, alpha: float) -> float:
     """How often exact McNemar finds, on the right side, flips of rates `rare` and `rare + effect` in n pairs."""
     from scipy.stats import binom
 
-    flips = np.arange(n + 1)
     both = min(2.0 * rare + effect, 1.0)
     if both <= 0.0:
         return 0.0
-    # The test rejects where at most `edge` flips go the other way.
-    edge = binom.ppf(alpha / 2, flips, 0.5)
-    edge = np.where(binom.cdf(edge, flips, 0.5) > alpha / 2, edge - 1, edge)
+    # So many flips as there can well be: beyond, all together are less likely than rounding shows.
+    mean, spread = n * both, 40.0 * np.sqrt(n * both * (1.0 - both)) + 40.0
+    flips = np.arange(max(int(mean - spread), 0), min(int(mean + spread), n) + 1)
+    edge = _edges(n, alpha)[flips]
     found = binom.cdf(edge, flips, rare / both)
     return float(binom.pmf(flips, n, both) @ np.where(edge < 0, 0.0, found))
+
+
+@lru_cache(maxsize=64)
+def _edges(n: int, alpha: float) -> Array:
+    """(n + 1,) the test rejects 0, 1, … n flips where at most so many go the other way; -1: never."""
+    from scipy.stats import binom
+
+    flips = np.arange(n + 1)
+    edge = binom.ppf(alpha / 2, flips, 0.5)
+    edges: Array = np.where(binom.cdf(edge, flips, 0.5) > alpha / 2, edge - 1, edge)
+    edges.flags.writeable = False
+    return edges
 
 
 def _scaled(scale: float, d: Difference, alpha: float) -> float | None:
