@@ -122,9 +122,7 @@ workers = click.option(
     "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
 )
 # Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
-run_workers = click.option(
-    "--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use."
-)
+run_workers = click.option("--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use.")
 trajectories = click.option(
     "--trajectories", type=PATH, metavar="FILE",
     help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",

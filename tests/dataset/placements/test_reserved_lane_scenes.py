@@ -241,6 +241,7 @@ def test_a_ramp_and_then_cruise_speed() -> None:
     [
         ("bus_lane", corridor(lanes=2), "2 lanes"),
         ("bike_lane", corridor(length=140.0), "60 m of road before the plate"),
+        ("bike_lane", replace(corridor(), road_class="motorway"), "no bicycles on a motorway"),
         ("bus_lane_road", corridor(lanes=1), "1 lanes"),
         ("bike_lane_road", replace(corridor(), oneway=False), "the road has two directions"),
         ("bus_lane_road", corridor(length=120.0), "60 m of road before the plate"),

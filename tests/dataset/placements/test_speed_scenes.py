@@ -10,6 +10,7 @@ import pytest
 from pool_builders import corridor
 from simworld import CALM, FAST, LIMIT, road_plain, simulation
 
+from tsbench.core.paths import using_city
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
@@ -260,3 +261,17 @@ def test_a_site_is_sound_and_its_leader_is_there(
             }
             leaders += "leader_0" in vehicles
     assert (leaders > 0) == (type_id == "min_speed")
+
+
+def test_where_50_is_usual_20_and_30_are_posted(networks: dict[str, RoadNetwork]) -> None:
+    """A city's values are those of which its usual limit leaves room: 40 is too near."""
+    town = replace(ROWS["zone_speed_limit"], speed_mps=50 / 3.6)
+    tasks = [replace(task_of(networks, "zone_speed_limit", asked=k), row=town) for k in range(4)]
+    with pytest.raises(UnfitMapError, match="the road's own limit is 50 km/h"):
+        placement_of(tasks[0].recipe).place(tasks[0])
+    with using_city("north-bayreuth"):
+        posted = [placement_of(task.recipe).place(task).signs[0].posted for task in tasks]
+        assert posted == [20, 30, 20, 30]
+        slow = replace(tasks[0], row=replace(town, speed_mps=40 / 3.6))
+        with pytest.raises(UnfitMapError, match="the road's own limit is 40 km/h"):
+            placement_of(slow.recipe).place(slow)

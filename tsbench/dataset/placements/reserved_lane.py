@@ -51,6 +51,8 @@ class ReservedLanePlacement(Placement):
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The corridor in three parts; in the middle one no car of others uses the two rightmost lanes."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
+        motorway = row.road_class.startswith("motorway")
+        require(not (motorway and self.users == "bicycle"), "no bicycles on a motorway")
         plate, end = self._zone(row, recipe)
         run_up_room(plate, recipe)
         net, (_, zone, _) = split_edge(plain, row.fields["edge"], (plate, end))

@@ -42,6 +42,11 @@ def needed_kmh(limit: float) -> float:
     return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
 
 
+def _usual_kmh() -> float:
+    """What may be driven in the city where nothing else is posted."""
+    return class_speeds(types_file())["highway.tertiary"] / KMH
+
+
 def no_slower(drivers: Sequence[Driver], least_kmh: float) -> tuple[Driver, ...]:
     """Drivers behind whom nobody has an excuse to be slower: they are the same in both halves."""
     return tuple(replace(d, speed=max(d.speed, least_kmh * KMH)) for d in drivers)
@@ -89,10 +94,11 @@ class SpeedZonePlacement(Placement):
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
-        limits, bend = recipe.choices["limits_kmh"], _bend_kmh(network, zone)
-        most = row.speed_mps / KMH + 0.5 - recipe.number("below_road_kmh")
-        # All or none: so each value is there as often.
-        require(max(limits) <= most, f"the road's own limit is {row.speed_mps / KMH:.0f} km/h")
+        bend, below = _bend_kmh(network, zone), recipe.number("below_road_kmh")
+        # Those of which the city's usual limit leaves room, all or none: so each value is there as often.
+        limits = [v for v in recipe.choices["limits_kmh"] if v + below <= _usual_kmh() + 0.5]
+        fits = bool(limits) and max(limits) + below <= row.speed_mps / KMH + 0.5
+        require(fits, f"the road's own limit is {row.speed_mps / KMH:.0f} km/h")
         require(needed_kmh(max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
         limit = float(limits[variant.value % len(limits)])
         v = limit * KMH
