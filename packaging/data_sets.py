@@ -35,6 +35,13 @@ SETS = {
     ),
     "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
+    "north-bayreuth": (
+        "the city north-bayreuth: the pool, dev and test splits with certificates",
+        tuple(
+            f"cities/data/north-bayreuth/{part}"
+            for part in ("*", "sumo_nets/*", "scenarios/*", "scenarios/scenes/*/*")
+        ),
+    ),
     "oracle": (
         "the drives that plant2-ft learned from",
         ("scenarios/oracle.json", "scenarios/oracle*.parquet"),

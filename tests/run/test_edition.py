@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import tsbench
+from tsbench.core.paths import SHIPPED_CITIES, using_city
 from tsbench.run import edition
 from tsbench.run.edition import contract_now, earlier_splits, edition_of, editions, release
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -23,6 +24,14 @@ def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
     assert contract_now(split) == editions()[-1].released[tsbench.__version__][split]
     assert edition_of(contract_now(split)) == editions()[-1].name
+
+
+@pytest.mark.parametrize("city", SHIPPED_CITIES)
+@pytest.mark.parametrize("split", ["dev", "test"])
+def test_a_city_that_is_shipped_is_what_was_released(city: str, split: str) -> None:
+    with using_city(city):
+        assert edition_of(contract_now(split)) == f"{city}-{editions()[-1].name}", "make edition"
+        assert len(read_table(table_path(split))) >= {"dev": 10, "test": 1000}[split]
 
 
 def test_a_changed_contract_does_not_pass_under_the_name() -> None:

@@ -15,7 +15,7 @@ import yaml
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import OWN_CITY, city_in_use, data_file, dataset_root
+from tsbench.core.paths import OWN_CITY, SHIPPED_CITIES, city_in_use, data_file, dataset_root, using_city
 from tsbench.run.contract import contract_hash
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -106,9 +106,20 @@ def _write(all_of_them: Sequence[Edition], path: Path) -> None:
     write_atomic(path, f"{_HEAD}{text}".encode())
 
 
+def shipped_titles() -> dict[str, str]:
+    """Cities that are released with tsbench and are here, with the titles of their editions."""
+    named = {edition.name: edition.title for edition in built_editions()}
+    cities = {city: f"{city}-{editions()[-1].name}" for city in SHIPPED_CITIES}
+    return {city: named[name] for city, name in cities.items() if name in named}
+
+
 if __name__ == "__main__":
     try:
         for name, contract in release().items():
             print(f"{name} {contract}")
+        for city, title in shipped_titles().items():
+            with using_city(city):
+                for name, contract in release_city(title).items():
+                    print(f"{city} {name} {contract}")
     except InputError as problem:
         raise SystemExit(f"error: {problem}") from None
