@@ -17,7 +17,6 @@ from tsbench.core.files import sha256_of, write_atomic
 from tsbench.core.paths import city_in_use, data_file, using_city
 from tsbench.core.textfile import read_yaml
 from tsbench.data.fetch import fetch_file
-from tsbench.dataset.maps import overpass
 from tsbench.dataset.maps.utm import UtmFrame
 
 SCHEMA_VERSION = 1
@@ -218,6 +217,8 @@ def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> Non
 
     Raises InputError where one cannot be had or is not the one that the city is made of; others stay.
     """
+    from tsbench.dataset.maps import overpass  # brings pyosmium, which who only runs need not have
+
     for extract in load_city(name).extracts:
         if overpass.is_address(extract.address):
             path = osm_dir / f"{extract.name}.osm.gz"
