@@ -11,6 +11,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from tsbench.core.paths import SHIPPED_CITIES
 from tsbench.data.manifest import MANIFEST, SCHEMA_VERSION, DataFile, data_set, data_sets, sha256_of
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -35,13 +36,16 @@ SETS = {
     ),
     "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
-    "north-bayreuth": (
-        "the city north-bayreuth: the pool, dev and test splits with certificates",
-        tuple(
-            f"cities/data/north-bayreuth/{part}"
-            for part in ("*", "sumo_nets/*", "scenarios/*", "scenarios/scenes/*/*")
-        ),
-    ),
+    **{
+        city: (
+            f"the city {city}: the pool, dev and test splits with certificates",
+            tuple(
+                f"cities/data/{city}/{part}"
+                for part in ("*", "sumo_nets/*", "scenarios/*", "scenarios/scenes/*/*")
+            ),
+        )
+        for city in SHIPPED_CITIES
+    },
     "oracle": (
         "the drives that plant2-ft learned from",
         ("scenarios/oracle.json", "scenarios/oracle*.parquet"),
