@@ -17,6 +17,7 @@ PICTURE = ROOT.parent / "docs" / "images" / "architecture.svg"
 # Each package with its place from the left in the picture.
 FLOORS: tuple[dict[str, float], ...] = (
     {"cli": 1.5, "api": 2.5},
+    {"leaderboard": 1.5},
     {"tools": 0.5, "envs": 1.5, "learn": 2.5, "report": 3.5},
     {"run": 1.5, "dataset": 3.5},
     {"metrics": 1.5},
@@ -34,7 +35,7 @@ _WINGS = {
     "what runs": ("#cfe2ff", {"run", "metrics", "episode", "planners", "rules", "scenarios", "sim"}),
     "what makes data": ("#ffe2b8", {"dataset"}),
     "what learns": ("#cdeccd", {"learn", "envs"}),
-    "what is asked and shown": ("#e6defa", {"cli", "api", "tools", "report"}),
+    "what is asked and shown": ("#e6defa", {"cli", "api", "leaderboard", "tools", "report"}),
     "what all stand on": ("#e9ecef", {"roads", "signs", "geometry", "data", "core"}),
 }
 _COLUMN, _ROW, _BOX_W, _BOX_H, _LEFT, _TOP = 150, 62, 112, 30, 40, 18

@@ -1,0 +1,60 @@
+"""A run of the whole dev split, and the submission that is made of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import tsbench
+from tsbench.leaderboard import submit
+from tsbench.leaderboard.submission import Submission
+from tsbench.run.edition import editions
+from tsbench.run.log import read
+
+WHO = {"title": "", "authors": "somebody", "url": "", "note": "", "third_party": False}
+
+
+@pytest.fixture(scope="session")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("submitted") / "run"
+    tsbench.evaluate(["idm", "idm-e"], split="dev", out=out, workers=2)
+    return out
+
+
+@pytest.fixture
+def released(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Code that was changed since the release counts as released."""
+    name = editions()[-1].name
+    monkeypatch.setattr(read, "edition_of", lambda *_: name)
+    return name
+
+
+@pytest.fixture
+def run(driven: Path, tmp_path: Path) -> Path:
+    """A copy that may be spoilt."""
+    return Path(shutil.copytree(driven, tmp_path / "run"))
+
+
+@pytest.fixture
+def make(run: Path, released: str) -> Callable[..., Submission]:
+    def made(planner: str = "idm", **changes: object) -> Submission:
+        return submit.make_submission(run, planner, **{**WHO, **changes})  # type: ignore[arg-type]
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def honest(driven: Path) -> Callable[..., Submission]:
+    """The submissions as the run makes them, made once, with fields of one's own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(read, "edition_of", lambda *_: editions()[-1].name)
+        made = {name: submit.make_submission(driven, name, **WHO) for name in ("idm", "idm-e")}  # type: ignore[arg-type]
+
+    def told(planner: str, **changes: object) -> Submission:
+        return replace(made[planner], **changes)  # type: ignore[arg-type]
+
+    return told

@@ -1,0 +1,101 @@
+"""Who drives a submission again finds what is not as submitted, and confirms what is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.leaderboard.submission import Episode, Submission, figures_of
+from tsbench.leaderboard.verify import Verification, read_verification, verify
+from tsbench.scenarios.table import read_table, table_path
+
+Make = Callable[..., Submission]
+NO_HASH = "0" * 32
+
+
+def check(folder: Path, submission: Submission, planner: str | None = None, **more: object) -> Verification:
+    path = folder / "submission.json"
+    path.write_text(submission.to_json(), encoding="utf-8")
+    options = {"sample": 6, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None, **more}
+    return verify(path, planner, **options)  # type: ignore[arg-type]
+
+
+def whats(found: Verification) -> str:
+    return "; ".join(difference.what for difference in found.differences)
+
+
+def with_figures(submission: Submission) -> Submission:
+    table = read_table(table_path("dev"))
+    figures = figures_of(submission.episodes, table, submission.planner, submission.contract)
+    return replace(submission, figures=figures)
+
+
+def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) -> None:
+    found = check(tmp_path, honest("idm-e"))
+    assert (found.confirmed, found.equal, len(found.driven), found.explained) == (True, 6, 6, ())
+    assert found.arithmetic_difference == ""
+    (tmp_path / "record.json").write_text(found.to_json())
+    assert read_verification(tmp_path / "record.json") == found
+    # The draw is the verifier's: by the seed, and nothing else.
+    assert check(tmp_path, honest("idm")).driven == found.driven
+    assert check(tmp_path, honest("idm"), seed=4).driven != found.driven
+
+
+def test_verdicts_that_were_turned_are_found(honest: Make, tmp_path: Path) -> None:
+    turned = tuple(
+        e if e.scd else Episode(e.scenario_id, "arrived", True, (), NO_HASH) for e in honest("idm").episodes
+    )
+    forged = with_figures(replace(honest("idm"), episodes=turned))
+    assert forged.figures[0].value == 100.0
+    found = check(tmp_path, forged)
+    assert not found.confirmed
+    assert "verdict is arrived, passed as submitted" in whats(found)
+
+
+def test_a_figure_without_its_episodes_is_found(honest: Make, tmp_path: Path) -> None:
+    made = honest("idm")
+    forged = replace(made, figures=(replace(made.figures[0], value=99.0), *made.figures[1:]))
+    found = check(tmp_path, forged, sample=1)
+    assert whats(found).startswith("paired_scd of all is (99.0,")
+    found = check(tmp_path, replace(made, figures=made.figures[1:]), sample=1)
+    assert "paired_scd of all is missing" in whats(found)
+
+
+def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Path) -> None:
+    found = check(tmp_path, honest("idm"), "blind", sample=2)
+    assert "the planner's code_sha256 is" in whats(found)
+    assert "the planner's floor is False as submitted, True here" in whats(found)
+    weights = replace(honest("idm"), planner=replace(honest("idm").planner, weights_sha256="f" * 64))
+    assert (
+        whats(check(tmp_path, weights, sample=1))
+        == "the planner's weights_sha256 is ffffffffffff as submitted, None here"
+    )
+
+
+def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Make, tmp_path: Path) -> None:
+    made = honest("idm")
+    others = tuple(replace(episode, digest=NO_HASH) for episode in made.episodes)
+    same = check(tmp_path, replace(made, episodes=others))
+    assert not same.confirmed
+    assert "on the same arithmetic" in whats(same)
+    answers = {**made.arithmetic["answers"], "libm": "f" * 16}
+    elsewhere = replace(made, arithmetic={**made.arithmetic, "answers": answers})
+    found = check(tmp_path, replace(elsewhere, episodes=others))
+    assert (found.confirmed, found.equal, found.explained) == (True, 0, found.driven)
+    assert found.arithmetic_difference.startswith("the arithmetic of libm is another")
+    turned = tuple(replace(e, scd=not e.scd) for e in others)
+    found = check(tmp_path, with_figures(replace(elsewhere, episodes=turned)))
+    assert (found.confirmed, len(found.differences), found.explained) == (False, 6, ())
+
+
+def test_another_contract_and_a_record_that_contradicts_itself(honest: Make, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="its contract is 000000000000, that of this tsbench"):
+        check(tmp_path, replace(honest("idm"), contract="0" * 64))
+    text = check(tmp_path, honest("idm"), sample=1).to_json()
+    (tmp_path / "record.json").write_text(text.replace('"confirmed": true', '"confirmed": false'))
+    with pytest.raises(InputError, match="says confirmed: False, which its differences do not"):
+        read_verification(tmp_path / "record.json")

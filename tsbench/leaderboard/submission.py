@@ -1,0 +1,164 @@
+"""A submission: one planner's run of a whole split in one JSON file, with a digest for each episode.
+
+`docs/leaderboard.md` says what each field is. A digest is of all that the run's tables say of an episode, so that
+whoever drives it again on alike arithmetic gets the same one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from tsbench.core.errors import InputError
+from tsbench.core.plain import from_plain
+from tsbench.core.textfile import read_json
+from tsbench.episode.outcome import Outcome
+from tsbench.metrics.aggregate import summarise
+from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.run.log.record import Row, head_row
+from tsbench.run.log.schema import EPISODES
+from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.spec import ScenarioSpec
+
+KIND, SCHEMA_VERSION = "tsbench-submission", 1
+_DIGEST_HEX = 32
+# Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
+_UNCOMPARED = ("planner", "error")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What is told of one episode. clauses: of the target's and needless violations, sorted; digest: hex."""
+
+    scenario_id: str
+    outcome: str
+    scd: bool
+    clauses: tuple[str, ...]
+    digest: str
+
+    @property
+    def verdict(self) -> tuple[str, bool, tuple[str, ...]]:
+        """What does not hang on the last bits of a machine's arithmetic."""
+        return self.outcome, self.scd, self.clauses
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of SCD, %, with its 95 % interval. over: all, a group or a type; n: pairs or rows."""
+
+    figure: str
+    over: str
+    value: float | None
+    low: float | None
+    high: float | None
+    n: int
+
+
+@dataclass(frozen=True)
+class Submission:
+    """title, authors, url, note: as the submitter gave them. third_party: of people other than tsbench's.
+
+    arithmetic, versions, machine, git: of the run. rescored: episodes that were judged again from their traces.
+    episodes: sorted by scenario_id.
+    """
+
+    title: str
+    authors: str
+    url: str
+    note: str
+    third_party: bool
+    tsbench: str
+    edition: str
+    contract: str
+    city: str
+    split: str
+    planner: PlannerInfo
+    device: str
+    finished: str
+    arithmetic: dict[str, Any]
+    versions: dict[str, Any]
+    machine: dict[str, Any]
+    git: dict[str, Any]
+    rescored: int
+    figures: tuple[Figure, ...]
+    episodes: tuple[Episode, ...]
+
+    def to_json(self) -> str:
+        content = {"kind": KIND, "schema": SCHEMA_VERSION, **asdict(self)}
+        return json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def read_submission(path: Path) -> Submission:
+    """A submission. Raises InputError for what is none, and for one whose episodes stand twice or out of order."""
+    data = read_json(path, "submission")
+    if not isinstance(data, dict) or data.pop("kind", None) != KIND:
+        raise InputError(f"{path}: no submission (expected `kind: {KIND}`)")
+    if (version := data.pop("schema", None)) != SCHEMA_VERSION:
+        raise InputError(f"{path}: schema {version!r:.20}, this tsbench reads {SCHEMA_VERSION}")
+    try:
+        found = from_plain(Submission, data)
+        for episode in found.episodes:
+            Outcome(episode.outcome)
+    except (ValueError, TypeError) as problem:
+        raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
+    ids = [episode.scenario_id for episode in found.episodes]
+    if ids != sorted(set(ids)):
+        raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
+    return found
+
+
+def episode_of(row: Row, events: Iterable[Row]) -> Episode:
+    """What a submission tells of an episode that stands so in a run's tables."""
+    told = sorted((dict(event) for event in events), key=lambda event: event["number"])
+    compared = [
+        {key: value for key, value in one.items() if key not in _UNCOMPARED} for one in (dict(row), *told)
+    ]
+    # NaN and infinities are no JSON; as text they compare like all else.
+    text = json.dumps(compared, sort_keys=True, ensure_ascii=False)
+    clauses = sorted({event["clause"] for event in told if event["target"] or _is_needless(event)})
+    digest = hashlib.sha256(text.encode()).hexdigest()[:_DIGEST_HEX]
+    return Episode(row["scenario_id"], row["outcome"], bool(row["scd"]), tuple(clauses), digest)
+
+
+def _is_needless(event: Mapping[str, Any]) -> bool:
+    return str(event["clause"]).startswith("needless_")
+
+
+def figures_of(
+    episodes: Sequence[Episode], table: Sequence[ScenarioSpec], planner: PlannerInfo, contract: str
+) -> tuple[Figure, ...]:
+    """The figures of SCD that follow from the episodes of a whole split.
+
+    Raises InputError where they are not the episodes of its table, each once.
+    """
+    specs = {spec.scenario_id: spec for spec in table}
+    if [episode.scenario_id for episode in episodes] != sorted(specs):
+        known = {episode.scenario_id for episode in episodes}
+        missing, strange = sorted(specs.keys() - known), sorted(known - specs.keys())
+        raise InputError(
+            f"the episodes are not those of the split: {len(missing)} missing ({', '.join(missing[:2]) or 'none'}), "
+            f"{len(strange)} of no row of it ({', '.join(strange[:2]) or 'none'})"
+        )
+    rows = []
+    for episode in episodes:
+        outcome = Outcome(episode.outcome)
+        error = "as submitted" if outcome.is_error else None
+        row = head_row(specs[episode.scenario_id], planner.name, planner.privileged, outcome, error)
+        # Of the other metrics a submission tells nothing, and nothing is made of these.
+        others = {m.column: None if error else m.kind() for m in EPISODE_METRICS}
+        rows.append({**row, **others, SCD.column: episode.scd})
+    told = summarise(
+        pa.Table.from_pylist(rows, schema=EPISODES), contract_hash=contract, asked={planner.name: len(rows)}
+    )
+    figures = []
+    for name, scores in told.planners[0].scores.items():
+        for over, both in {**scores.panels("all"), **scores.types}.items():
+            e = both.main
+            figures.append(Figure(name, over, e.value, e.low, e.high, e.n))
+    return tuple(figures)

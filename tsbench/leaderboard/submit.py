@@ -1,0 +1,86 @@
+"""From a run to a submission, after all checks that need no second drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.paths import city_in_use
+from tsbench.episode.trace import trace_path
+from tsbench.leaderboard.submission import Submission, episode_of, figures_of
+from tsbench.run.edition import LOCAL
+from tsbench.run.log.manifest import planners_of
+from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.tables import read_table
+from tsbench.run.plan import BOTH
+from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.table import read_table as read_scenarios
+from tsbench.scenarios.table import table_path
+from tsbench.tools.rescore import rescore
+
+# What a row of the leaderboard is of: everything, as the planner is.
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False}
+_SHOWN = 3
+
+
+def make_submission(
+    folder: Path, planner: str | None, *, title: str, authors: str, url: str, note: str, third_party: bool
+) -> Submission:
+    """The submission of a planner's run. planner: its name in the records, None where the run has one only.
+
+    Raises InputError: the run is not complete or not of a whole split, was changed, is of no released contract, or does
+    not agree with its traces.
+    """
+    run = read_run(folder)
+    info = _planner(run, planner)
+    _check(run, info)
+    split = str(run.manifest["effective"]["split"])
+    table = read_scenarios(table_path(split))
+    judged = rescore(folder)
+    if judged.contract != run.contract:
+        raise InputError(f"{folder}: {judged.note}: submit with the tsbench and the data that drove it")
+    if judged.disagreements:
+        shown = "; ".join(judged.disagreements[:_SHOWN])
+        raise InputError(f"{folder}: {len(judged.disagreements)} disagreements with its own traces: {shown}")
+    events: dict[str, list[dict[str, object]]] = {}
+    for event in read_table(folder / "violations.parquet").to_pylist():
+        if event["planner"] == info.name:
+            events.setdefault(event["scenario_id"], []).append(event)
+    rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
+    episodes = tuple(episode_of(row, events.get(row["scenario_id"], ())) for row in rows)
+    m = run.manifest
+    return Submission(
+        title=title or info.name, authors=authors, url=url, note=note, third_party=third_party,
+        tsbench=str(m["versions"]["tsbench"]), edition=run.edition, contract=run.contract, city=city_in_use(),
+        split=split, planner=info, device=str(m["effective"]["device"]), finished=str(m["finished"]),
+        arithmetic=m["arithmetic"], versions=m["versions"], machine=m["machine"], git=m["git"],
+        rescored=sum(trace_path(folder, info.name, row["scenario_id"]).is_file() for row in rows),
+        figures=figures_of(episodes, table, info, run.contract), episodes=episodes,
+    )  # fmt: skip
+
+
+def _planner(run: StoredRun, name: str | None) -> PlannerInfo:
+    found = [info for info in planners_of(run.manifest) if name in (None, info.name)]
+    names = ", ".join(info.name for info in planners_of(run.manifest))
+    if name is None and len(found) > 1:
+        raise InputError(f"{run.path}: several planners: name one with --planner ({names})")
+    if not found:
+        raise InputError(f"{run.path}: no planner {name}; there are {names}")
+    return found[0]
+
+
+def _check(run: StoredRun, info: PlannerInfo) -> None:
+    """Is it a run that a row may be made of? Raises InputError with what to do."""
+    effective, status = run.manifest["effective"], run.manifest["status"]
+    if status != "complete" or run.holes(info.name):
+        raise InputError(
+            f"{run.path}: {run.holes(info.name)} episodes are missing: the same command continues it"
+        )
+    for key, wanted in _WHOLE.items():
+        if effective.get(key) != wanted:
+            raise InputError(f"{run.path}: {key} is {effective.get(key)}: a submission is of a whole split")
+    if run.edition.endswith(LOCAL):
+        raise InputError(
+            f"{run.path}: edition {run.edition}: code or data were changed since the release: drive it with what was "
+            "released"
+        )
