@@ -15,7 +15,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.episode.trace import SCHEMA as TRACE
-from tsbench.leaderboard.submission import Submission, episode_of, read_submission
+from tsbench.leaderboard.submission import Submission, episode_of, json_schema, read_submission
 from tsbench.leaderboard.submit import make_submission
 from tsbench.run.edition import LOCAL
 from tsbench.run.log import read
@@ -153,3 +153,14 @@ def test_a_missing_episode_is_told(make: Make) -> None:
     spared = replace(made, episodes=made.episodes[1:])
     with pytest.raises(InputError, match=r"1 missing .*, 0 of no row"):
         figures_of(spared.episodes, read_table(table_path("dev")), made.planner, made.contract)
+
+
+def test_the_schema_is_of_what_is_written(honest: Make) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    data = json.loads(honest("idm").to_json())
+    jsonschema.validate(data, schema)
+    for change in ({"rescored": "1"}, {"more": 1}, {"episodes": [{}]}, {"schema": 2}):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate({**data, **change}, schema)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -101,3 +102,11 @@ def build(folder: Path, out: Path) -> None:
 
     pages = load("tsbench.leaderboard.site").build_site(folder, out)
     click.echo(f"{out / 'index.html'}: {pages} rows")
+
+
+@leaderboard.command()
+def schema() -> None:
+    """Print the JSON Schema of submissions."""
+    from tsbench.leaderboard.submission import json_schema
+
+    click.echo(json.dumps(json_schema(), indent=1))

@@ -9,9 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import pyarrow as pa
 
@@ -28,6 +28,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 KIND, SCHEMA_VERSION = "tsbench-submission", 1
 _DIGEST_HEX = 32
+_JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
 # Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
 _UNCOMPARED = ("planner", "error")
 
@@ -92,6 +93,31 @@ class Submission:
     def to_json(self) -> str:
         content = {"kind": KIND, "schema": SCHEMA_VERSION, **asdict(self)}
         return json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a submission, from its own fields."""
+    head = {"kind": {"const": KIND}, "schema": {"const": SCHEMA_VERSION}}
+    own = _schema_of(Submission)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": KIND, **own,
+        "properties": {**head, **own["properties"]}, "required": [*head, *own["required"]],
+    }  # fmt: skip
+
+
+def _schema_of(kind: Any) -> dict[str, Any]:
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        properties = {name: _schema_of(hint) for name, hint in hints.items()}
+        return {
+            "type": "object", "properties": properties, "required": list(hints), "additionalProperties": False,
+        }  # fmt: skip
+    origin, parts = get_origin(kind) or kind, get_args(kind)
+    if type(None) in parts:
+        return {"anyOf": [_schema_of(parts[0]), {"type": "null"}]}
+    if origin is tuple:
+        return {"type": "array", "items": _schema_of(parts[0])}
+    return {"type": _JSON[origin]}
 
 
 def read_submission(path: Path) -> Submission:
