@@ -8,10 +8,11 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/tsbench
-# What the packages hang on comes first: a change of code does not install them again. The editable installation only
-# needs the package's folder to exist.
+# What the packages hang on comes first, so that a change of code does not install them again. The build of the editable
+# installation asks for the version and for the catalogue.
 COPY pyproject.toml requirements.lock Makefile LICENSE README.md ./
 COPY tsbench/__init__.py tsbench/__init__.py
+COPY sign_catalog sign_catalog
 ARG EXTRAS="report video"
 RUN make base EXTRAS="$EXTRAS" && rm -rf /root/.cache
 

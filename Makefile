@@ -106,9 +106,9 @@ lock:
 	$(UV) $(addprefix --extra ,report video make learn ray mcap docs dev mutation build) pyproject.toml -o requirements.lock
 	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
 
-# The documentation as a site in build/site; its search works once it is served: python3 -m http.server -d build/site
+# The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 # Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
 package: setup
