@@ -23,8 +23,8 @@ test: setup
 	for part in $(TESTS) "$(wildcard tests/test_*.py tests/learn/test_*.py)"; do $(PYTEST) $$part || exit; done
 
 # All planners on one scene of each test map, plant2-ft once more with signs masked, the analyses, their tables and figures
-# in docs/results.md, and the report. Goes on where it was stopped. VARIANTS=all: on all 5,800 test scenes,
-# into docs/results-all.md; only plant2-ft's failures are traced: traces of all planners would take 6 GB.
+# in docs/results.md, and the report. Goes on where it was stopped. VARIANTS=all: on all test scenes,
+# into docs/results-all.md; only plant2-ft's failures are traced: docs/cluster.md says what all traces would take.
 VARIANTS ?= one-per-map
 RESULTS := runs/results-$(VARIANTS)
 BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
@@ -68,7 +68,7 @@ $(BIN)/mutmut: $(READY)
 	$(call install,mutation)
 	touch $@
 
-# `base`: what a run needs. `setup`: all that the tests need. Every package has the version and a hash that
+# `base`: what a run needs, and the extras that EXTRAS names (EXTRAS="report video"). `setup`: all that the tests need. Every package has the version and a hash that
 # requirements.lock names; this pip is the first that takes hashes from a file of constraints.
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 ASKED := import sys, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
@@ -83,7 +83,7 @@ base: $(BASE)
 $(BASE): pyproject.toml requirements.lock
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) install pip==26.3
-	$(call install,build)
+	$(call install,build $(EXTRAS))
 	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
@@ -106,9 +106,9 @@ lock:
 	$(UV) $(addprefix --extra ,report video make learn ray mcap docs dev mutation build) pyproject.toml -o requirements.lock
 	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
 
-# The documentation as a site in build/site; its search works once it is served: python3 -m http.server -d build/site
+# The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
 docs: setup
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 # Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
 package: setup

@@ -1,11 +1,13 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
-Links to files that are no pages become the names of those files; the catalogue's plates come into the site.
+Links to files that are no pages become the names of those files; the catalogue's plates come into the site, and so does
+a page of all commands that is made from the code.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,8 +18,13 @@ _PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """The site's files, with the plates among them as `plates/CODE.svg`."""
+    """The site's files, with the plates among them as `plates/CODE.svg`, and the page of commands."""
     from mkdocs.structure.files import File
+
+    sys.path[:0] = [str(_ROOT), str(Path(__file__).parent)]  # a hook is loaded by its path alone
+    from site_commands import commands_page
+
+    files.append(File.generated(config, "reference/commands.md", content=commands_page()))
 
     for plate in sorted(_PLATES.glob("*.svg")):
         files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))

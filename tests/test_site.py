@@ -9,8 +9,12 @@ import subprocess
 import sys
 from pathlib import Path, PurePosixPath
 from types import ModuleType
+from urllib.parse import unquote
 
 import pytest
+import yaml
+
+import tsbench
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -20,7 +24,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built as `make docs` does. `strict`: a broken link, or a page that the menu has not, fails."""
     folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)],
+        [sys.executable, "-m", "mkdocs", "build", "--site-dir", str(folder)],
         cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, timeout=200,
         check=False,
     )  # fmt: skip
@@ -36,6 +40,36 @@ def test_every_page_is_there_with_its_pictures(site: Path) -> None:
     for page in site.rglob("*.html"):
         for source in re.findall(r'<img[^>]* src="([^":]+)"', page.read_text(encoding="utf-8")):
             assert (page.parent / source).is_file(), (page, source)
+
+
+def _targets(page: Path) -> list[tuple[Path, str]]:
+    """Links of a page into the site: the file, and the place in it."""
+    found = re.findall(r'<a[^>]* href="(?![a-z]+:)([^"#]*)(?:#([^"]*))?"', page.read_text(encoding="utf-8"))
+    return [
+        ((page.parent / unquote(file)).resolve() if file else page, unquote(anchor)) for file, anchor in found
+    ]
+
+
+def test_every_link_leads_to_a_file_and_a_place_in_it(site: Path) -> None:
+    ids = {p: set(re.findall(r' id="([^"]+)"', p.read_text(encoding="utf-8"))) for p in site.rglob("*.html")}
+    for page in (p for p in ids if p.name != "404.html"):
+        for file, anchor in _targets(page):
+            there = file / "index.html" if file.is_dir() else file
+            assert there.is_file(), (page, file)
+            assert not anchor or there not in ids or anchor in ids[there], (page, file, anchor)
+
+
+def test_every_command_has_its_section(site: Path) -> None:
+    text = (site / "reference/commands.html").read_text(encoding="utf-8")
+    for name in ("tsbench run", "tsbench scenarios certify", "tsbench train plant2-ft", "tsbench city build"):
+        assert f'id="{name.replace(" ", "-")}"' in text
+    assert "--memory-limit" in text
+
+
+def test_the_citation_is_of_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == tsbench.__version__
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
 
 
 def test_it_asks_no_other_server(site: Path) -> None:

@@ -63,7 +63,7 @@ _COLUMNS: list[Any] = [
     *columns(_INTENTS, "intents"),
 ]
 SCHEMA = pa.schema(_COLUMNS).with_metadata({VERSION_KEY: "1", **OSM_LICENCE})
-# High and low bytes apart: 360 bytes a drive in all, where dictionaries take 620.
+# High and low bytes apart: fewer bytes than dictionaries (docs/oracle.md says how many a drive takes).
 _ENCODINGS = {f"{name}.list.element": "BYTE_STREAM_SPLIT" for name in ("acceleration", "steering")}
 
 

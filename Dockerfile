@@ -1,0 +1,26 @@
+# tsbench with pictures, reports and films: docker build -t tsbench .
+# Run folders go to the folder that is mounted at /work:
+#   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" tsbench run --planner idm --split dev --out first
+FROM python:3.12-slim
+
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends make \
+    && rm -rf /var/lib/apt/lists/*
+
+WORKDIR /opt/tsbench
+# What the packages hang on comes first, so that a change of code does not install them again. The build of the editable
+# installation asks for the version and for the catalogue.
+COPY pyproject.toml requirements.lock Makefile LICENSE README.md ./
+COPY tsbench/__init__.py tsbench/__init__.py
+COPY sign_catalog sign_catalog
+ARG EXTRAS="report video"
+RUN make base EXTRAS="$EXTRAS" && rm -rf /root/.cache
+
+COPY . .
+RUN .venv/bin/python -m compileall -q tsbench && .venv/bin/tsbench signs list > /dev/null
+
+# HOME: any user's, also one without an entry in /etc/passwd.
+ENV PATH=/opt/tsbench/.venv/bin:$PATH HOME=/tmp
+WORKDIR /work
+ENTRYPOINT ["tsbench"]
+CMD ["--help"]

@@ -1,0 +1,64 @@
+"""The page of all commands with their options, made from the command line itself: `reference/commands.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from inspect import cleandoc
+
+import click
+
+from tsbench.cli import SECTIONS, cli
+
+_HEAD = """# Commands
+
+Every command with all its arguments and options. This page is made from the code when the site is built.
+It says what `tsbench COMMAND --help` says. Options that repeat can stay in
+[`tsbench.toml`](../run.md#tsbenchtoml).
+
+Exit codes: 0 done, 1 finished with errors or holes, 2 wrong input, 130 interrupted.
+"""
+
+
+def commands_page() -> str:
+    """The page as Markdown."""
+    parts = [_HEAD]
+    top = click.Context(cli, info_name="tsbench")
+    for section, names in SECTIONS.items():
+        parts.append(f"## {section}\n")
+        for name in names:
+            command = cli.get_command(top, name)
+            assert command is not None, name
+            parts.extend(_described(command, click.Context(command, info_name=name, parent=top)))
+    return "\n".join(parts)
+
+
+def leaves(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
+    """A command, or all commands of a group."""
+    if not isinstance(command, click.Group):
+        yield command, context
+        return
+    for name in command.list_commands(context):
+        below = command.get_command(context, name)
+        assert below is not None, name
+        yield from leaves(below, click.Context(below, info_name=name, parent=context))
+
+
+def _described(command: click.Command, context: click.Context) -> Iterator[str]:
+    for leaf, below in leaves(command, context):
+        usage = " ".join([below.command_path, *leaf.collect_usage_pieces(below)])
+        yield f"### {below.command_path}\n\n{_plain(leaf.help or '')}\n\n```\n{usage}\n```\n"
+        rows = [record for p in leaf.params if (record := p.get_help_record(below))]
+        # What is named in the usage line has no help.
+        rows = [(option, text) for option, text in rows if text]
+        if rows:
+            body = "".join(f"| `{_cell(option)}` | {_cell(_plain(text))} |\n" for option, text in rows)
+            yield f"| option | what it does |\n|---|---|\n{body}"
+
+
+def _plain(text: str) -> str:
+    """Without click's marks, and nothing in it is HTML."""
+    return cleandoc(text).replace("\b\n", "").replace("\f", "").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
