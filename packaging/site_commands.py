@@ -49,7 +49,7 @@ def _described(command: click.Command, context: click.Context) -> Iterator[str]:
         rows = [record for p in leaf.params if (record := p.get_help_record(below))]
         rows = [(option, text) for option, text in rows if text]  # what is named in the usage line and has no help
         if rows:
-            body = "".join(f"| `{_cell(option)}` | {_cell(_plain(text))} |\n" for option, text in rows)
+            body = "".join(f"| `{option}` | {_cell(_plain(text))} |\n" for option, text in rows)
             yield f"| option | what it does |\n|---|---|\n{body}"
 
 
