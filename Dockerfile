@@ -3,8 +3,9 @@
 #   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" tsbench run --planner idm --split dev --out first
 FROM python:3.12-slim
 
+# SUMO's library is linked against those of a desktop, though it opens no window.
 RUN apt-get update \
-    && apt-get install --yes --no-install-recommends make \
+    && apt-get install --yes --no-install-recommends make libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1 \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/tsbench

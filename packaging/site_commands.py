@@ -1,4 +1,4 @@
-"""The page of all commands with their options, made from the command line itself: `reference/commands.md`."""
+"""`reference/commands.md` of the site: all commands with all their options, made from the command line itself."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from tsbench.cli import SECTIONS, cli
 
 _HEAD = """# Commands
 
-Every command with all its arguments and options. This page is made from the code when the site is built.
-It says what `tsbench COMMAND --help` says. Options that repeat can stay in
-[`tsbench.toml`](../run.md#tsbenchtoml).
+Every command with all its arguments and options. This page is made from the code when the site is built, so it says
+what `tsbench COMMAND --help` says. Options that repeat can stay in a file: [`tsbench.toml`](../run.md#tsbenchtoml).
 
 Exit codes: 0 done, 1 finished with errors or holes, 2 wrong input, 130 interrupted.
 """
@@ -47,11 +46,10 @@ def _described(command: click.Command, context: click.Context) -> Iterator[str]:
     for leaf, below in leaves(command, context):
         usage = " ".join([below.command_path, *leaf.collect_usage_pieces(below)])
         yield f"### {below.command_path}\n\n{_plain(leaf.help or '')}\n\n```\n{usage}\n```\n"
-        rows = [record for p in leaf.params if (record := p.get_help_record(below))]
-        # What is named in the usage line has no help.
-        rows = [(option, text) for option, text in rows if text]
+        # What the usage line names may have no help.
+        rows = [record for p in leaf.params if (record := p.get_help_record(below)) and record[1]]
         if rows:
-            body = "".join(f"| `{_cell(option)}` | {_cell(_plain(text))} |\n" for option, text in rows)
+            body = "".join(f"| `{option}` | {_cell(_plain(text))} |\n" for option, text in rows)
             yield f"| option | what it does |\n|---|---|\n{body}"
 
 

@@ -1,7 +1,7 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
-Links to files that are no pages become the names of those files; the catalogue's plates come into the site, and so does
-a page of all commands that is made from the code.
+Links to files that are no pages become the names of those files; the catalogue's plates come into the site, and so
+does a page of all commands that is made from the code.
 """
 
 from __future__ import annotations

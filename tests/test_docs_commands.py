@@ -14,7 +14,7 @@ from tsbench.cli import cli
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 _BLOCK = re.compile(r"^```[^\n]*\n(.*?)^```", re.M | re.S)
-_LINE = re.compile(r"^\s*(?:[A-Z_]+=\S+ )*(?:\$ )?(?:\S*/)?(tsbench .*)")
+_SHELL = re.compile(r"^\s*(?:[A-Z_]+=\S+ )*(?:\$ )?(?:\S*/)?(tsbench .*)")
 _INLINE = re.compile(r"(?<!`)`(tsbench [^`]+)`(?!`)")
 
 
@@ -23,7 +23,7 @@ def commands(text: str) -> list[str]:
     found = []
     for block in _BLOCK.findall(text):
         lines = block.replace("\\\n", " ").splitlines()
-        found += [m[1] for line in lines if (m := _LINE.match(line))]
+        found += [m[1] for line in lines if (m := _SHELL.match(line))]
     found += _INLINE.findall(_BLOCK.sub("", text).replace("\n", " "))
     return [re.split(r"\s#|\s[|>&;]|\s?…|\(|[;:,.]?$", line)[0].strip() for line in found]
 
@@ -47,8 +47,8 @@ def wrong(line: str) -> str | None:
         if option not in options:
             return f"{context.command_path}: no option {option}"
         kind, given = options[option].type, given or value
-        chosen = set(given.split("|")) if given and not given.isupper() else set()
-        if isinstance(kind, click.Choice) and not chosen <= set(kind.choices):
+        known = set(kind.choices) if isinstance(kind, click.Choice) else None
+        if known and given and not given.isupper() and not set(given.split("|")) <= known:
             return f"{context.command_path} {option}: no choice {given}"
     return None
 
