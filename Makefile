@@ -4,7 +4,10 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 WORKERS ?= 2
 OSM ?= sumo_nets/sources
-BASE := $(VENV)/.base
+EXTRAS ?=
+empty :=
+# Other extras are another target, or they would not be added to what is there.
+BASE := $(VENV)/.base$(subst $(empty) ,,$(EXTRAS:%=-%))
 READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
