@@ -100,8 +100,8 @@ def test_a_wrong_citation_is_found(text: str, problem: str | None) -> None:
 
 
 def test_every_link_of_the_pages_leads_somewhere() -> None:
-    own = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
-    pages = [*own, *sorted((ROOT / "docs").rglob("*.md"))]
+    beside = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+    pages = [*beside, *sorted((ROOT / "docs").rglob("*.md"))]
     found = {str(p.relative_to(ROOT)): broken_links(p, p.read_text(encoding="utf-8")) for p in pages}
     assert {name: wrong for name, wrong in found.items() if wrong} == {}
 
