@@ -24,6 +24,15 @@ class Step:
     observation: Observation
 
 
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Clauses violated so far and clauses of needless obedience, once per event; is the target's rule engaged?"""
+
+    violations: tuple[str, ...]
+    needless: tuple[str, ...]
+    engaged: bool
+
+
 class SteppedEpisode:
     """The one simulation of this process: one episode at a time, and a new one ends the one before."""
 
@@ -68,6 +77,17 @@ class SteppedEpisode:
         episode = self._loops[self._mask].episode
         assert episode is not None
         return episode.look()
+
+    def judged(self) -> Judged:
+        """What the monitors say so far; an excursion that goes on counts."""
+        episode = self._loops[self._mask].episode
+        assert episode is not None
+        m = episode.monitors
+        return Judged(
+            tuple(c for monitor in (m.target, *m.others) for c in monitor.clauses()),
+            tuple(c for monitor in m.needless for c in monitor.clauses()),
+            m.target.engaged,
+        )
 
     def end(self) -> None:
         if self._moments is not None:
