@@ -47,12 +47,12 @@ _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """One scenario per episode, drawn from the table of a split.
 
-    split: train | test. types: type ids and groups (a sequence, or words between commas), empty = all. observation:
-    vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action: aim (acceleration, place beside the route) |
-    steer (acceleration, steering angle), both (2,) in -1..1. hold: ticks of 0.1 s per step. variants: as in `tsbench
-    run`. mask_signs: remove sign identity (of `objects` and `scene`). reward: figures of the reward, or a callable that is given a step's terms. half: both |
-    signed | contrast. more: types and groups whose
-    scenarios are drawn three times as often.
+    split: train | dev | test. types: type ids and groups (a sequence, or words between commas), empty = all.
+    observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action:
+    aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1. hold:
+    ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity (of `objects` and
+    `scene`). reward: figures of the reward, or a callable that is given a step's terms. half: both | signed |
+    contrast. more: types and groups whose scenarios are drawn three times as often.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
@@ -192,11 +192,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return self._seen.encode(last), reward, ended, not ended, info | told
 
     def _final(self, result: EpisodeResult) -> Judged:
-        facts = result.facts
-        if facts is None:
-            return process_episode().judged()
-        events = [v.clause for verdict in (facts.target, *facts.others) for v in verdict.violations]
-        return Judged(tuple(events), tuple(v.clause for v in facts.needless), facts.target.engaged)
+        return process_episode().judged() if result.facts is None else Judged.of(result.facts)
 
     def close(self) -> None:
         """End the episode, and SUMO with it."""

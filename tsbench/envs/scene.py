@@ -16,9 +16,9 @@ from gymnasium import spaces
 
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import MAX_STEER_RAD
 from tsbench.sim.world import ActorKind
-from tsbench.signs.catalog import load_catalog
 
 Table = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
+from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, Moments
 from tsbench.planners.base import Control, Observation, PlannerContext
@@ -31,6 +32,12 @@ class Judged:
     violations: tuple[str, ...]
     needless: tuple[str, ...]
     engaged: bool
+
+    @classmethod
+    def of(cls, facts: EpisodeFacts) -> Judged:
+        """What was judged of a whole episode."""
+        events = [v.clause for verdict in (facts.target, *facts.others) for v in verdict.violations]
+        return cls(tuple(events), tuple(v.clause for v in facts.needless), facts.target.engaged)
 
 
 class SteppedEpisode:
