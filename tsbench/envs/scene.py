@@ -46,9 +46,11 @@ class SceneSeen:
         shapes: dict[str, tuple[int, ...]] = {"ego": (len(EGO),), "route": (ROUTE, 2)}
         shapes |= {name: (ROWS[name], width) for name, width in columns.items()}
         self._shapes = shapes
-        tables = {name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()}
+        tables: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()
+        }
         masks = {f"{name}_mask": spaces.Box(0.0, 1.0, (rows,), np.float32) for name, rows in ROWS.items()}
-        self.space: spaces.Space[Any] = spaces.Dict(tables | masks)
+        self.space: spaces.Space[Any] = spaces.Dict({**tables, **masks})
 
     def reset(self, context: PlannerContext) -> None:
         """Cut the map's lanes into pieces once; find which of them lead to the destination."""
