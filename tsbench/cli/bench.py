@@ -19,8 +19,12 @@ from tsbench.core.files import write_json
 @click.option(
     "--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else."
 )
-def bench(limit: int, rounds: int, json_path: Path | None, networks: bool) -> None:
+@click.option("--env", "env", is_flag=True, help="Steps of the Gymnasium environment, and nothing else.")
+def bench(limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
+    if env:
+        _environment(rounds, json_path)
+        return
     if networks:
         _networks(json_path)
         return
@@ -54,3 +58,19 @@ def _networks(json_path: Path | None) -> None:
     figures = {name: {"alone_ms": round(a, 4), "of_eight_ms": round(b, 4)} for name, a, b in found}
     if json_path is not None:
         write_json(json_path, figures)
+
+
+def _environment(rounds: int, json_path: Path | None) -> None:
+    from tsbench.envs.speed import BLOCK, rates_of
+
+    goals = {"vector": 1500, "scene": 800}
+    figures = {kind: rates_of(kind, rounds * BLOCK) for kind in goals}
+    rows = [
+        (kind, f"{alone:,.0f}", f"{whole:,.0f}", f"{goals[kind]:,}")
+        for kind, (alone, whole) in figures.items()
+    ]
+    print_table(("observation", "steps/s per core", "with episode starts", "goal"), rows, title="environment")
+    if json_path is not None:
+        write_json(
+            json_path, {kind: {"steps_per_s": a, "with_starts": b} for kind, (a, b) in figures.items()}
+        )

@@ -119,6 +119,22 @@ def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
     click.echo(f"{count} drives replayed, all as recorded")
 
 
+@oracle.command()
+@_split
+@options.trajectories
+@options.limit("So many drives, the table's first; default: all.")
+@click.option(
+    "--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all."
+)
+@options.out("The Parquet file to write.", "oracle-ticks.parquet", type=options.FILE)
+def export(split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
+    """Drive chosen drives again and write a row per tick: state, plates, lanes, action, reward terms."""
+    from tsbench.learn.oracle.export import export as export_drives
+
+    drives, ticks = export_drives(trajectories or trajectories_path(), split, out, rank, limit)
+    click.echo(f"{drives} drives, {ticks} ticks in {out} ({out.stat().st_size / 1e6:.2f} MB)")
+
+
 def _tell(found: Collected, tries: int) -> None:
     for name, t in found.experts.items():
         click.echo(

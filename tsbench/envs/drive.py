@@ -7,7 +7,7 @@ Stable-Baselines3's SubprocVecEnv for several.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -18,7 +18,7 @@ from gymnasium import spaces
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.seen import KINDS
-from tsbench.envs.stepped_episode import Step, process_episode
+from tsbench.envs.stepped_episode import Judged, Step, process_episode
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.episode import passed
@@ -26,13 +26,20 @@ from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Observation
 from tsbench.planners.rl.actions import ACTIONS
-from tsbench.run.plan import VARIANTS, choose_types, choose_variants
+from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
+# A callable gets the terms of a step by name, violations and needless obedience as minus their number.
+Terms = Mapping[str, float]
+Reward = Callable[[Terms], float]
+_COUNTED = RewardSpec(violation=-1.0, needless=-1.0)
+_TERMS = ("progress", "violation", "needless", "end")
+_OPTIONS = ("scenario_id", "scenario", "type", "half")
 # Not arriving in time is a failure with its price, and no arbitrary cut.
 _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 
@@ -40,11 +47,12 @@ _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """One scenario per episode, drawn from the table of a split.
 
-    split: train | test. types: type ids and groups (a sequence, or words between commas), empty = all. observation:
-    vector (275,) | bev (raster and measurements) | objects. action: aim (acceleration, place beside the route) |
-    steer (acceleration, steering angle), both (2,) in -1..1. hold: ticks of 0.1 s per step. variants: as in `tsbench
-    run`. mask_signs: remove sign identity (of `objects`). reward: figures of the reward. more: types and groups whose
-    scenarios are drawn three times as often.
+    split: train | dev | test. types: type ids and groups (a sequence, or words between commas), empty = all.
+    observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action:
+    aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1. hold:
+    ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity (of `objects` and
+    `scene`). reward: figures of the reward, or a callable that is given a step's terms. half: both | signed |
+    contrast. more: types and groups whose scenarios are drawn three times as often.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
@@ -58,8 +66,9 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         hold: int = 1,
         variants: str = "all",
         mask_signs: bool = False,
-        reward: RewardSpec | None = None,
+        reward: RewardSpec | Reward | None = None,
         more: str | Sequence[str] = (),
+        half: str = BOTH,
     ) -> None:
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
@@ -69,7 +78,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             raise InputError(f"hold {hold}: expected at least 1 tick")
         chosen = choose_types(_words(types), load_catalog())
         rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
-        self._rows = choose_variants(rows, variants)
+        self._rows = choose_half(choose_variants(rows, variants), half)
         if not self._rows:
             raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
         check_files(self._rows)
@@ -80,7 +89,11 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._seen = KINDS[observation]()
         self._act = ACTIONS[action]
         self._hold, self._mask = hold, mask_signs
-        self._reward_spec = RewardSpec() if reward is None else reward
+        self._weigh: Reward | None = None
+        if reward is None or isinstance(reward, RewardSpec):
+            self._reward_spec = RewardSpec() if reward is None else reward
+        else:
+            self._reward_spec, self._weigh = _COUNTED, reward
         self._reward: RouteReward
         self._turn: Step | None = None
         self.observation_space = self._seen.space
@@ -89,21 +102,22 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start `options["scenario_id"]`, or a scenario drawn from the environment's own generator."""
+        """Start a scenario drawn from the environment's own generator.
+
+        options: scenario (or scenario_id) names one; type (id or group) and half narrow the draw.
+        """
         super().reset(seed=seed)
-        named = (options or {}).get("scenario_id")
-        if named is not None and named not in self._by_id:
-            raise InputError(f"scenario {named!r}: not among the {len(self._by_id)} of this environment")
-        row = (
-            self._rows[int(self.np_random.integers(len(self._rows)))] if named is None else self._by_id[named]
-        )
+        rows = self._asked(options or {})
+        row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
         turn = process_episode().begin(row, self, self._mask)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)
         self._turn = turn
         self._reward = RouteReward(turn.observation, self._reward_spec)
-        info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type}
+        self._counts = (0, 0)
+        info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type, "half": row.half}
+        info |= _so_far(process_episode().judged())
         return self._seen.encode(turn.observation), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -111,19 +125,49 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if self._turn is None or process_episode().driver is not self:
             raise gymnasium.error.ResetNeeded(
                 "no episode: reset first (libsumo has one simulation per process, which another environment of this "
-                "process may have taken; AsyncVectorEnv and SubprocVecEnv give each its own)"
+                'process may have taken; make_vec(…, vectorization_mode="async"), '
+                "AsyncVectorEnv and SubprocVecEnv give each its own)"
             )
         first, second = (float(value) for value in action)
         if not (math.isfinite(first) and math.isfinite(second)):
             raise ValueError(f"action {first}, {second} is not finite")
-        earned = 0.0
+        earned = dict.fromkeys(_TERMS, 0.0)
         for _ in range(self._hold):
             turn = process_episode().drive(self._act(first, second, self._turn.observation))
             if isinstance(turn, EpisodeResult):
                 return self._over(turn, self._turn.observation, earned)
             self._turn = turn
-            earned += self._reward.tick(turn.observation)
-        return self._seen.encode(self._turn.observation), earned, False, False, {}
+            earned["progress"] += self._reward.tick(turn.observation)
+        judged = process_episode().judged()
+        reward, info = self._told(earned, judged)
+        return self._seen.encode(self._turn.observation), reward, False, False, info
+
+    def _asked(self, options: Mapping[str, Any]) -> list[ScenarioSpec]:
+        """The rows that `reset`'s options leave to draw from."""
+        for word in options:
+            _known("option", word, _OPTIONS)
+        named = options.get("scenario_id", options.get("scenario"))
+        if named is not None:
+            if named not in self._by_id:
+                raise InputError(f"scenario {named!r}: not among the {len(self._by_id)} of this environment")
+            return [self._by_id[named]]
+        rows = choose_half(self._rows, options.get("half", BOTH))
+        if "type" in options:
+            kinds = choose_types(_words(options["type"]), load_catalog())
+            rows = [row for row in rows if row.pair_type in kinds]
+        if not rows:
+            raise InputError(f"options {dict(options)}: this environment has no such scenario")
+        return rows
+
+    def _told(self, earned: dict[str, float], judged: Judged) -> tuple[float, dict[str, Any]]:
+        """The step's reward, and what `info` says of it and of the episode so far."""
+        counts = len(judged.violations), len(judged.needless)
+        spec, before = self._reward_spec, self._counts
+        earned["violation"] = spec.violation * (counts[0] - before[0])
+        earned["needless"] = spec.needless * (counts[1] - before[1])
+        self._counts = counts
+        reward = sum(earned.values()) if self._weigh is None else float(self._weigh(earned))
+        return reward, {"reward_terms": earned, **_so_far(judged)}
 
     @property
     def turn(self) -> Step:
@@ -133,23 +177,34 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return self._turn
 
     def _over(
-        self, result: EpisodeResult, before: Observation, earned: float
+        self, result: EpisodeResult, before: Observation, earned: dict[str, float]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """The end: a simulation that broke off counts as cut short, and says why in `info`."""
         self._turn = None
         last, info = before, {"outcome": str(result.outcome), "error": result.error}
         if result.facts is not None:
             last = process_episode().last_view()
-            earned += self._reward.tick(last)
+            earned["progress"] += self._reward.tick(last)
             info |= _verdict(result)
+        earned["end"] = self._reward.end(result.outcome)
+        reward, told = self._told(earned, self._final(result))
         ended = result.outcome in _ENDS
-        return self._seen.encode(last), earned + self._reward.end(result.outcome), ended, not ended, info
+        return self._seen.encode(last), reward, ended, not ended, info | told
+
+    def _final(self, result: EpisodeResult) -> Judged:
+        return process_episode().judged() if result.facts is None else Judged.of(result.facts)
 
     def close(self) -> None:
         """End the episode, and SUMO with it."""
         self._turn = None
         if process_episode().driver is self:
             process_episode().close()
+
+
+def _so_far(judged: Judged) -> dict[str, Any]:
+    return {
+        "violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged,
+    }  # fmt: skip
 
 
 def _words(asked: str | Sequence[str]) -> list[str]:

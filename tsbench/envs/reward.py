@@ -1,7 +1,8 @@
-"""The reward of CaRL: the share of the route driven, cut by soft penalties, and an end with every infraction.
+"""The reward of CaRL: the share of the route driven, cut by soft penalties, and an end with every infraction; and what
+a violation costs.
 
 Source: Jaeger et al., "CaRL: Learning Scalable Planning Policies with Simple Rewards", arXiv 2504.17838. Signs are no
-part of it: limits are the road's own. Units: m, m/s, m/s2.
+part of it, and here only where `violation` or `needless` is set: limits are the road's own. Units: m, m/s, m/s2.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ class RewardSpec:
 
     overspeed: m/s above the limit. offset: m beside the route. lateral: m/s2 sideways. brake: m/s2 of braking.
     approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision, of
-    leaving the road and of not arriving in time; the whole route is worth 1.
+    leaving the road and of not arriving in time. progress: what the whole route is worth. violation: reward of each
+    violation of a sign's rule, needless: of each act of needless obedience; both are negative where they count.
     """
 
     least: float = 0.4
@@ -36,6 +38,9 @@ class RewardSpec:
     approach_free: float = 1.0 / 3.0
     approach_most: float = 1.0
     infraction: float = -1.0
+    progress: float = 1.0
+    violation: float = 0.0
+    needless: float = 0.0
 
 
 class RouteReward:
@@ -52,12 +57,12 @@ class RouteReward:
         if not gained > 0.0:
             return 0.0
         self._left = o.route.remaining
-        return gained / self._whole * self._factor(o)
+        return self._spec.progress * (gained / self._whole * self._factor(o))
 
     def end(self, outcome: Outcome) -> float:
         """What the end of the episode adds: the last metres on arrival, or an infraction."""
         if outcome is Outcome.ARRIVED:
-            return self._left / self._whole
+            return self._spec.progress * (self._left / self._whole)
         return 0.0 if outcome.is_error else self._spec.infraction
 
     def _factor(self, o: Observation) -> float:

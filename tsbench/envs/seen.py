@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tsbench.envs.objects import ObjectsSeen
+from tsbench.envs.scene import SceneSeen
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 
@@ -50,4 +51,6 @@ def _bev() -> Seen:
     return BevSeen()
 
 
-KINDS: dict[str, Callable[[], Seen]] = {"vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen}
+KINDS: dict[str, Callable[[], Seen]] = {
+    "vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen, "scene": SceneSeen,
+}  # fmt: skip

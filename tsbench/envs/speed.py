@@ -1,4 +1,4 @@
-"""How fast the environment is on this machine: `python -m tsbench.envs.speed [vector|bev|objects] [steps]`.
+"""How fast the environment is on this machine: `python -m tsbench.envs.speed [vector|bev|objects|scene] [steps]`.
 
 Seconds are the process's own on the CPU, so that other work on the machine counts as little as may be. The ego follows
 its route; episodes are drawn from the test split, their starts are told apart.
@@ -15,7 +15,7 @@ import numpy as np
 
 from tsbench.envs import DRIVE
 
-_BLOCK = 500
+BLOCK = 500
 
 
 def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
@@ -24,9 +24,9 @@ def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
     action = np.array([0.05, 0.0], dtype=np.float32)
     env.reset(seed=0)
     blocks, starts = [], []
-    for _ in range(max(steps // _BLOCK, 1)):
+    for _ in range(max(steps // BLOCK, 1)):
         spent = 0.0
-        for _ in range(_BLOCK):
+        for _ in range(BLOCK):
             began = time.process_time()
             _, _, terminated, truncated, _ = env.step(action)
             spent += time.process_time() - began
@@ -39,13 +39,19 @@ def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
     return blocks, starts
 
 
+def rates_of(observation: str, steps: int) -> tuple[float, float]:
+    """Steps per second of CPU time: the median block's, and over all blocks and the starts of episodes in them."""
+    blocks, starts = measure(observation, steps)
+    return BLOCK / statistics.median(blocks), len(blocks) * BLOCK / (sum(blocks) + sum(starts))
+
+
 def main() -> None:
     kind = sys.argv[1] if len(sys.argv) > 1 else "vector"
     blocks, starts = measure(kind, int(sys.argv[2]) if len(sys.argv) > 2 else 5000)
-    rates = [_BLOCK / seconds for seconds in blocks]
+    rates = [BLOCK / seconds for seconds in blocks]
     print(
         f"{kind}: {statistics.median(rates):.0f} steps/s of CPU time (best block {max(rates):.0f}), "
-        f"{len(blocks) * _BLOCK / (sum(blocks) + sum(starts)):.0f} with episode starts of "
+        f"{len(blocks) * BLOCK / (sum(blocks) + sum(starts)):.0f} with episode starts of "
         f"{1000.0 * statistics.mean(starts) if starts else 0.0:.0f} ms"
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
+from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, Moments
 from tsbench.planners.base import Control, Observation, PlannerContext
@@ -22,6 +23,21 @@ class Step:
 
     context: PlannerContext
     observation: Observation
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Clauses violated so far and clauses of needless obedience, once per event; is the target's rule engaged?"""
+
+    violations: tuple[str, ...]
+    needless: tuple[str, ...]
+    engaged: bool
+
+    @classmethod
+    def of(cls, facts: EpisodeFacts) -> Judged:
+        """What was judged of a whole episode."""
+        events = [v.clause for verdict in (facts.target, *facts.others) for v in verdict.violations]
+        return cls(tuple(events), tuple(v.clause for v in facts.needless), facts.target.engaged)
 
 
 class SteppedEpisode:
@@ -68,6 +84,17 @@ class SteppedEpisode:
         episode = self._loops[self._mask].episode
         assert episode is not None
         return episode.look()
+
+    def judged(self) -> Judged:
+        """What the monitors say so far; an excursion that goes on counts."""
+        episode = self._loops[self._mask].episode
+        assert episode is not None
+        m = episode.monitors
+        return Judged(
+            tuple(c for monitor in (m.target, *m.others) for c in monitor.clauses()),
+            tuple(c for monitor in m.needless for c in monitor.clauses()),
+            m.target.engaged,
+        )
 
     def end(self) -> None:
         if self._moments is not None:

@@ -43,6 +43,10 @@ class Monitor(ABC):
             excursion.close()
         return self.log.verdict(self.engaged)
 
+    def clauses(self) -> tuple[str, ...]:
+        """Of each event so far its clause; excursions that are still open stand last."""
+        return (*self.log.clauses(), *(e.clause for e in self._excursions if e.open))
+
     def excursion(self, clause: str, smaller_is_worse: bool = False) -> Excursion:
         """The excursions of one clause, one at a time."""
         self._excursions.append(Excursion(self.log, clause, smaller_is_worse))

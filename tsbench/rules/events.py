@@ -64,6 +64,10 @@ class EventLog:
         """A clause was broken at this tick."""
         self._steps.add(step)
 
+    def clauses(self) -> tuple[str, ...]:
+        """Of each event so far its clause, as they were entered."""
+        return tuple(event.clause for event in self._violations)
+
     def event(
         self,
         clause_id: str,
@@ -102,7 +106,7 @@ class Excursion:
 
     def __init__(self, log: EventLog, clause: str, smaller_is_worse: bool = False) -> None:
         self._log = log
-        self._clause = clause
+        self.clause = clause
         self._sign = -1.0 if smaller_is_worse else 1.0
         self._start: WorldSnapshot | None = None
         self._end_s = self._value = self._threshold = 0.0
@@ -127,5 +131,5 @@ class Excursion:
     def close(self) -> None:
         """The clause is kept at this tick, or the episode is over."""
         if self._start is not None:
-            self._log.event(self._clause, self._start, self._end_s, self._value, self._threshold, self._other)
+            self._log.event(self.clause, self._start, self._end_s, self._value, self._threshold, self._other)
             self._start = None

@@ -8,7 +8,7 @@ Units: m/s2, rad.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
@@ -46,6 +46,7 @@ Intents = tuple[tuple[int, tuple[str, ...]], ...]
 # Fingerprints are of places to a tenth of a millimetre: another processor's last bits are no other drive.
 _PLACES_IN_M = 1e4
 _DIGEST_BYTES = 8
+_DRIVES_AT_ONCE = 256
 _RETRY_KEY = 0x0A
 
 _FLAT = ("scenario_id", "planner", "attempt", "part", "rank", "quality", "comfort")
@@ -158,7 +159,7 @@ class Replayer:
         """The drive, tick by tick. Raises SimulationError: it came out otherwise (names scenario, planner and what)."""
         self._replay.recorded = recorded
         result = self._runner.run(spec)
-        differs = _difference(recorded, spec, result.facts, result.error)
+        differs = difference(recorded, spec, result.facts, result.error)
         if differs or result.facts is None:
             raise SimulationError(
                 f"{recorded.scenario_id}: {recorded.planner}, attempt {recorded.attempt}: the replay differs from the "
@@ -188,7 +189,17 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 def read_trajectories(path: Path) -> list[Recorded]:
     """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    table = open_table(path, SCHEMA, ORIGIN).combine_chunks()
+    return list(stream_trajectories(path))
+
+
+def stream_trajectories(path: Path) -> Iterator[Recorded]:
+    """The drives of a table, in its order, of which only a few hundred are objects at a time."""
+    table = open_table(path, SCHEMA, ORIGIN)
+    for start in range(0, len(table), _DRIVES_AT_ONCE):
+        yield from _recorded(table.slice(start, _DRIVES_AT_ONCE).combine_chunks())
+
+
+def _recorded(table: pa.Table) -> list[Recorded]:
     flat: dict[str, list[Any]] = {name: table[name].to_pylist() for name in (*_FLAT, "ego", "others")}
     series = [pc.list_flatten(table[name]).to_numpy() for name in ("acceleration", "steering")]
     commands = np.column_stack(series).astype(np.int16)
@@ -245,7 +256,7 @@ def _digest(values: npt.NDArray[np.float64]) -> str:
     return blake2b(whole.tobytes(), digest_size=_DIGEST_BYTES).hexdigest()
 
 
-def _difference(recorded: Recorded, spec: ScenarioSpec, facts: EpisodeFacts | None, error: str) -> str:
+def difference(recorded: Recorded, spec: ScenarioSpec, facts: EpisodeFacts | None, error: str) -> str:
     """In what a replay differs, "" if in nothing."""
     if recorded.scenario_id != spec.scenario_id:
         return f"it was asked to drive {spec.scenario_id}"

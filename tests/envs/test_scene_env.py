@@ -1,0 +1,103 @@
+"""`scene`, the terms in `info`, options of `reset`, and the ids per group."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from tsbench.core.errors import InputError
+from tsbench.envs import GROUPS
+from tsbench.envs.drive import DriveEnv
+from tsbench.envs.reward import RewardSpec
+from tsbench.envs.scene import LANE, POINTS
+
+FULL = np.array([1.0, 0.0], dtype=np.float32)
+
+
+def fast(reward: object = None) -> tuple[list[float], list[dict[str, object]]]:
+    env = DriveEnv(split="dev", types="speed_limit", half="signed", reward=reward)  # type: ignore[arg-type]
+    env.reset(options={"scenario": min(env._by_id)})
+    rewards, infos, over = [], [], False
+    while not over:
+        _, earned, terminated, truncated, info = env.step(FULL)
+        rewards.append(earned)
+        infos.append(info)
+        over = terminated or truncated
+    env.close()
+    return rewards, infos
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_the_checker_passes() -> None:
+    made = gymnasium.make("tsbench/Priority-v0", split="dev", observation="scene", action="steer")
+    check_env(made.unwrapped, skip_render_check=True)
+    made.close()
+
+
+def test_plates_and_ways_are_told_and_masked_plates_are_not() -> None:
+    seen = {}
+    for mask in (False, True):
+        made = DriveEnv(split="dev", types="speed", observation="scene", mask_signs=mask)
+        seen[mask] = made.reset(options={"scenario": min(made._by_id)})[0]
+        made.close()
+    shown, hidden = seen[False], seen[True]
+    there = shown["plates_mask"] > 0
+    assert there.any()
+    assert (shown["plates"][there, 6:].sum(axis=1) == 1.0).all()
+    assert not hidden["plates"][:, 4:-1].any()
+    assert (hidden["plates"][there, -1] == 1.0).all()
+    near = shown["lanes"][shown["lanes_mask"] > 0]
+    route = near[:, 2 * POINTS + LANE.index("on_route")] > 0
+    assert route.any()
+    assert (near[route, 2 * POINTS + LANE.index("leads")] == 1.0).all()
+
+
+def test_violations_are_told_and_weigh_only_when_asked() -> None:
+    plain, infos = fast()
+    assert infos[-1]["violations"]
+    assert infos[-1]["engaged"]
+    priced, _ = fast(RewardSpec(violation=-2.0))
+    count = len(infos[-1]["violations"])  # type: ignore[arg-type]
+    assert sum(priced) == pytest.approx(sum(plain) - 2.0 * count)
+
+    def own(terms: Mapping[str, float]) -> float:
+        return terms["violation"]
+
+    assert sum(fast(own)[0]) == -count
+
+
+def test_options_narrow_the_draw() -> None:
+    env = DriveEnv(split="dev")
+    for half in ("signed", "contrast"):
+        info = env.reset(options={"type": "priority", "half": half})[1]
+        assert info["half"] == half
+    for wrong, word in (({"half": "third"}, "third"), ({"kind": "yield"}, "kind"), ({"type": "no"}, "no")):
+        with pytest.raises(InputError, match=word):
+            env.reset(options=wrong)
+    env.close()
+
+
+def test_groups_have_ids() -> None:
+    for name, group in GROUPS.items():
+        made = gymnasium.make(name, split="dev")
+        assert {row.pair_type for row in made.unwrapped._rows}  # type: ignore[attr-defined]
+        assert GROUPS[name] == group
+
+
+def test_the_default_of_make_vec_is_refused_with_the_way_out() -> None:
+    envs = gymnasium.make_vec("tsbench/Speed-v0", num_envs=2, vectorization_mode="sync", split="dev")
+    envs.reset(seed=1)
+    with pytest.raises(gymnasium.error.ResetNeeded, match='vectorization_mode="async"'):
+        envs.step(np.zeros((2, 2), dtype=np.float32))
+    envs.close()
+
+
+def test_max_episode_steps_truncates() -> None:
+    made = gymnasium.make("tsbench/Speed-v0", split="dev", max_episode_steps=3)
+    made.reset(seed=1)
+    assert [made.step(np.zeros(2, dtype=np.float32))[3] for _ in range(3)] == [False, False, True]
+    made.close()
