@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from conftest import WHO
 
 import tsbench
 from tsbench.core.errors import InputError
@@ -91,7 +90,7 @@ def test_a_part_of_a_split_is_none(run: Path, make: Make, key: str, value: objec
 def test_what_was_changed_since_the_release_is_none(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(read, "edition_of", lambda *_: f"2026.2{LOCAL}")
     with pytest.raises(InputError, match="code or data were changed since the release"):
-        make_submission(run, "idm", **WHO)  # type: ignore[arg-type]
+        make_submission(run, "idm", title="", authors="us", url="", note="", third_party=False)
 
 
 def test_an_edited_table_is_none(run: Path, make: Make) -> None:
