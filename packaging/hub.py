@@ -32,7 +32,7 @@ MOST_FILES = 100
 # Splits with so many types and scenes that each type has a file of its own.
 WIDE = ("test", "train")
 SPLITS = ("dev", "test", "train", "holdout")
-PARQUET = "application/vnd.apache.parquet"
+PARQUET = "application/x-parquet"
 _TYPES = {
     "string": mlc.DataType.TEXT, "double": mlc.DataType.FLOAT, "bool": mlc.DataType.BOOL,
     "int32": mlc.DataType.INTEGER, "int64": mlc.DataType.INTEGER, "binary": mlc.DataType.TEXT,
