@@ -97,7 +97,9 @@ def _body(image: Image, camera: Camera, body: Body, outline: Fixed) -> None:
 def _in_world(body: Body, places: Array) -> Array:
     """(n, 2) of its frame (m ahead, m to the left) in the world."""
     c, s = math.cos(body.heading), math.sin(body.heading)
-    return places @ np.array([[c, s], [-s, c]]) + (body.x, body.y)
+    turned = places @ np.array([[c, s], [-s, c]])
+    found: Array = turned + np.array([body.x, body.y])
+    return found
 
 
 def _lights(image: Image, camera: Camera, body: Body) -> None:
