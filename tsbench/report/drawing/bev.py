@@ -140,10 +140,10 @@ class BirdsEye:
         for body in bodies:
             if body.name != EGO_ID and re.search(rf"\b{re.escape(body.name)}\b", said):
                 x, y = np.rint(camera.px([(body.x, body.y)])[0]).astype(int).tolist()
-                name = label(body.name, 12, STYLE.outline, STYLE.marking)
+                name = label(body.name, 13, STYLE.ink, STYLE.outline)
                 height, width = name.share.shape[:2]
-                if 0 <= x + 10 <= view.shape[1] - width and 0 <= y - 22 <= view.shape[0] - height:
-                    name.lay(view, x + 10, y - 22)
+                if 0 <= x + 14 <= view.shape[1] - width and 0 <= y - 34 <= view.shape[0] - height:
+                    name.lay(view, x + 14, y - 34)
 
     def _bodies(self, tick: int) -> list[Body]:
         """Who is there, with the lights that others show."""

@@ -125,7 +125,7 @@ def _person(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
     for thick, paint_ in ((1.2, STYLE.outline), (0.9, colour)):
         ends = (across[0].tolist(), across[1].tolist())
         cv2.line(image, *ends, paint_, camera.thickness(thick * radius), cv2.LINE_AA, SHIFT)
-    _disc(image, camera, _in_world(body, np.array([(0.25 * radius, 0.0)]))[0], 0.55 * radius, colour)
+    _disc(image, camera, (body.x, body.y), 0.8 * radius, colour)
 
 
 def _bicycle(image: Image, camera: Camera, body: Body, colour: Colour) -> None:

@@ -221,7 +221,7 @@ tsb.Bev = class {
       stroke([0, r], [0, -r], 0.9 * r, kind);
     }
     c.beginPath();
-    c.arc(...at(kind === "bicycle" ? 0 : 0.25 * r, 0), kind === "bicycle" ? 0.8 * r : 0.55 * r, 0, 7);
+    c.arc(x, y, 0.8 * r, 0, 7);
     c.fillStyle = this.colour(kind); c.fill();
     c.strokeStyle = this.colour("outline"); c.lineWidth = 1 / camera.scale; c.stroke();
   }
