@@ -56,8 +56,12 @@ def read_table(path: Path) -> list[ScenarioSpec]:
 
 def _spec(row: dict[str, Any]) -> ScenarioSpec:
     # Most words stand in many rows.
-    told = {key: intern(value) if isinstance(value, str) else value for key, value in row.items()}
-    return ScenarioSpec(**{key: value for key, value in told.items() if value is not None or key not in _LATER})
+    told: dict[str, Any] = {
+        key: intern(value) if isinstance(value, str) else value for key, value in row.items()
+    }
+    return ScenarioSpec(
+        **{key: value for key, value in told.items() if value is not None or key not in _LATER}
+    )
 
 
 def _check(specs: list[ScenarioSpec], path: Path) -> None:
