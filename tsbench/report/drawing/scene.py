@@ -39,24 +39,26 @@ def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, floa
 def plate_line(network: RoadNetwork, sign: SignInstance) -> Array:
     """The cross-section of the road at which a plate begins to bind, (2, 2)."""
     lanes = network.edge_lanes(sign.edge)
-    right, left = lanes[0], lanes[-1]
-    at = min(sign.position_m, right.line.length)
-    return np.array([right.line.point_at(at, -right.width / 2), left.line.point_at(at, left.width / 2)])
+    outer, inner, kerb = lanes[0], lanes[-1], network.to_kerb
+    at = min(sign.position_m, outer.line.length)
+    ends = outer.line.point_at(at, kerb * outer.width / 2), inner.line.point_at(at, -kerb * inner.width / 2)
+    return np.array(ends)
 
 
 def way_off(network: RoadNetwork, sign: SignInstance) -> tuple[Array, float]:
     """Unit vector in the picture that leads from a post off the road, and how far the kerb is, m (0 beside it)."""
-    # To the right of the traffic that the plate faces; pixel rows grow downwards.
-    right = np.array([math.sin(sign.heading), math.cos(sign.heading)])
+    # Towards the kerb of the traffic that the plate faces; pixel rows grow downwards.
+    kerb = network.to_kerb
+    outwards = -kerb * np.array([math.sin(sign.heading), math.cos(sign.heading)])
     lanes = network.edge_lanes(sign.edge)
-    to_right = lanes[0].line.project(sign.x, sign.y)[1] + lanes[0].width / 2
-    to_left = lanes[-1].width / 2 - lanes[-1].line.project(sign.x, sign.y)[1]
-    if min(to_right, to_left) <= 0.0:
-        return (right if to_right <= 0.0 else -right), 0.0
+    to_kerb = lanes[0].width / 2 - kerb * lanes[0].line.project(sign.x, sign.y)[1]
+    to_middle = lanes[-1].width / 2 + kerb * lanes[-1].line.project(sign.x, sign.y)[1]
+    if min(to_kerb, to_middle) <= 0.0:
+        return (outwards if to_kerb <= 0.0 else -outwards), 0.0
     edge = network.edges[sign.edge]
     two_way = any((e.source, e.target) == (edge.target, edge.source) for e in network.edges.values())
     # A post on an island: to the nearer kerb, but never over the other direction's lanes.
-    return (right, to_right) if two_way or to_right <= to_left else (-right, to_left)
+    return (outwards, to_kerb) if two_way or to_kerb <= to_middle else (-outwards, to_middle)
 
 
 def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float) -> Array:
