@@ -10,7 +10,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_table
-from tsbench.core.paths import using_city
+from tsbench.core.paths import MIRRORED, using_city
 
 if TYPE_CHECKING:
     from tsbench.scenarios.map_pool import PoolRow
@@ -37,6 +37,7 @@ def list_() -> None:
             (name, found.title, found.country, SIDE, str(found.frame), dates, ", ".join(built) or "nothing")
         )
     print_table(("city", "what", "country", "side", "frame", "extracts of", "rows built"), rows, left=7)
+    click.echo(f"--city {MIRRORED}NAME: the data set of NAME in a mirror, with traffic on the left")
 
 
 @city.command()

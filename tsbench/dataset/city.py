@@ -14,7 +14,7 @@ import yaml
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import city_in_use, data_file, using_city
+from tsbench.core.paths import MIRRORED, city_in_use, data_file, using_city
 from tsbench.core.textfile import read_yaml
 from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.utm import UtmFrame
@@ -104,6 +104,10 @@ def chosen_city() -> City:
 def load_city(name: str) -> City:
     """The description of a city. Raises InputError (file, key, problem)."""
     path = cities_folder() / f"{name}.yaml"
+    if name.startswith(MIRRORED):
+        raise InputError(
+            f"{name}: no city of its own, but {name.removeprefix(MIRRORED)} in a mirror (docs/city.md)"
+        )
     if not path.is_file():
         raise InputError(
             f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)"

@@ -16,7 +16,15 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap, lanes_beside
+from tsbench.roads.road_map import (
+    Crossing,
+    MapConnection,
+    MapEdge,
+    MapJunction,
+    MapLane,
+    RoadMap,
+    lanes_beside,
+)
 
 DEFAULT_LANE_WIDTH_M = 3.2
 _TOUCH_M = 0.01

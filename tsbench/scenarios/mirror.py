@@ -24,7 +24,7 @@ from tsbench.sim.scene import SceneFile
 
 _SHAPES = ("shape", "outlineShape", "customShape")
 _BOUNDS = ("convBoundary", "origBoundary")
-_TURNS = MappingProxyType({"l": "r", "r": "l", "L": "R", "R": "L"})
+_TURNS = MappingProxyType({"l": "r", "r": "l", "L": "R", "R": "L", "t": "T", "T": "t"})
 _RIGHT_OF_WAY = MappingProxyType(
     {"right_before_left": "left_before_right", "left_before_right": "right_before_left"}
 )
@@ -78,6 +78,9 @@ def mirrored_additional(file: SceneFile) -> SceneFile:
         _mirror_params(params, signs)
         if "angle" in element.attrib:
             element.set("angle", repr(sumo_angle(float(params["heading"].attrib["value"]))))
+    for walk in root.iter("walk"):
+        # Unlike a vehicle's, SUMO counts a walker's offset to the left everywhere.
+        walk.set("departPosLat", _negative(str(walk.attrib["departPosLat"])))
     return SceneFile(file.path, etree.tostring(root))
 
 

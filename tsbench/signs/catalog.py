@@ -100,8 +100,8 @@ class Catalog:
 def load_catalog(root: Path | None = None) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
-    root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have the
-    rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
+    root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
+    the rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
     """
     found = (data_file("sign_catalog") if root is None else root).resolve()
     return _left_hand(found) if left_hand_in_use() else _load(found)
@@ -110,7 +110,13 @@ def load_catalog(root: Path | None = None) -> Catalog:
 @cache
 def _left_hand(root: Path) -> Catalog:
     catalog = _load(root)
-    return replace(catalog, signs=mirrored_signs(catalog.signs))
+    signs = mirrored_signs(catalog.signs)
+    for code, sign in signs.items():
+        # What some plates show is the other way round there: a ring's arrows, the lanes of a road.
+        drawing = f"left/{sign.drawing}"
+        if (root / "plates" / drawing).is_file():
+            signs[code] = replace(sign, drawing=drawing)
+    return replace(catalog, signs=signs)
 
 
 @cache

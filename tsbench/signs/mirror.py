@@ -45,7 +45,5 @@ def _mirrored(sign: Sign, image: Sign, signs: Mapping[str, Sign]) -> Sign:
 
 def mirrored_rule(rule: RuleSpec) -> RuleSpec:
     """A rule with left and right swapped in what was chosen for it; thresholds and clauses know no side."""
-    options = {
-        name: tuple(_SIDES.get(word, word) for word in words) for name, words in rule.options.items()
-    }
+    options = {name: tuple(_SIDES.get(word, word) for word in words) for name, words in rule.options.items()}
     return replace(rule, options=options)

@@ -25,10 +25,27 @@ def plate_svg(code: str, value: float | None = None) -> str:
     value: required where the sign prints one. Raises InputError for an unknown code or a drawing that does not parse,
     ValueError for a value that the sign cannot carry.
     """
+    return _svg(*_shown(code, value))
+
+
+def plate_rgba(code: str, value: float | None, size_px: int) -> npt.NDArray[np.uint8]:
+    """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
+
+    Raises as `plate_svg` does, and ValueError for a size below 1 px.
+    """
+    if size_px < 1:
+        raise ValueError(f"a picture of {size_px} px")
+    return _rgba(*_shown(code, value), size_px)
+
+
+def _shown(code: str, value: float | None) -> tuple[Path, float | None]:
+    """Of a plate: the file with its drawing, and the number that is printed on it."""
     catalog = load_catalog()
     sign = catalog.sign(code)
-    number = sign.effective_value(value)
-    path = catalog.root / "plates" / sign.drawing
+    return catalog.root / "plates" / sign.drawing, sign.effective_value(value)
+
+
+def _svg(path: Path, number: float | None) -> str:
     root = etree.fromstring(_drawing(path))
     for text in list(root.iter(f"{_SVG}text")):
         if text.text != "{value}" or number is None:
@@ -42,16 +59,8 @@ def plate_svg(code: str, value: float | None = None) -> str:
 
 
 @lru_cache(maxsize=_CACHED_PICTURES)
-def plate_rgba(code: str, value: float | None, size_px: int) -> npt.NDArray[np.uint8]:
-    """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
-
-    Raises as `plate_svg` does, and ValueError for a size below 1 px.
-    """
-    if size_px < 1:
-        raise ValueError(f"a picture of {size_px} px")
-    png = svg_to_bytes(
-        svg_string=plate_svg(code, value), width=size_px, height=size_px, skip_system_fonts=True
-    )
+def _rgba(path: Path, number: float | None, size_px: int) -> npt.NDArray[np.uint8]:
+    png = svg_to_bytes(svg_string=_svg(path, number), width=size_px, height=size_px, skip_system_fonts=True)
     with Image.open(io.BytesIO(png)) as picture:
         pixels = np.array(picture.convert("RGBA"))
     pixels.setflags(write=False)

@@ -1,7 +1,7 @@
 """Who `ppo` and `carl` imitate at first: `idm`, which also passes an obstacle on its lane. Blind to signs.
 
-Which side is allowed is what a plate says. The teacher takes the lane towards the kerb wherever there is one: of two sides
-that are as good, a pupil without memory would learn the middle, which is the obstacle.
+Which side is allowed is what a plate says. The teacher takes the lane towards the kerb wherever there is one: of two
+sides that are as good, a pupil without memory would learn the middle, which is the obstacle.
 """
 
 from __future__ import annotations
