@@ -122,6 +122,12 @@ def test_what_is_not_built_says_which_command_builds_it(
     [
         (("scenarios", "list", "--city", "../x"), "a city's name is of a-z, 0-9 and '-'"),
         (("city", "show", "atlantis"), "no such city; there are andorra, "),
+        (("city", "show", "mirrored-krems"), "no city of its own, but krems in a mirror"),
+        (("city", "build", "mirrored-krems", "--osm", "."), "no city of its own, but krems in a mirror"),
+        (
+            ("scenarios", "list", "--city", "mirrored-krems", "--split", "dev"),
+            "tsbench city build krems --osm DIR",
+        ),
         (("city", "build", "moscow", "--osm", "."), "moscow is the benchmark's own: tsbench maps harvest"),
         (("city", "build", "krems", "--osm", "nowhere"), "no such folder of OSM extracts"),
     ],
