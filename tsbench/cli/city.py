@@ -11,6 +11,7 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_table
 from tsbench.core.paths import MIRRORED, using_city
+from tsbench.signs.countries import Country, country_in_use
 
 if TYPE_CHECKING:
     from tsbench.scenarios.map_pool import PoolRow
@@ -51,6 +52,8 @@ def show(name: str, png: Path | None) -> None:
 
     found = load_city(name)
     click.echo(found.title)
+    with using_city(name):
+        _show_country(found.country, country_in_use())
     for extract in found.extracts:
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     with using_city(name):
@@ -62,6 +65,20 @@ def show(name: str, png: Path | None) -> None:
         if png is not None:
             draw_pool(pool, png)
             click.echo(f"map: {png}")
+
+
+def _show_country(code: str, country: Country | None) -> None:
+    """What holds where no plate says otherwise, and whose plates pictures show."""
+    if country is None or country.traffic is None:
+        click.echo(f"country {code}: no figures; plates and units are the catalogue's")
+        return
+    traffic = country.traffic
+    speeds = ", ".join(f"{road} {speed:g}" for road, speed in traffic.speeds.items())
+    click.echo(
+        f"country {code}, {country.name_en}: traffic on the {traffic.side}; "
+        f"junctions without signs: {traffic.unsigned.replace('_', ' ')}; plates: {country.count} of "
+        f"{len(country.equivalents)} with its number; speeds in {traffic.unit}: {speeds}"
+    )
 
 
 @city.command()

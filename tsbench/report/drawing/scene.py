@@ -17,6 +17,7 @@ from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
@@ -146,8 +147,11 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
             yield Line(colour, points, _WAY_M)
 
 
-def furniture_shapes(scene: Scene) -> Iterator[Shape]:
-    """Destination, the line at which the target begins to bind, obstacles and plates, the target's first."""
+def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[Shape]:
+    """Destination, the line at which the target begins to bind, obstacles and plates, the target's first.
+
+    country: whose plates, as `plate_rgba` has it.
+    """
     ground, middle = destination_place(scene)
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:
@@ -161,7 +165,7 @@ def furniture_shapes(scene: Scene) -> Iterator[Shape]:
         away, clear = way_off(scene.network, sign)
         yield Plate(
             sign.id, sign.role, sign.code, sign.value, sign.x, sign.y, sign.heading, away, clear,
-            sign.id == scene.target,
+            sign.id == scene.target, country,
         )  # fmt: skip
 
 
