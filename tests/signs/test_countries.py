@@ -176,7 +176,7 @@ def test_csv_holds_every_entry(tmp_path: Path) -> None:
         ("unsigned: right_before_left", "unsigned: chaos", "traffic: unsigned: "),
         ("residential: 50", "footway: 5", "traffic: speeds: footway: no class of roads"),
         ("residential: 50", "residential: 0", "traffic: speeds: residential: 0 is no speed limit"),
-        ("traffic:\n", "plates: xx\ntraffic:\n", "no country 'xx'"),
+        ("traffic:\n", "plates: xx\ntraffic:\n", "plates: no country 'xx'"),
         ('code: "205"', 'code: "205"\n    colour: red', "signs: 2.4: colour: unknown key"),
         ('code: "205"', 'code: "示1"', "signs: 2.4: code '示1' needs its letters under latin"),
     ],

@@ -101,7 +101,7 @@ def new(
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.paths import sources_dir
 
-    file, box = new_city_file(name), overpass.parse_box(bbox)
+    file, box = new_city_file(name, country), overpass.parse_box(bbox)
     day = date or f"{datetime.now(UTC):%Y-%m-%d}"
     address = overpass.address(box, day, server or overpass.SERVER)
     path = (osm_dir or sources_dir()) / f"{name}.osm.gz"

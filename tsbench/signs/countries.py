@@ -172,11 +172,15 @@ def load_country(code: str, root: Path | None = None) -> Country:
 
     root: the catalogue's folder; by default `sign_catalog/` of this repository.
     """
-    folder = load_catalog(root).root / "countries"
-    known = [path.stem for path in yaml_files(folder)]
+    folder, known = load_catalog(root).root / "countries", country_codes(root)
     if code not in known:
         raise InputError(f"{folder}: no country {code!r}: it has {', '.join(known)}")
     return _load(folder / f"{code}.yaml")
+
+
+def country_codes(root: Path | None = None) -> tuple[str, ...]:
+    """Those of all countries that have a file."""
+    return tuple(path.stem for path in yaml_files(load_catalog(root).root / "countries"))
 
 
 def load_countries(root: Path | None = None) -> tuple[Country, ...]:
