@@ -67,6 +67,32 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
         assert edition_of("f" * 64) == f"{name}+local"
 
 
+def test_a_city_is_shown_with_the_figures_of_its_country(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    krems = call(capsys, "city", "show", "krems")
+    assert "country at, Austria: traffic on the right; junctions without signs: right before left" in krems
+    assert "speeds in km/h: living_street 5, residential 50" in krems
+    bayreuth = call(capsys, "city", "show", "north-bayreuth")
+    assert "country de, Germany" in bayreuth
+    assert "plates: 32 of 34 with its number" in bayreuth
+    assert "country ru: no figures" in call(capsys, "city", "show", "moscow")
+
+
+def test_where_traffic_keeps_to_the_left_nothing_is_built(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever the file says of its side: right-hand roads are no city of the United Kingdom."""
+    path = clone / "cities" / "leeds.yaml"
+    city = yaml.safe_load((clone / "cities" / "krems.yaml").read_text()) | {"city": "leeds", "country": "gb"}
+    try:
+        for side, says in (("right", "country: traffic keeps to the left in 'gb'"), ("left", "side: 'left'")):
+            path.write_text(yaml.safe_dump(city | {"side": side}))
+            assert says in call(capsys, "city", "build", "leeds", "--osm", str(clone / "osm"), code=2)
+    finally:
+        path.unlink()
+
+
 def test_what_is_not_built_says_which_command_builds_it(
     clone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -81,6 +107,16 @@ def test_what_is_not_built_says_which_command_builds_it(
     [
         (("scenarios", "list", "--city", "../x"), "a city's name is of a-z, 0-9 and '-'"),
         (("city", "show", "atlantis"), "no such city; there are andorra, "),
+        (
+            ("city", "new", "leeds", "--bbox", "-1.6,53.7,-1.5,53.8", "--country", "gb", "--osm", "."),
+            "--country gb: traffic keeps to the left there",
+        ),
+        (("city", "show", "mirrored-krems"), "no city of its own, but krems in a mirror"),
+        (("city", "build", "mirrored-krems", "--osm", "."), "no city of its own, but krems in a mirror"),
+        (
+            ("scenarios", "list", "--city", "mirrored-krems", "--split", "dev"),
+            "tsbench city build krems --osm DIR",
+        ),
         (("city", "build", "moscow", "--osm", "."), "moscow is the benchmark's own: tsbench maps harvest"),
         (("city", "build", "krems", "--osm", "nowhere"), "no such folder of OSM extracts"),
     ],

@@ -1,4 +1,4 @@
-"""A country: one YAML, as far as somebody knows its signs. docs/signs.md, "Country equivalents"."""
+"""A country: one YAML, as far as somebody knows its signs, and drawings. docs/signs.md, "Countries"."""
 
 from __future__ import annotations
 
@@ -36,6 +36,41 @@ def test_a_country_is_one_file_that_may_leave_signs_out(clone: Copy) -> None:
     assert (len(rows), sum(",unknown," in row for row in rows)) == (35, 32)
     clone.tsbench("signs", "equivalents", "--country", "pl", "--out", "tables")
     assert "unknown" in (clone.root / "tables" / "country-pl.csv").read_text(encoding="utf-8")
+
+
+LEFT = """
+schema: 1
+country: ie
+names: {en: Ireland, own: Éire}
+numbering: "Traffic Signs Manual (RUS, RRM, W)"
+plates: gb
+traffic: {side: left, unit: km/h, unsigned: nobody, speeds: {residential: 50, motorway: 120}}
+signs:
+  "2.4": {code: RUS 026, drawing: ie/026.svg, checked: false}
+"""
+YIELD = """<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 200">
+  <polygon points="10,20 190,20 100,176" fill="#ffffff" stroke="#c8141e" stroke-width="20"/>
+</svg>
+"""
+SHOWN = """
+from tsbench.core.paths import using_city
+from tsbench.signs.countries import country_in_use, shown_code
+from tsbench.signs.plates import plate_svg
+own, limit = plate_svg("2.4"), plate_svg("3.24", 50.0)
+with using_city("cork"):
+    print(shown_code("2.4", None), shown_code("2.5", None), plate_svg("2.4") != own, plate_svg("3.24", 50.0) == limit)
+    print(country_in_use().traffic.side, plate_svg("4.3") != plate_svg("2.5"))
+"""
+
+
+def test_a_country_brings_drawings_and_its_city_is_signed_with_them(clone: Copy) -> None:
+    """One YAML and a drawing: numbers, plates, units; what it does not draw looks as its neighbour's."""
+    clone.write("sign_catalog/countries/ie.yaml", LEFT)
+    clone.write("sign_catalog/plates/ie/026.svg", YIELD)
+    clone.write("cities/cork.yaml", "schema: 1\ncity: cork\ncountry: ie\n")
+    first, second = clone.python("-c", SHOWN).splitlines()
+    assert first == "IE RUS 026 2.5 True True"
+    assert second == "left True"
 
 
 def test_pictures_say_what_is_unknown(clone: Copy) -> None:

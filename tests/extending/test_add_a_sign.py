@@ -21,6 +21,7 @@ def add_the_sign(clone: Copy) -> None:
         "sign_catalog/signs/3.18.2.yaml",
         ('"3.18.2"', f'"{CODE}"'), ("en: No left turn", "en: Neither left turn nor U-turn"),
         ("3.18.2.svg", "neither.svg"), ("[straight, right, u_turn]", "[straight, right]"),
+        ('mirrored: "3.18.1"\n', ""),
     )  # fmt: skip
     clone.write(f"sign_catalog/signs/{CODE}.yaml", text)
     clone.write("sign_catalog/plates/neither.svg", DRAWING)

@@ -92,12 +92,15 @@ class Copy:
 
 
 def make_copy(root: Path) -> Copy:
-    """A copy with nothing added; maps of the pool are linked."""
+    """A copy with nothing added; maps of the pool and data of cities are linked."""
     for name in ("tsbench", "sign_catalog", "scenarios/recipes"):
         shutil.copytree(
             ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors")
         )
-    for name in ("cities", "sumo_nets", "scenarios/nuplan_statistics.json"):
+    (root / "cities").mkdir()
+    for path in (ROOT / "cities").glob("*.yaml"):
+        shutil.copy(path, root / "cities")
+    for name in ("cities/data", "sumo_nets", "scenarios/nuplan_statistics.json"):
         (root / name).symlink_to(ROOT / name)
     return Copy(root)
 

@@ -9,9 +9,17 @@ from pathlib import Path
 import pytest
 
 import tsbench
-from tsbench.core.paths import SHIPPED_CITIES, using_city
+from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, using_city
 from tsbench.run import edition
-from tsbench.run.edition import contract_now, earlier_splits, edition_of, editions, release
+from tsbench.run.edition import (
+    Edition,
+    contract_now,
+    earlier_splits,
+    edition_now,
+    edition_of,
+    editions,
+    release,
+)
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.tools.doctor.data import check_edition
 from tsbench.tools.doctor.finding import Status
@@ -32,6 +40,26 @@ def test_a_city_that_is_shipped_is_what_was_released(city: str, split: str) -> N
     with using_city(city):
         assert edition_of(contract_now(split)) == f"{city}-{editions()[-1].name}", "make edition"
         assert len(read_table(table_path(split))) >= {"dev": 2, "test": 200}[split]
+
+
+@pytest.mark.parametrize("city", [OWN_CITY, "north-bayreuth", "andorra"])
+def test_a_mirrored_data_set_has_a_contract_of_its_own(city: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Named after what it mirrors: also where not a word of a row changes, as in Andorra's rings."""
+    with using_city(city):
+        stored, name = contract_now("dev"), edition_now()
+    with using_city(f"{MIRRORED}{city}"):
+        image = contract_now("dev")
+        now = editions()[-1].name
+        assert edition_now() == f"{MIRRORED}{city}-{now}"
+        assert edition_of("f" * 64) == f"{MIRRORED}{city}-{now}+local"
+    assert image != stored
+    # It is released with the one that it follows from.
+    made = Edition(name, "", {tsbench.__version__: {"dev": stored}})
+    which = "editions" if city == OWN_CITY else "built_editions"
+    others = editions() if city == OWN_CITY else ()
+    monkeypatch.setattr(edition, which, lambda: (*others[:-1], made))
+    assert edition_of(image) == f"{MIRRORED}{city}-{now}"
+    assert edition_of(stored) == name
 
 
 def test_a_changed_contract_does_not_pass_under_the_name() -> None:

@@ -143,6 +143,7 @@ def test_one_yaml_adds_a_sign(catalog_copy: Path) -> None:
         ('"3.18.2"', '"3.19"'),
         ("no_turn_left", "no_u_turn"),
         ("row: 21", "row: 30"),
+        ('mirrored: "3.18.1"\n', ""),
         ("[straight, right, u_turn]", "[straight, right, left]"),
     ):
         text = text.replace(old, new)

@@ -10,7 +10,8 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_table
-from tsbench.core.paths import using_city
+from tsbench.core.paths import MIRRORED, using_city
+from tsbench.signs.countries import Country, country_in_use
 
 if TYPE_CHECKING:
     from tsbench.scenarios.map_pool import PoolRow
@@ -37,6 +38,7 @@ def list_() -> None:
             (name, found.title, found.country, SIDE, str(found.frame), dates, ", ".join(built) or "nothing")
         )
     print_table(("city", "what", "country", "side", "frame", "extracts of", "rows built"), rows, left=7)
+    click.echo(f"--city {MIRRORED}NAME: the data set of NAME in a mirror, with traffic on the left")
 
 
 @city.command()
@@ -50,6 +52,8 @@ def show(name: str, png: Path | None) -> None:
 
     found = load_city(name)
     click.echo(found.title)
+    with using_city(name):
+        _show_country(found.country, country_in_use())
     for extract in found.extracts:
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     with using_city(name):
@@ -61,6 +65,20 @@ def show(name: str, png: Path | None) -> None:
         if png is not None:
             draw_pool(pool, png)
             click.echo(f"map: {png}")
+
+
+def _show_country(code: str, country: Country | None) -> None:
+    """What holds where no plate says otherwise, and whose plates pictures show."""
+    if country is None or country.traffic is None:
+        click.echo(f"country {code}: no figures; plates and units are the catalogue's")
+        return
+    traffic = country.traffic
+    speeds = ", ".join(f"{road} {speed:g}" for road, speed in traffic.speeds.items())
+    click.echo(
+        f"country {code}, {country.name_en}: traffic on the {traffic.side}; "
+        f"junctions without signs: {traffic.unsigned.replace('_', ' ')}; plates: {country.count} of "
+        f"{len(country.equivalents)} with its number; speeds in {traffic.unit}: {speeds}"
+    )
 
 
 @city.command()
@@ -83,7 +101,7 @@ def new(
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.paths import sources_dir
 
-    file, box = new_city_file(name), overpass.parse_box(bbox)
+    file, box = new_city_file(name, country), overpass.parse_box(bbox)
     day = date or f"{datetime.now(UTC):%Y-%m-%d}"
     address = overpass.address(box, day, server or overpass.SERVER)
     path = (osm_dir or sources_dir()) / f"{name}.osm.gz"

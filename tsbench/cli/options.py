@@ -111,9 +111,7 @@ _server = click.option(
 types = words("--types", "Scenario types and groups; default: all.")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
-caption_country = country(
-    "Caption plates with this country's codes, such as de; plates and rules stay as they are."
-)
+caption_country = country("Sign with this country's plates and codes, such as de; rules stay as they are.")
 allow_partial = click.option(
     "--allow-partial", is_flag=True, help="Take what has missing records too; the title says so."
 )

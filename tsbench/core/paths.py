@@ -28,6 +28,8 @@ from tsbench.core.errors import InputError
 CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
 # Those whose data sets are released (tsbench.data): their contracts are, too.
 SHIPPED_CITIES = ("andorra", "north-bayreuth")
+# Before a city's name: its data set in a mirror, made of the stored one as it is read, with traffic on the left.
+MIRRORED = "mirrored-"
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -53,6 +55,21 @@ def data_file(name: str) -> Path:
 def city_in_use() -> str:
     """The name of the city whose data set is used. Raises InputError for what cannot be one."""
     return _checked(os.environ.get(CITY) or OWN_CITY)
+
+
+def mirrored_in_use() -> bool:
+    """Is the data set in use another one's mirror image?"""
+    return city_in_use().startswith(MIRRORED)
+
+
+def left_hand_in_use() -> bool:
+    """Does traffic keep to the left in the data set in use?"""
+    return mirrored_in_use()
+
+
+def stored_city() -> str:
+    """The city whose files the data set in use is read from: its own, or those that it mirrors."""
+    return city_in_use().removeprefix(MIRRORED)
 
 
 def _checked(name: str) -> str:
@@ -85,18 +102,22 @@ def dataset_file(name: str) -> Path:
 
 
 def dataset_root() -> Path:
-    """The folder that the data set in use is made in."""
+    """The folder that the data set in use is made in. Raises InputError for a mirrored one: it is made of another."""
+    if mirrored_in_use():
+        raise InputError(
+            f"{city_in_use()}: is made of {stored_city()} as it is read: nothing of its own is built or written"
+        )
     return data_root() / _dataset()
 
 
 def _dataset() -> str:
-    city = city_in_use()
+    city = stored_city()
     return "" if city == OWN_CITY else f"cities/data/{city}/"
 
 
 def fetch_hint(part: str) -> str:
     """The words that say how to get a set of the data (tsbench.data) that is not here."""
-    city = city_in_use()
+    city = stored_city()
     if city in SHIPPED_CITIES:
         part = city
     elif city != OWN_CITY:

@@ -14,10 +14,11 @@ import yaml
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import city_in_use, data_file, using_city
+from tsbench.core.paths import MIRRORED, city_in_use, data_file, using_city
 from tsbench.core.textfile import read_yaml
 from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.signs.countries import country_codes, load_country
 
 SCHEMA_VERSION = 1
 # A country's extract has less.
@@ -104,6 +105,10 @@ def chosen_city() -> City:
 def load_city(name: str) -> City:
     """The description of a city. Raises InputError (file, key, problem)."""
     path = cities_folder() / f"{name}.yaml"
+    if name.startswith(MIRRORED):
+        raise InputError(
+            f"{name}: no city of its own, but {name.removeprefix(MIRRORED)} in a mirror (docs/city.md)"
+        )
     if not path.is_file():
         raise InputError(
             f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)"
@@ -124,6 +129,10 @@ def _read(path: Path, name: str) -> City:
         raise InputError(
             f"{path}: side: {data['side']!r:.80}: only cities that drive on the {SIDE} can be built"
         )
+    if side_of(data["country"]) != SIDE:
+        raise InputError(
+            f"{path}: country: traffic keeps to the left in {data['country']!r:.80}: it cannot be built"
+        )
     _number(path, "zone", data["zone"], 1, 60, int)
     maps = data.get("maps", MAPS)
     if not isinstance(maps, dict) or not maps or set(maps) - set(MAPS):
@@ -134,6 +143,12 @@ def _read(path: Path, name: str) -> City:
         name, data["title"], data["country"], data["zone"], data["types"], _split(path, data["split"]), maps,
         _extracts(path, data["extracts"]),
     )  # fmt: skip
+
+
+def side_of(country: str) -> str:
+    """The side that traffic keeps to in a country, by its code; SIDE where no file says another."""
+    known = country in country_codes() and load_country(country).traffic
+    return known.side if known else SIDE
 
 
 def _split(path: Path, data: Any) -> SplitPlan:
@@ -179,8 +194,15 @@ def check_extract(extract: Extract, path: Path) -> None:
         )
 
 
-def new_city_file(name: str) -> Path:
-    """Where a city is to be described. Raises InputError for a name that cannot be one or is taken."""
+def new_city_file(name: str, country: str) -> Path:
+    """Where a city is to be described. Raises InputError for a name that cannot be one or is taken, or for a country
+    whose cities cannot be built.
+    """
+    if side_of(country) != SIDE:
+        raise InputError(
+            f"--country {country}: traffic keeps to the {side_of(country)} there: only cities that drive on the {SIDE} "
+            "can be built"
+        )
     with using_city(name):
         path = cities_folder() / f"{city_in_use()}.yaml"
     if path.exists():

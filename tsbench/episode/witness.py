@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.geometry.angles import RIGHT, STRAIGHT, turn_class
+from tsbench.geometry.angles import RIGHT, STRAIGHT, U_TURN, turn_class
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.sealed import SealedRoads
@@ -81,8 +81,9 @@ class Witness:
             turn = turn_class(math.degrees(heading_change(network, edge, after)))
             if turn == STRAIGHT:
                 continue
-            # Who turns round signals left.
-            side = Indicator.RIGHT if turn == RIGHT else Indicator.LEFT
+            # Who turns round signals to the middle of the road.
+            to_right = network.left_hand if turn == U_TURN else turn == RIGHT
+            side = Indicator.RIGHT if to_right else Indicator.LEFT
             for lane in network.edge_lanes(edge):
                 found.setdefault(lane.index, (side, lane.length - SIGNAL_M))
                 for connection in network.outgoing[lane.index]:

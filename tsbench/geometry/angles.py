@@ -7,8 +7,8 @@ import math
 TAU = 2.0 * math.pi
 
 STRAIGHT, LEFT, RIGHT, U_TURN = TURNS = ("straight", "left", "right", "u_turn")
-# SUMO's words for them, in a connection's `dir`.
-SUMO_TURNS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": U_TURN}
+# SUMO's words for them, in a connection's `dir`; T is a U-turn where traffic keeps to the left.
+SUMO_TURNS = {"s": STRAIGHT, "l": LEFT, "L": LEFT, "r": RIGHT, "R": RIGHT, "t": U_TURN, "T": U_TURN}
 # Of maps and traffic, where no plate says otherwise: rules have their own two bounds in the catalogue.
 STRAIGHT_DEG, U_TURN_DEG = 35.0, 145.0
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from tsbench.episode.trace import Trace
-from tsbench.signs.countries import Country, shown_code
+from tsbench.signs.countries import Country, shown_code, shown_value
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
 
 def sign_words(code: str, value: float | None, country: Country | None = None) -> str:
-    return shown_code(code, country) + ("" if value is None else f" ({value:g})")
+    return shown_code(code, country) + ("" if value is None else f" ({shown_value(value, country)})")
 
 
 def episode_title(trace: Trace) -> str:

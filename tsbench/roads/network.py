@@ -16,7 +16,15 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
+from tsbench.roads.road_map import (
+    Crossing,
+    MapConnection,
+    MapEdge,
+    MapJunction,
+    MapLane,
+    RoadMap,
+    lanes_beside,
+)
 
 DEFAULT_LANE_WIDTH_M = 3.2
 _TOUCH_M = 0.01
@@ -89,7 +97,7 @@ class RoadNetwork(RoadMap):
         return self.lanes[self.lane_index[lane_id]]
 
     def edge_lanes(self, edge_id: str) -> tuple[Lane, ...]:
-        """Lanes of an edge, rightmost first."""
+        """Lanes of an edge, from the kerb on."""
         return tuple(self.lanes[i] for i in self.edges[edge_id].lanes)
 
 
@@ -109,7 +117,7 @@ def _classes(text: str | None) -> frozenset[str]:
     return frozenset(text.split()) if text else frozenset()
 
 
-def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
+def _read_edges(root: etree._Element, left_hand: bool) -> tuple[list[Lane], dict[str, Edge]]:
     lanes: list[Lane] = []
     edges: dict[str, Edge] = {}
     for element in root.iterfind("edge"):
@@ -126,7 +134,7 @@ def _read_edges(root: etree._Element) -> tuple[list[Lane], dict[str, Edge]]:
                     width=float(child.get("width", DEFAULT_LANE_WIDTH_M)), speed=float(child.attrib["speed"]),
                     length=float(child.attrib["length"]), internal=internal,
                     allow=_classes(child.get("allow")), disallow=_classes(child.get("disallow")),
-                    left=base + k + 1 if k + 1 < len(children) else -1, right=base + k - 1 if k else -1,
+                    **lanes_beside(base + k, k, len(children), left_hand),
                 )
             )  # fmt: skip
         edges[str(element.attrib["id"])] = Edge(
@@ -215,8 +223,9 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
     Raises InputError (one line: file, place, problem) for anything that is none.
     """
     root = parse(read_plain(path, "network") if content is None else content, path, "net", "network")
+    left_hand = root.get("lefthand") == "true"
     try:
-        lanes, edges = _read_edges(root)
+        lanes, edges = _read_edges(root, left_hand)
         index = {lane.id: lane.index for lane in lanes}
         connections = _read_connections(root, edges, index)
         _turn_touching(lanes, connections)
@@ -243,5 +252,5 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
     return RoadNetwork(
         lanes=tuple(lanes), lane_index=index, edges=edges, junctions=junctions,
         connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-        crossings=crossings, class_speed=class_speed,
+        crossings=crossings, class_speed=class_speed, left_hand=left_hand,
     )  # fmt: skip

@@ -8,7 +8,7 @@ Units: m, m/s, rad.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from tsbench.geometry.polyline import Array, Polyline
 
@@ -17,7 +17,7 @@ from tsbench.geometry.polyline import Array, Polyline
 class MapLane:
     """A lane, or (`internal`) the path of a connection through a junction, which is on no edge (`edge` is "").
 
-    index: its place in `RoadMap.lanes`. order: within the edge, 0 = rightmost. line: middle line, in the direction of
+    index: its place in `RoadMap.lanes`. order: within the edge, 0 = at the kerb. line: middle line, in the direction of
     travel. width: m. speed: limit in m/s. left, right: indices of the lanes beside it, -1 = none.
     """
 
@@ -35,7 +35,7 @@ class MapLane:
 
 @dataclass(frozen=True, slots=True)
 class MapEdge:
-    """A road in one direction, from one junction (id) to the next. lanes: indices, rightmost first. length: m."""
+    """A road in one direction, from one junction (id) to the next. lanes: indices, from the kerb on. length: m."""
 
     id: str
     source: str
@@ -76,7 +76,10 @@ class Crossing:
 
 @dataclass(frozen=True)
 class RoadMap:
-    """Lanes by index; edges, junctions, crossings by id; `outgoing[lane]` = the connections from it."""
+    """Lanes by index; edges, junctions, crossings by id; `outgoing[lane]` = the connections from it.
+
+    left_hand: traffic keeps to the left, so an edge's lane at the kerb is its leftmost, else its rightmost.
+    """
 
     lanes: tuple[MapLane, ...]
     lane_index: Mapping[str, int]
@@ -85,11 +88,36 @@ class RoadMap:
     connections: tuple[MapConnection, ...]
     outgoing: tuple[tuple[MapConnection, ...], ...]
     crossings: Mapping[str, Crossing]
+    left_hand: bool = field(default=False, kw_only=True)
+
+    @property
+    def kerb_side(self) -> str:
+        """The side that traffic keeps to, "left" or "right"."""
+        return "left" if self.left_hand else "right"
+
+    @property
+    def to_kerb(self) -> float:
+        """The sign of an offset from a line (left positive) that leads to the kerb: 1 or -1."""
+        return 1.0 if self.left_hand else -1.0
+
+    def inner(self, lane: MapLane) -> int:
+        """The lane (index) beside one, away from the kerb; -1 = none."""
+        return lane.right if self.left_hand else lane.left
+
+    def outer(self, lane: MapLane) -> int:
+        """The lane (index) beside one, towards the kerb; -1 = none."""
+        return lane.left if self.left_hand else lane.right
 
     def lane(self, lane_id: str) -> MapLane:
         """The lane with this id."""
         return self.lanes[self.lane_index[lane_id]]
 
     def edge_lanes(self, edge_id: str) -> tuple[MapLane, ...]:
-        """Lanes of an edge, rightmost first."""
+        """Lanes of an edge, from the kerb on."""
         return tuple(self.lanes[i] for i in self.edges[edge_id].lanes)
+
+
+def lanes_beside(index: int, order: int, count: int, left_hand: bool) -> dict[str, int]:
+    """Who is `left` and `right` of a lane (index), number `order` of `count` from the kerb; -1 = none."""
+    outer, inner = index - 1 if order else -1, index + 1 if order + 1 < count else -1
+    return {"left": outer, "right": inner} if left_hand else {"left": inner, "right": outer}

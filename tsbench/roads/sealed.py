@@ -17,7 +17,15 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
-from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
+from tsbench.roads.road_map import (
+    Crossing,
+    MapConnection,
+    MapEdge,
+    MapJunction,
+    MapLane,
+    RoadMap,
+    lanes_beside,
+)
 from tsbench.roads.smooth import joined
 
 _CAR = "passenger"
@@ -115,7 +123,7 @@ class _Sealing:
             lanes=tuple(self.lanes), lane_index=MappingProxyType({lane.id: lane.index for lane in self.lanes}),
             edges=MappingProxyType(self.edges), junctions=MappingProxyType(self._junctions()),
             connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-            crossings=MappingProxyType(dict(self._crossings())),
+            crossings=MappingProxyType(dict(self._crossings())), left_hand=self.network.left_hand,
         )  # fmt: skip
         lane_of = np.array([place.lane for place in (*self.places, _NOWHERE)], dtype=np.int32)
         lane_of.setflags(write=False)
@@ -184,7 +192,7 @@ class _Sealing:
                 MapLane(
                     index, f"{name}_{order}", name, order, self._line(index, row),
                     self.network.lanes[row[0]].width, self._speed(chain[0]), False,
-                    left=index + 1 if order + 1 < len(rows) else -1, right=index - 1 if order else -1,
+                    **lanes_beside(index, order, len(rows), self.network.left_hand),
                 )
             )  # fmt: skip
         first, last = (self.network.edges[edge] for edge in (chain[0], chain[-1]))

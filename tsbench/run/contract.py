@@ -7,9 +7,11 @@ from functools import cache
 from pathlib import Path
 
 import tsbench
+from tsbench.core.paths import mirrored_in_use, stored_city, using_city
 from tsbench.core.provenance import Files, closure, data_hash, digest, versions
+from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.signs.catalog import Catalog
+from tsbench.signs.catalog import Catalog, load_catalog
 
 # From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
 ROOTS = (
@@ -26,10 +28,20 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
     """SHA-256 (hex) over the code from a row to its record, the rows, their signs with rules, and versions.
 
     Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
+    That of a mirrored data set follows from that of the one it mirrors.
     """
+    if mirrored_in_use():
+        with using_city(stored_city()):
+            stored = [mirrored_row(row) for row in rows]
+            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root)))
     contrast = any(row.half == CONTRAST for row in rows)
     data = data_hash(rows, catalog.judged((row.sign_code for row in rows), contrast))
     return digest({"code": code_hash(), "data": data, "versions": versions()})
+
+
+def mirrored_contract(contract: str) -> str:
+    """The contract of a data set's mirror image, by its own."""
+    return digest({"mirrored": contract})
 
 
 @cache

@@ -15,8 +15,16 @@ import yaml
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import OWN_CITY, SHIPPED_CITIES, city_in_use, data_file, dataset_root, using_city
-from tsbench.run.contract import contract_hash
+from tsbench.core.paths import (
+    MIRRORED,
+    OWN_CITY,
+    SHIPPED_CITIES,
+    city_in_use,
+    data_file,
+    dataset_root,
+    using_city,
+)
+from tsbench.run.contract import contract_hash, mirrored_contract
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
@@ -51,10 +59,18 @@ def edition_of(contract: str, told: object = "") -> str:
     told: what the run that has this contract says of its edition. It is believed only as far as which one was changed.
     """
     for edition in (*editions(), *built_editions()):
-        if any(contract in splits.values() for splits in edition.released.values()):
+        released = {hash_ for splits in edition.released.values() for hash_ in splits.values()}
+        if contract in released:
             return edition.name
+        if contract in map(mirrored_contract, released):
+            return _mirrored_name(edition.name)
     name = told.removesuffix(LOCAL) if isinstance(told, str) and told else edition_now()
     return f"{name}{LOCAL}"
+
+
+def _mirrored_name(name: str) -> str:
+    own = name in {edition.name for edition in editions()}
+    return f"{MIRRORED}{OWN_CITY}-{name}" if own else f"{MIRRORED}{name}"
 
 
 def edition_now() -> str:

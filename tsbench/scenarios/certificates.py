@@ -14,7 +14,8 @@ import pyarrow as pa
 
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
-from tsbench.core.paths import dataset_file
+from tsbench.core.paths import dataset_file, mirrored_in_use
+from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 
@@ -143,8 +144,15 @@ def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
 
 
 def read_certificates(path: Path) -> list[Certificate]:
-    """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
-    return read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
+    """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file.
+
+    Of a mirrored data set: those of the stored rows, by the names of their images.
+    """
+    rows = read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
+    if not mirrored_in_use():
+        return rows
+    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id)) for row in rows]
+    return sorted(renamed, key=lambda row: row.scenario_id)
 
 
 def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tsbench.core.errors import InputError
+from tsbench.core.paths import mirrored_in_use
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.mirror import mirrored_additional, mirrored_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
 from tsbench.roads.lane_graph import LaneGraph
@@ -36,15 +38,20 @@ class Roads:
 
 
 class SceneLoader:
-    """Loads scenes from `files` (default: the stores of the data folder), checking each file against its row."""
+    """Loads scenes from `files` (default: the stores of the data folder), checking each file against its row.
+
+    Those of a mirrored data set are made of the stored ones, once these are checked.
+    """
 
     def __init__(self, files: SceneFiles | None = None) -> None:
         self.files = SceneStore() if files is None else files
+        self._mirrored = mirrored_in_use()
         self._roads: OrderedDict[str, Roads] = OrderedDict()
 
     def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
         """The scene of a row. Raises InputError for a missing, changed or malformed file."""
         additional = self._read(spec, spec.additional, spec.additional_sha256)
+        additional = mirrored_additional(additional) if self._mirrored else additional
         roads = self._load_roads(spec)
         layout = read_layout(additional.path, additional.content)
         return scene_from_layout(
@@ -56,6 +63,7 @@ class SceneLoader:
         roads = self._roads.get(key)
         if roads is None:
             file = self._read(spec, spec.net, spec.net_sha256)
+            file = mirrored_network(file) if self._mirrored else file
             network = read_network(file.path, file.content)
             roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
             self._roads[key] = roads

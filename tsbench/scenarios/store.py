@@ -18,7 +18,8 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns
-from tsbench.core.paths import dataset_file, fetch_hint
+from tsbench.core.paths import dataset_file, fetch_hint, mirrored_in_use
+from tsbench.scenarios.mirror import stored_type
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneFile
 from tsbench.core.xmlfile import read_plain, sha256
@@ -49,7 +50,7 @@ class SceneFiles(Protocol):
 
 def store_path(split: str, type_id: str, root: Path | None = None) -> Path:
     """Where the scenes of a type in a split stand; root: the `scenarios/` folder."""
-    name = f"scenes/{split}/{type_id}.parquet"
+    name = f"scenes/{split}/{stored_type(type_id) if mirrored_in_use() else type_id}.parquet"
     return dataset_file(f"scenarios/{name}") if root is None else root / name
 
 

@@ -14,7 +14,8 @@ import pyarrow as pa
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
-from tsbench.core.paths import OWN_CITY, city_in_use, dataset_file, fetch_hint
+from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, stored_city
+from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
@@ -43,7 +44,7 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
 
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    own = city_in_use() == OWN_CITY
+    own = stored_city() == OWN_CITY
     made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
     hint = f"{fetch_hint(path.stem)} {made}"
     table = open_table(path, SCHEMA, hint, later=_LATER)
@@ -51,7 +52,7 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     rows = (row for part in table.to_batches(_PART_ROWS) for row in part.to_pylist())
     specs = [_spec(row) for row in rows]
     _check(specs, path)
-    return specs
+    return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else specs
 
 
 def _spec(row: dict[str, Any]) -> ScenarioSpec:

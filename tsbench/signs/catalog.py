@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file
+from tsbench.core.paths import data_file, left_hand_in_use
+from tsbench.signs.mirror import mirrored_code, mirrored_signs
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, RULE_KINDS
@@ -19,7 +20,7 @@ from tsbench.signs.rule_kinds import NEEDLESS, RULE_KINDS
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
 # What cannot change an episode or a record stays out of the contract.
-_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law")
+_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law", "mirrored")
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class Catalog:
                 return kind
         known = ", ".join(kind.id for kind in self.types)
         raise InputError(f"{self.root}: no scenario type {type_id!r}: it has {known}")
+
+    def mirrored_type(self, type_id: str) -> str:
+        """The id of the type whose signs are the mirror images of this one's: mostly its own."""
+        code = self.type(type_id).codes[0]
+        return self.sign(mirrored_code(self.signs, code)).type_id
 
     def company(self, code: str) -> tuple[str, ...]:
         """Codes of all plates that may stand in a scene of a sign: it, what ends it, and its context."""
@@ -94,9 +100,23 @@ class Catalog:
 def load_catalog(root: Path | None = None) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
-    root: its folder; by default `sign_catalog/` of the data. Raises InputError, one line: file, key, what is wrong.
+    root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
+    the rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
     """
-    return _load((data_file("sign_catalog") if root is None else root).resolve())
+    found = (data_file("sign_catalog") if root is None else root).resolve()
+    return _left_hand(found) if left_hand_in_use() else _load(found)
+
+
+@cache
+def _left_hand(root: Path) -> Catalog:
+    catalog = _load(root)
+    signs = mirrored_signs(catalog.signs)
+    for code, sign in signs.items():
+        # What some plates show is the other way round there: a ring's arrows, the lanes of a road.
+        drawing = f"left/{sign.drawing}"
+        if (root / "plates" / drawing).is_file():
+            signs[code] = replace(sign, drawing=drawing)
+    return replace(catalog, signs=signs)
 
 
 @cache
@@ -178,6 +198,8 @@ def _check_references(plates: Path, sign: Sign, signs: Mapping[str, Sign]) -> No
     for code in sign.context:
         if code not in signs:
             raise ValueError(f"context: {code!r} is no sign")
+    if mirrored_code(signs, sign.mirrored or sign.code) != sign.code:
+        raise ValueError(f"mirrored: {sign.mirrored!r} does not name {sign.code} in turn")
     if sign.ends is None:
         return
     if sign.ends not in signs or sign.code not in signs[sign.ends].rule.ended_by:

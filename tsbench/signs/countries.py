@@ -1,20 +1,31 @@
-"""What a plate is called elsewhere: `sign_catalog/countries/<country>.yaml`; a sign without an entry there is unknown.
+"""Another country's plates and traffic: `sign_catalog/countries/<country>.yaml`; a sign without an entry is unknown.
 
-The files are for readers: no rule, scene or record looks at them, and the catalogue's fingerprint leaves them out.
+The files are for readers and pictures: no rule, scene or record looks at them, and the catalogue's fingerprint leaves
+them out. Scenes of a city are drawn with the plates of its country, where that has a file.
 """
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
+from tsbench.core import textfile
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.paths import data_file, left_hand_in_use, stored_city
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
+from tsbench.signs.model import Sign
 from tsbench.signs.reading import read_file
 
 _NONE, _UNKNOWN = "none", "unknown"
+_KM_PER_MILE = 1.609344
+# Classes of roads, as OpenStreetMap has them after `highway=`, and the highest speed that any country gives one.
+ROAD_CLASSES = (
+    "living_street", "residential", "unclassified", "tertiary", "secondary", "primary", "trunk", "motorway"
+)  # fmt: skip
+_FASTEST = 150.0
 _COLUMNS = ("country", "sign", "name", "equivalent", "reason", "note", "checked")
 
 
@@ -24,13 +35,14 @@ class Equivalent:
 
     code: the country's official one, or several that stand together ("220-20 + 1000-33"), "none", or "unknown" where
     its file has no entry. reason: why there is none. note: what differs. checked: found in a source other than
-    memory.
+    memory. drawing: its SVG under `sign_catalog/plates/`, None = it looks as the catalogue's sign does.
     """
 
     code: str
     checked: bool
     reason: str | None = None
     note: str | None = None
+    drawing: str | None = None
 
     def __post_init__(self) -> None:
         if (self.code == _NONE) != (self.reason is not None):
@@ -40,6 +52,8 @@ class Equivalent:
                 if missing
                 else "reason: goes with code: none only; what differs is a note"
             )
+        if self.code == _NONE and self.drawing is not None:
+            raise ValueError("drawing: there is no such sign, so nothing to draw")
 
     @property
     def exists(self) -> bool:
@@ -48,13 +62,34 @@ class Equivalent:
 
 
 @dataclass(frozen=True)
+class Traffic:
+    """What holds in a country where no plate says otherwise.
+
+    side: that traffic keeps to. unit: of speeds, on plates too. unsigned: who goes first at a junction without signs.
+    speeds: limits in that unit by ROAD_CLASSES; one that is left out is not known, or there are no such roads.
+    """
+
+    side: Literal["left", "right"]
+    unit: Literal["km/h", "mph"]
+    unsigned: Literal["right_before_left", "left_before_right", "nobody"]
+    speeds: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        for road, speed in self.speeds.items():
+            if road not in ROAD_CLASSES:
+                raise ValueError(f"speeds: {road}: no class of roads; there are {', '.join(ROAD_CLASSES)}")
+            if not 0.0 < speed <= _FASTEST:
+                raise ValueError(f"speeds: {road}: {speed:g} is no speed limit")
+
+
+@dataclass(frozen=True)
 class Country:
-    """A country's signs.
+    """A country's signs and traffic.
 
     code: two small letters, also the file's name. numbering: the law or catalogue that numbers its signs.
     published_percent: share of signs with an equivalent that the spec quotes, 0-100; None where it names none. latin:
     how letters of its codes are written in a picture, whose fonts have Latin letters only. equivalents: by the
-    catalogue's codes, in its order; covers all of them.
+    catalogue's codes, in its order; covers all of them. traffic: None where its file does not say.
     """
 
     code: str
@@ -64,6 +99,7 @@ class Country:
     published_percent: float | None
     latin: Mapping[str, str]
     equivalents: Mapping[str, Equivalent]
+    traffic: Traffic | None = None
 
     @property
     def count(self) -> int:
@@ -84,6 +120,23 @@ class Country:
     def checked(self) -> int:
         """How many entries, those without an equivalent included, rest on a source."""
         return sum(entry.checked for entry in self.equivalents.values())
+
+    @property
+    def unit(self) -> str:
+        """Of speeds on its plates."""
+        return "km/h" if self.traffic is None else self.traffic.unit
+
+    def posted(self, kmh: float) -> float:
+        """A speed as its plates show it, in whole units; 50 km/h are 31 mph."""
+        return float(round(kmh / _KM_PER_MILE)) if self.unit == "mph" else kmh
+
+    def drawing(self, sign: Sign, plates: Path) -> str:
+        """The file below `plates` with its drawing of a sign."""
+        own = self.equivalents[sign.code].drawing
+        if own is None:
+            return sign.drawing
+        turned = f"left/{own}"
+        return turned if left_hand_in_use() and (plates / turned).is_file() else own
 
     def caption(self, sign: str) -> str:
         """The code that a picture gives a plate: the country's behind its two letters, in Latin letters."""
@@ -110,6 +163,8 @@ class _File:
     signs: Mapping[str, Equivalent]
     published_percent: float | None = None
     latin: Mapping[str, str] = field(default_factory=dict)
+    traffic: Traffic | None = None
+    plates: str | None = None
 
 
 def load_country(code: str, root: Path | None = None) -> Country:
@@ -117,21 +172,49 @@ def load_country(code: str, root: Path | None = None) -> Country:
 
     root: the catalogue's folder; by default `sign_catalog/` of this repository.
     """
-    folder = load_catalog(root).root / "countries"
-    known = [path.stem for path in yaml_files(folder)]
+    folder, known = load_catalog(root).root / "countries", country_codes(root)
     if code not in known:
         raise InputError(f"{folder}: no country {code!r}: it has {', '.join(known)}")
     return _load(folder / f"{code}.yaml")
 
 
+def country_codes(root: Path | None = None) -> tuple[str, ...]:
+    """Those of all countries that have a file."""
+    return tuple(path.stem for path in yaml_files(load_catalog(root).root / "countries"))
+
+
 def load_countries(root: Path | None = None) -> tuple[Country, ...]:
-    """All countries by code; raises as `load_country` does."""
-    return tuple(_load(path) for path in yaml_files(load_catalog(root).root / "countries"))
+    """All countries by code whose files list signs; raises as `load_country` does."""
+    found = (_load(path) for path in yaml_files(load_catalog(root).root / "countries"))
+    return tuple(country for country in found if country.known)
+
+
+def country_in_use() -> Country | None:
+    """The country of the city in use; None where no file says which, or that has no file."""
+    return _of_city(data_file(f"cities/{stored_city()}.yaml"), load_catalog().root / "countries")
+
+
+@cache
+def _of_city(city: Path, folder: Path) -> Country | None:
+    told = textfile.read_yaml(city, "description of a city") if city.is_file() else {}
+    path = folder / f"{told.get('country')}.yaml"
+    return _load(path) if path.is_file() else None
 
 
 def shown_code(sign: str, country: Country | None) -> str:
-    """The code that a picture's caption gives a plate: the catalogue's, or a country's."""
-    return sign if country is None else country.caption(sign)
+    """The code that a picture's caption gives a plate: a country's, or the city's country's, or the catalogue's."""
+    if country is not None:
+        return country.caption(sign)
+    own = country_in_use()
+    return sign if own is None or not own.equivalents[sign].exists else own.caption(sign)
+
+
+def shown_value(value: float, country: Country | None) -> str:
+    """A posted speed (km/h) in words: its number alone, but where plates count in other units."""
+    shown = country or country_in_use()
+    if shown is None or shown.unit == "km/h":
+        return f"{value:g}"
+    return f"{shown.posted(value):g} {shown.unit}"
 
 
 def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> None:
@@ -172,9 +255,12 @@ def _country(file: _File, catalog: Catalog) -> Country:
             raise ValueError(f"signs: {sign}: the catalogue has no such sign")
         if not _in_latin(entry.code, file.latin).isascii():
             raise ValueError(f"signs: {sign}: code {entry.code!r} needs its letters under latin")
+        if entry.drawing is not None and not (catalog.root / "plates" / entry.drawing).is_file():
+            raise ValueError(f"signs: {sign}: drawing: no {entry.drawing} in {catalog.root / 'plates'}")
     percent = file.published_percent
     if percent is not None and not 0 <= percent <= 100:
         raise ValueError(f"published_percent: must lie between 0 and 100, not {percent:g}")
+    equivalents = {sign: file.signs.get(sign, Equivalent(_UNKNOWN, False)) for sign in catalog.signs}
     return Country(
         code=file.country,
         name_en=file.names.en,
@@ -182,5 +268,26 @@ def _country(file: _File, catalog: Catalog) -> Country:
         numbering=file.numbering,
         published_percent=percent,
         latin=file.latin,
-        equivalents={sign: file.signs.get(sign, Equivalent(_UNKNOWN, False)) for sign in catalog.signs},
+        equivalents=_drawn_as(file.plates, equivalents, catalog),
+        traffic=file.traffic,
     )
+
+
+def _drawn_as(
+    other: str | None, equivalents: Mapping[str, Equivalent], catalog: Catalog
+) -> Mapping[str, Equivalent]:
+    """Entries without a drawing look as another country's, by its code, do."""
+    if other is None:
+        return equivalents
+    path = catalog.root / "countries" / f"{other}.yaml"
+    if not path.is_file():
+        raise ValueError(f"plates: no country {other!r} in {path.parent}")
+    looks = {sign: entry.drawing for sign, entry in read_file(_File, path, "country", _signs_of).items()}
+    return {
+        sign: entry if entry.drawing or entry.code == _NONE else replace(entry, drawing=looks.get(sign))
+        for sign, entry in equivalents.items()
+    }
+
+
+def _signs_of(file: _File) -> Mapping[str, Equivalent]:
+    return file.signs

@@ -206,7 +206,7 @@ class Sign:
     of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. value: what it
     posts, None where it sets no number. rule: the one that judges it, bound to the sign (for an end plate: the one
     that reads it). context: codes of other plates that may stand in its scenes, itself among them where it may stand
-    there again.
+    there again. mirrored: code of the sign that this one is in a mirror, "" = it stays what it is.
     """
 
     code: str
@@ -225,6 +225,7 @@ class Sign:
     law: Law
     maps: MapNeeds
     context: tuple[str, ...] = ()
+    mirrored: str = ""
 
     def effective_value(self, posted: float | None) -> float | None:
         """The number that binds drivers: the posted one, or the one that the sign implies.

@@ -94,6 +94,7 @@ class _SignFile:
     ended_by: tuple[str, ...] | None = None
     ends: str | None = None
     context: tuple[str, ...] = ()
+    mirrored: str = ""
 
 
 def parse_rule(path: Path) -> RuleSpec:
@@ -157,6 +158,7 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
         law=file.law,
         maps=file.maps,
         context=file.context,
+        mirrored=file.mirrored,
     )
 
 

@@ -12,6 +12,7 @@ from resvg_py import svg_to_bytes
 
 from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.countries import Country, country_in_use
 from tsbench.signs.digits import GLYPH_HEIGHT, STROKE, number_path
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -19,16 +20,40 @@ _CAP_HEIGHT = 0.73  # height of a digit as a share of the font size, as in commo
 _CACHED_PICTURES = 512
 
 
-def plate_svg(code: str, value: float | None = None) -> str:
+def plate_svg(code: str, value: float | None = None, country: Country | None = None) -> str:
     """The plate as an SVG document of 200 x 200 units without any text element.
 
-    value: required where the sign prints one. Raises InputError for an unknown code or a drawing that does not parse,
-    ValueError for a value that the sign cannot carry.
+    value: required where the sign prints one. country: whose plate it is; by default that of the city in use, where
+    that country has a file, else the catalogue's. Raises InputError for an unknown code or a drawing that does not
+    parse, ValueError for a value that the sign cannot carry.
     """
+    return _svg(*_shown(code, value, country))
+
+
+def plate_rgba(
+    code: str, value: float | None, size_px: int, country: Country | None = None
+) -> npt.NDArray[np.uint8]:
+    """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
+
+    Raises as `plate_svg` does, and ValueError for a size below 1 px.
+    """
+    if size_px < 1:
+        raise ValueError(f"a picture of {size_px} px")
+    return _rgba(*_shown(code, value, country), size_px)
+
+
+def _shown(code: str, value: float | None, country: Country | None) -> tuple[Path, float | None]:
+    """Of a plate: the file with its drawing, and the number that is printed on it."""
     catalog = load_catalog()
-    sign = catalog.sign(code)
+    sign, plates = catalog.sign(code), catalog.root / "plates"
     number = sign.effective_value(value)
-    path = catalog.root / "plates" / sign.drawing
+    whose = country or country_in_use()
+    if whose is None:
+        return plates / sign.drawing, number
+    return plates / whose.drawing(sign, plates), None if number is None else whose.posted(number)
+
+
+def _svg(path: Path, number: float | None) -> str:
     root = etree.fromstring(_drawing(path))
     for text in list(root.iter(f"{_SVG}text")):
         if text.text != "{value}" or number is None:
@@ -42,16 +67,8 @@ def plate_svg(code: str, value: float | None = None) -> str:
 
 
 @lru_cache(maxsize=_CACHED_PICTURES)
-def plate_rgba(code: str, value: float | None, size_px: int) -> npt.NDArray[np.uint8]:
-    """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
-
-    Raises as `plate_svg` does, and ValueError for a size below 1 px.
-    """
-    if size_px < 1:
-        raise ValueError(f"a picture of {size_px} px")
-    png = svg_to_bytes(
-        svg_string=plate_svg(code, value), width=size_px, height=size_px, skip_system_fonts=True
-    )
+def _rgba(path: Path, number: float | None, size_px: int) -> npt.NDArray[np.uint8]:
+    png = svg_to_bytes(svg_string=_svg(path, number), width=size_px, height=size_px, skip_system_fonts=True)
     with Image.open(io.BytesIO(png)) as picture:
         pixels = np.array(picture.convert("RGBA"))
     pixels.setflags(write=False)

@@ -22,7 +22,7 @@ _INK, _DIM, _PAPER, _RULE = "#1a1a1a", "#5f6368", "#f4f5f2", "#c9ccc6"
 def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
     """The contact sheet: a band per group, in it the signs by scenario type with plate, code and name.
 
-    country: writes its codes below the plates, which stay as they are.
+    country: whose plates and codes they are.
     """
     bands = [(group, _signs_of(catalog, group)) for group in GROUPS]
     heights = [_TITLE_H + _CELL_H * -(-len(signs) // _COLUMNS) for _, signs in bands]
@@ -66,7 +66,7 @@ def _cell(sheet: Image.Image, left: int, top: int, sign: Sign, country: Country 
     value = None
     if sign.value is not None and sign.value.printed:
         value = sign.value.allowed[len(sign.value.allowed) // 2]
-    plate = Image.fromarray(plate_rgba(sign.code, value, _PLATE_PX))
+    plate = Image.fromarray(plate_rgba(sign.code, value, _PLATE_PX, country))
     sheet.alpha_composite(plate, (left + (_CELL_W - _PLATE_PX) // 2, top + 8))
     draw = ImageDraw.Draw(sheet)
     middle = left + _CELL_W // 2

@@ -83,11 +83,11 @@ def _lint_plates(scene: Scene) -> Iterator[str]:
             yield f"plate {sign.id} stands {s:.1f} m along its lane, not {sign.position_m:.1f} m"
         if abs(wrap(sign.heading - lane.line.heading_at(s))) > PLATE_TURN_RAD:
             yield f"plate {sign.id} does not face its lane"
-        right = scene.network.edge_lanes(sign.edge)[0]
-        beside = -right.line.project(sign.x, sign.y)[1] - right.width / 2
+        outer = scene.network.edge_lanes(sign.edge)[0]
+        beside = scene.network.to_kerb * outer.line.project(sign.x, sign.y)[1] - outer.width / 2
         on_obstacle = any(math.hypot(o.x - sign.x, o.y - sign.y) <= o.length for o in scene.obstacles)
         if not on_obstacle and not PLATE_SIDE_M[0] <= beside <= PLATE_SIDE_M[1]:
-            yield f"plate {sign.id} stands {beside:.1f} m right of its road's edge"
+            yield f"plate {sign.id} stands {beside:.1f} m {scene.network.kerb_side} of its road's edge"
 
 
 def _lint_obstacles(scene: Scene) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Who `ppo` and `carl` imitate at first: `idm`, which also passes an obstacle on its lane. Blind to signs.
 
-Which side is allowed is what a plate says. The teacher takes the lane to the right wherever there is one: of two sides
-that are as good, a pupil without memory would learn the middle, which is the obstacle.
+Which side is allowed is what a plate says. The teacher takes the lane towards the kerb wherever there is one: of two
+sides that are as good, a pupil without memory would learn the middle, which is the obstacle.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.idm import Idm
 from tsbench.roads.road_map import RoadMap
 
+_OTHER = {"right": "left", "left": "right"}
 _AHEAD_S, _LEAST_AHEAD_M = 0.9, 5.0
 
 
@@ -47,4 +48,5 @@ class Demonstrator:
 def _one_side(o: Observation, roads: RoadMap) -> tuple[str, str]:
     """Which obstacle, here the nearest, and which side will do."""
     nearest = min(o.obstacles, key=lambda thing: (math.hypot(thing.x - o.ego.x, thing.y - o.ego.y), thing.id))
-    return nearest.id, "right" if roads.lane(nearest.lane).right >= 0 else "left"
+    free = roads.outer(roads.lane(nearest.lane)) >= 0
+    return nearest.id, roads.kerb_side if free else _OTHER[roads.kerb_side]

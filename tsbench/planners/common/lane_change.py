@@ -60,14 +60,15 @@ class LaneChanges:
 
     def _blocked(self, observation: Observation, view: RouteView) -> int:
         """The next lane over, if a change to it is about to begin and there is no gap; else -1."""
-        ego, lanes = observation.ego, self._context.network.lanes
+        ego, roads = observation.ego, self._context.network
+        lanes = roads.lanes
         wanted = view.path.lane_at(view.s) if view.path.pieces else -1
         if wanted == ego.lane or wanted < 0 or ego.lane < 0 or abs(ego.d) > _UNDER_WAY_M:
             return -1
         here, there = lanes[ego.lane], lanes[wanted]
         if here.internal or there.edge != here.edge:
             return -1
-        beside = here.left if there.order > here.order else here.right
+        beside = roads.inner(here) if there.order > here.order else roads.outer(here)
         return -1 if gap_free(observation, lanes[beside]) else beside
 
     def _set(self, path: RoutePath | None, s: float) -> None:

@@ -36,7 +36,7 @@ def guess(context: PlannerContext, seen: Observation) -> RuleConstraint | None:
     samples = PathSamples(route.path)
     for obstacle in seen.obstacles:
         if math.isfinite(obstacle_ahead(samples, route.s, obstacle)):
-            return ObstaclePass(context, obstacle.id, ("right",))
+            return ObstaclePass(context, obstacle.id, (context.network.kerb_side,))
     front = route.s + HALF_LENGTH_M
     posts = sorted(front + d for s in seen.signs if 0.0 < (d := sign_ahead(seen, s)) < math.inf)
     fork = _fork(context, route.path)

@@ -40,18 +40,19 @@ class OwnPath(RuleConstraint):
 
 
 class BesideUsers(OwnPath):
-    """Over to the lane on the left as soon as it has a gap, and on there."""
+    """Over to the lane away from the kerb as soon as it has a gap, and on there."""
 
     def __init__(self, context: PlannerContext) -> None:
         super().__init__()
-        self._lanes = context.network.lanes
+        self._roads = context.network
 
     def route(self, observation: Observation) -> RouteView:
         ego, route = observation.ego, observation.route
-        if self._own is None and ego.lane >= 0 and self._lanes[ego.lane].left >= 0:
-            beside = self._lanes[self._lanes[ego.lane].left]
+        roads, lanes = self._roads, self._roads.lanes
+        if self._own is None and ego.lane >= 0 and roads.inner(lanes[ego.lane]) >= 0:
+            beside = lanes[roads.inner(lanes[ego.lane])]
             if gap_free(observation, beside):
-                offset = 0.5 * (self._lanes[ego.lane].width + beside.width)
+                offset = -0.5 * roads.to_kerb * (lanes[ego.lane].width + beside.width)
                 self._own = shifted(route.path, route.s, _CHANGE_M, offset)
         return super().route(observation)
 
@@ -68,19 +69,20 @@ def oncoming_path(context: PlannerContext, seen: Observation, post: float) -> Ro
         route.path, route.s, max(post - HALF_LENGTH_M - _BEFORE_POST_M - route.s, _SHORTEST_M), offset
     )
     back = over.destination_s - _BACK_BEFORE_END_M
-    return shifted(over, back, _BACK_M, -min(_BACK_BY_M, offset))
+    return shifted(over, back, _BACK_M, -math.copysign(min(_BACK_BY_M, abs(offset)), offset))
 
 
 def _to_oncoming(context: PlannerContext, seen: Observation, post: float) -> float | None:
-    lanes, route = context.network.lanes, seen.route
+    roads, route = context.network, seen.route
+    lanes = roads.lanes
     lane = lanes[route.path.lane_at(post)] if route.path.pieces else None
     if lane is None:
         return None
     offset = 0.5 * lane.width
-    while lane.left >= 0:
-        lane = lanes[lane.left]
+    while roads.inner(lane) >= 0:
+        lane = lanes[roads.inner(lane)]
         offset += lane.width
-    offset += _INTO_M
+    offset = -roads.to_kerb * (offset + _INTO_M)
     x, y = route.path.line.point_at(post, offset)
     heading = route.path.line.heading_at(post)
     there = [one for one in lanes if not one.internal and _holds(one, x, y, heading)]

@@ -57,7 +57,7 @@ class BirdsEye:
     """Draws pages of one episode.
 
     around: (n, 2) points that the picture must show; a scene that they do not fit into is followed by a
-    camera that keeps the ego in its middle. country: whose code the caption gives the sign.
+    camera that keeps the ego in its middle. country: whose plates and codes are shown; by default the city's.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class BirdsEye:
         self._ground_camera = self._over_track() if self._follow else self._still
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
-        paint(self.ground, camera, (*road_shapes(scene.network), *furniture_shapes(scene)))
+        paint(self.ground, camera, (*road_shapes(scene.network), *furniture_shapes(scene, country)))
         self._windows = self._make_windows()
         self._last = max(trace.snapshots[-1].time, 1e-9)
         self._hud = self._make_hud()
@@ -97,7 +97,7 @@ class BirdsEye:
         shares = [v.start_s / self._last for v in trace.events]
         return Hud(
             self.size.width, episode_title(trace), episode_subtitle(trace, self._country),
-            self.scene.target_sign, shares, self._kinds(),
+            self.scene.target_sign, shares, self._kinds(), self._country,
         )  # fmt: skip
 
     def _kinds(self) -> frozenset[str]:

@@ -22,6 +22,7 @@ from tsbench.report.drawing.text import (
 )
 from tsbench.rules.base import Violation
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.countries import Country
 from tsbench.signs.plates import plate_rgba
 
 _BAR_PX = 5
@@ -48,12 +49,19 @@ class FrameInfo:
     outcome: str
 
 
-def header(width: int, title: str, subtitle: str, sign: SignInstance, spare_px: int = 0) -> Image:
-    """A picture's head: plate, title and what is below it. spare_px: kept free at the right."""
+def header(
+    width: int,
+    title: str,
+    subtitle: str,
+    sign: SignInstance,
+    spare_px: int = 0,
+    country: Country | None = None,
+) -> Image:
+    """A picture's head: plate (a country's), title and what is below it. spare_px: kept free at the right."""
     height, pad = STYLE.header_px, _PAD_PX
     image = np.full((height, width, 3), STYLE.panel, dtype=np.uint8)
     size = height - 12
-    plate = plate_rgba(sign.code, sign.value, size)
+    plate = plate_rgba(sign.code, sign.value, size, country)
     paste(image, pad, 6, plate[..., :3], plate[..., 3])
     x = pad + size + pad
     room = width - x - spare_px - 2 * pad
@@ -67,13 +75,13 @@ class Hud:
 
     def __init__(
         self, width: int, title: str, subtitle: str, sign: SignInstance, events: list[float],
-        kinds: Collection[str] = (),
+        kinds: Collection[str] = (), country: Country | None = None,
     ) -> None:  # fmt: skip
         """events: moments of violations as shares (0-1) of the episode. kinds: of bodies to be seen (`Body.kind`)."""
         self._width = width
         self._legend = [(name, text) for name, text in LEGEND.items() if name in _ALWAYS or name in kinds]
         self._events = events
-        self._header = header(width, title, subtitle, sign, _CLOCK_PX)
+        self._header = header(width, title, subtitle, sign, _CLOCK_PX, country)
         self._footers: dict[tuple[Violation | None, str], Image] = {}
 
     def header(self, page: Image, moment: FrameInfo) -> None:

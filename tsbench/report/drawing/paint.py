@@ -177,7 +177,7 @@ def _plate(
         ])  # fmt: skip
         cv2.fillPoly(image, [frame], STYLE.marking, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, [frame], True, STYLE.plate_line, 3, cv2.LINE_AA, SHIFT)
-    picture = plate_rgba(plate.code, plate.value, size)
+    picture = plate_rgba(plate.code, plate.value, size, plate.country)
     left, top = np.rint(centre - size / 2).astype(int).tolist()
     paste(image, left, top, picture[..., :3], picture[..., 3])
     return float(centre[0]), float(centre[1])

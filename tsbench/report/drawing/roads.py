@@ -45,7 +45,7 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
         lanes = _drivable(network, edge)
         if edge.internal or not lanes:
             continue
-        yield from _edge_marks(lanes, two_way=(edge.source, edge.target) in opposite)
+        yield from _edge_marks(lanes, (edge.source, edge.target) in opposite, network.to_kerb)
         for lane in lanes:
             yield from _end_marks(network, lane)
             yield from _arrows(network, lane, one_way=(edge.source, edge.target) not in opposite)
@@ -80,15 +80,15 @@ def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
     return [network.lanes[i] for i in edge.lanes if not _is_walk(network.lanes[i])]
 
 
-def _edge_marks(lanes: list[Lane], two_way: bool) -> Iterator[Line]:
+def _edge_marks(lanes: list[Lane], two_way: bool, kerb: float) -> Iterator[Line]:
     width, inset = STYLE.marking_m, 0.15
-    right, left = lanes[0], lanes[-1]
-    yield Line("marking", rounded(right.line).beside(-right.width / 2 + inset), width)
+    outer, inner = lanes[0], lanes[-1]
+    yield Line("marking", rounded(outer.line).beside(kerb * (outer.width / 2 - inset)), width)
     # On a two-way road both directions draw their own half of the centre line.
     shift = inset * 0.8 if two_way else inset
-    yield Line("marking", rounded(left.line).beside(left.width / 2 - shift), width)
+    yield Line("marking", rounded(inner.line).beside(-kerb * (inner.width / 2 - shift)), width)
     for lane in lanes[:-1]:
-        for dash in dashes(rounded(lane.line).beside(lane.width / 2), *STYLE.dash_m):
+        for dash in dashes(rounded(lane.line).beside(-kerb * lane.width / 2), *STYLE.dash_m):
             yield Line("marking", dash, width)
 
 

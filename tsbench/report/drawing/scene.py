@@ -18,6 +18,7 @@ from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
@@ -40,24 +41,26 @@ def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, floa
 def plate_line(network: RoadNetwork, sign: SignInstance) -> Array:
     """The cross-section of the road at which a plate begins to bind, (2, 2)."""
     lanes = network.edge_lanes(sign.edge)
-    right, left = lanes[0], lanes[-1]
-    at = min(sign.position_m, right.line.length)
-    return np.array([right.line.point_at(at, -right.width / 2), left.line.point_at(at, left.width / 2)])
+    outer, inner, kerb = lanes[0], lanes[-1], network.to_kerb
+    at = min(sign.position_m, outer.line.length)
+    ends = outer.line.point_at(at, kerb * outer.width / 2), inner.line.point_at(at, -kerb * inner.width / 2)
+    return np.array(ends)
 
 
 def way_off(network: RoadNetwork, sign: SignInstance) -> tuple[Array, float]:
     """Unit vector in the picture that leads from a post off the road, and how far the kerb is, m (0 beside it)."""
-    # To the right of the traffic that the plate faces; pixel rows grow downwards.
-    right = np.array([math.sin(sign.heading), math.cos(sign.heading)])
+    # Towards the kerb of the traffic that the plate faces; pixel rows grow downwards.
+    kerb = network.to_kerb
+    outwards = -kerb * np.array([math.sin(sign.heading), math.cos(sign.heading)])
     lanes = network.edge_lanes(sign.edge)
-    to_right = lanes[0].line.project(sign.x, sign.y)[1] + lanes[0].width / 2
-    to_left = lanes[-1].width / 2 - lanes[-1].line.project(sign.x, sign.y)[1]
-    if min(to_right, to_left) <= 0.0:
-        return (right if to_right <= 0.0 else -right), 0.0
+    to_kerb = lanes[0].width / 2 - kerb * lanes[0].line.project(sign.x, sign.y)[1]
+    to_middle = lanes[-1].width / 2 + kerb * lanes[-1].line.project(sign.x, sign.y)[1]
+    if min(to_kerb, to_middle) <= 0.0:
+        return (outwards if to_kerb <= 0.0 else -outwards), 0.0
     edge = network.edges[sign.edge]
     two_way = any((e.source, e.target) == (edge.target, edge.source) for e in network.edges.values())
     # A post on an island: to the nearer kerb, but never over the other direction's lanes.
-    return (right, to_right) if two_way or to_right <= to_left else (-right, to_left)
+    return (outwards, to_kerb) if two_way or to_kerb <= to_middle else (-outwards, to_middle)
 
 
 def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float) -> Array:
@@ -147,8 +150,11 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
             yield Line(colour, points, _WAY_M)
 
 
-def furniture_shapes(scene: Scene) -> Iterator[Shape]:
-    """Destination, the line at which the target begins to bind, obstacles and plates, the target's first."""
+def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[Shape]:
+    """Destination, the line at which the target begins to bind, obstacles and plates, the target's first.
+
+    country: whose plates, as `plate_rgba` has it.
+    """
     ground, middle = destination_place(scene)
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:
@@ -162,7 +168,7 @@ def furniture_shapes(scene: Scene) -> Iterator[Shape]:
         away, clear = way_off(scene.network, sign)
         yield Plate(
             sign.id, sign.role, sign.code, sign.value, sign.x, sign.y, sign.heading, away, clear,
-            sign.id == scene.target,
+            sign.id == scene.target, country,
         )  # fmt: skip
 
 

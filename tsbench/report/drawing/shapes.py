@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 
 from tsbench.geometry.polyline import Array, Polyline
+from tsbench.signs.countries import Country
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,7 @@ class Plate:
     """A traffic sign at its post. heading: of the traffic that it faces.
 
     away: unit vector in the picture (rows grow downwards) that leads off the road; clear: distance to the kerb.
+    country: as `plate_rgba` has it.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Plate:
     away: Array
     clear: float
     target: bool
+    country: Country | None = None
 
 
 Shape = Area | Line | Body | Plate

@@ -111,12 +111,12 @@ def scene_picture(
     view = page[STYLE.header_px : size.height - STYLE.footer_px]
     view[:] = STYLE.ground
     camera = camera_over(_points(scene, ways, staged), size.width, size.view_height, 14.0, (1.5, 12.0))
-    paint(view, camera, (*road_shapes(scene.network), *ways, *furniture_shapes(scene), *staged))
+    paint(view, camera, (*road_shapes(scene.network), *ways, *furniture_shapes(scene, country), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
     facts = scene_facts(scene, country)
     subtitle = f"sign {facts['sign']} · horizon {facts['time']}"
-    page[: STYLE.header_px] = header(size.width, title, subtitle, scene.target_sign)
+    page[: STYLE.header_px] = header(size.width, title, subtitle, scene.target_sign, country=country)
     _legend(page[size.height - STYLE.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
     return page
 

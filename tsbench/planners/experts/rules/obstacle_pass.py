@@ -96,7 +96,9 @@ class ObstaclePass(RuleConstraint):
         lane = network.lane(obstacle.lane)
         at, beside = path.line.project(obstacle.x, obstacle.y)
         sides = []
-        for side, index in (("right", lane.right), ("left", lane.left)):
+        both = (("right", lane.right), ("left", lane.left))
+        # The kerb's side first: it is taken of two as near.
+        for side, index in both[::-1] if network.left_hand else both:
             if side not in self._allowed or index < 0:
                 continue
             beyond = network.lanes[index]
