@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
-from tsbench.core.parquet import check_size, columns, fields_of
+from tsbench.core.parquet import OSM_LICENCE, check_size, columns, fields_of
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
 from tsbench.episode.command import Plan
@@ -176,7 +176,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
     with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         writer.write_table(table, row_group_size=table.num_rows)
         # Not in the schema, which Parquet would store a second time.
-        writer.add_key_value_metadata({_KEY: text})
+        writer.add_key_value_metadata({_KEY: text, **OSM_LICENCE})
 
 
 def _of_ticks(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
