@@ -52,7 +52,7 @@ results: setup
 # VARIANTS=all: on all test scenes. Goes on where it was stopped.
 FLOOR := runs/floor-$(VARIANTS)
 floor: setup
-	$(BIN)/tsbench run $(addprefix --planner ,blind coin idm idm-s1 tsbench.dataset.certify.lawless:Lawless plant2-ft idm-e) \
+	$(BIN)/tsbench run $(addprefix --planner ,blind coin plant2-blind idm idm-s1 tsbench.dataset.certify.lawless:Lawless plant2-ft idm-e) \
 		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
 	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
 	$(BIN)/tsbench analyse pages docs/floor.md README.md --from $(FLOOR)/analyses
