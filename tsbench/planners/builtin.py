@@ -22,3 +22,7 @@ BLIND, COIN = (
     )
     for name in ("Blind", "Coin")
 )
+READER, CAREFUL = (
+    PlannerEntry(f"tsbench.planners.experts.reader:{name}", "expert", privileged=True)
+    for name in ("Reader", "Careful")
+)
