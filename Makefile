@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results floor docs torture mutation base setup lock package release manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results floor train docs torture mutation base setup lock package release manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -56,6 +56,25 @@ floor: setup
 		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
 	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
 	$(BIN)/tsbench analyse pages docs/floor.md README.md --from $(FLOOR)/analyses
+
+# A network of every kind that comes with tsbench, one after the other, in TRAIN (docs/training.md). Goes on where it was
+# stopped. `plant2-ft` and `plant2-blind` begin with the `plant2` trained before them.
+TRAIN ?= runs/train
+SEED ?= 0
+SIZE ?= mini
+DEVICE ?= cpu
+LESSONS := --planner idm-e --rate 3e-4 --validation 4 --seed $(SEED) --device $(DEVICE) --workers 1
+train: setup
+	$(BIN)/tsbench train plant2 --size $(SIZE) --episodes 2400 --epochs 5 --validation 48 --seed $(SEED) --device $(DEVICE) \
+		--workers 1 --out $(TRAIN)/plant2
+	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2 --drives 3480 --epochs 6 $(LESSONS) --out $(TRAIN)/plant2-ft
+	$(BIN)/tsbench train plant2-ft --mask-signs --base $(TRAIN)/plant2 --drives 1160 --epochs 8 $(LESSONS) \
+		--out $(TRAIN)/plant2-blind
+	$(BIN)/tsbench train ppo --steps 120000 --rate 1e-4 --imitation 40 --workers 6 --seed $(SEED) \
+		--more detour_either,detour_left,detour_right --types priority,speed,routing,bus_lane,bike_lane,detour_either,detour_left,detour_right \
+		--out $(TRAIN)/ppo
+	$(BIN)/tsbench train carl --steps 410000 --rate 1.5e-4 --imitation 120 --workers 6 --more priority,detour_left --seed $(SEED) \
+		--out $(TRAIN)/carl
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup
