@@ -12,7 +12,7 @@ READY := $(VENV)/.ready
 # CommonRoad's reader, for a test: in a folder of its own, because the protobuf that it insists on is no other's.
 COMMONROAD := tests/report/export/commonroad.lock
 
-.PHONY: run test results floor docs torture mutation base setup lock package manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results floor docs torture mutation base setup lock package release manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -52,7 +52,7 @@ results: setup
 # VARIANTS=all: on all test scenes. Goes on where it was stopped.
 FLOOR := runs/floor-$(VARIANTS)
 floor: setup
-	$(BIN)/tsbench run $(addprefix --planner ,blind coin idm idm-s1 tsbench.dataset.certify.lawless:Lawless plant2-ft idm-e) \
+	$(BIN)/tsbench run $(addprefix --planner ,blind coin plant2-blind idm idm-s1 tsbench.dataset.certify.lawless:Lawless plant2-ft idm-e) \
 		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
 	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
 	$(BIN)/tsbench analyse pages docs/floor.md README.md --from $(FLOOR)/analyses
@@ -96,7 +96,7 @@ setup: $(READY)
 # where an index nearer by has the one without. Its version is the lock file's, and so is all that it needs.
 $(READY): $(BASE) $(COMMONROAD)
 	$(PIP) install --no-deps "$$(grep -o '^torch==[^ ]*' requirements.lock)"
-	$(call install,report video make learn ray mcap docs dev)
+	$(call install,report video make learn ray mcap docs release dev)
 	$(PIP) install --require-hashes --no-deps --upgrade --target $(VENV)/commonroad --requirement $(COMMONROAD)
 	touch $@
 
@@ -106,7 +106,7 @@ UV := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --ge
 lock:
 	$(PYTHON) -m venv build/uv
 	build/uv/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	$(UV) $(addprefix --extra ,report video make learn ray mcap docs dev mutation build) pyproject.toml -o requirements.lock
+	$(UV) $(addprefix --extra ,report video make learn ray mcap docs release dev mutation build) pyproject.toml -o requirements.lock
 	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
 
 # The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
@@ -118,6 +118,12 @@ package: setup
 	rm -rf dist
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist . ./packaging/tsbench-data
 	$(BIN)/python packaging/data_sets.py lay-out dist/data
+
+# A release from TAG=v0.1.0 in dist/release: both wheels, data, the folder for a data set hub, metadata, checksums. It is
+# installed and driven in an environment of its own; nothing is uploaded.
+release: setup
+	rm -rf dist/release
+	PYTHONPATH=. $(BIN)/python packaging/release.py $(TAG) dist/release
 
 # Sizes and SHA-256 of all data files anew, after data were made.
 manifest: setup

@@ -21,7 +21,7 @@ FLOORS: tuple[dict[str, float], ...] = (
     {"tools": 0.5, "envs": 1.5, "learn": 2.5, "report": 3.5},
     {"run": 1.5, "dataset": 3.5},
     {"metrics": 1.5},
-    {"episode": 1.5},
+    {"adapters": 0.5, "episode": 1.5},
     {"planners": 0.5, "rules": 2.5},
     {"scenarios": 1.5},
     {"sim": 1.5},
@@ -32,7 +32,10 @@ FLOORS: tuple[dict[str, float], ...] = (
 FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
 
 _WINGS = {
-    "what runs": ("#cfe2ff", {"run", "metrics", "episode", "planners", "rules", "scenarios", "sim"}),
+    "what runs": (
+        "#cfe2ff",
+        {"run", "metrics", "episode", "adapters", "planners", "rules", "scenarios", "sim"},
+    ),
     "what makes data": ("#ffe2b8", {"dataset"}),
     "what learns": ("#cdeccd", {"learn", "envs"}),
     "what is asked and shown": ("#e6defa", {"cli", "api", "leaderboard", "tools", "report"}),

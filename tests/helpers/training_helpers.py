@@ -26,7 +26,7 @@ def fresh_blind(size: str) -> Plant2FtNetwork:
 
 
 def _tuned(size: str, words: Vocabulary) -> Plant2FtNetwork:
-    return Plant2FtNetwork(size, len(words.classes), len(words.words))
+    return Plant2FtNetwork(size, len(words.codes))
 
 
 def fresh_weights(folder: Path, name: str, kind: Callable[[str], Plant2Network]) -> Path:

@@ -15,6 +15,7 @@ from tsbench.api.run import Run
 from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
+from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
 from tsbench.run.listener import Listener
 from tsbench.run.plan import BOTH, Request
@@ -42,6 +43,7 @@ def evaluate(
     trace: str = "violations",
     device: str = "cpu",
     mask_signs: bool = False,
+    perception: str | Path = EXACT,
     allow_partial: bool = False,
     listeners: Sequence[Listener] = (),
 ) -> Run:
@@ -58,7 +60,7 @@ def evaluate(
     request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
     options = Options(
         request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
-        device=device, mask_signs=mask_signs, allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
+        device=device, mask_signs=mask_signs, perception=str(perception), allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
     )  # fmt: skip
     with nullcontext() if city is None else using_city(city):
         return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)

@@ -26,7 +26,8 @@ _Row = dict[str, Any]
 def frame_of(table: pa.Table) -> pd.DataFrame:
     """An Arrow table. Raises InputError where pandas is missing."""
     load("pandas")
-    return table.to_pandas()
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
 
 
 def summary_frame(summary: Summary) -> pd.DataFrame:
@@ -46,7 +47,8 @@ def flips_frame(comparison: Comparison) -> pd.DataFrame:
 
 
 def _frame(rows: list[_Row]) -> pd.DataFrame:
-    return load("pandas").DataFrame(rows)
+    frame: pd.DataFrame = load("pandas").DataFrame(rows)
+    return frame
 
 
 def _rows(

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
+from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
@@ -58,6 +59,10 @@ which_half = click.option(
 )  # fmt: skip
 @options.device
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
+@click.option(
+    "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
+    help="How well planners perceive plates: a level, or a YAML file with the fields of one.",
+)  # fmt: skip
 @options.allow_partial
 @click.option(
     "--listener", "listeners", multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",

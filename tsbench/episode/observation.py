@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
+from tsbench.episode.perception import Eyes, Plate, Told
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.witness import Witness
 from tsbench.planners.base import Observation, SignView
 from tsbench.roads.destination import Destination
@@ -21,12 +23,23 @@ HISTORY_TICKS = 20
 
 
 class Observer:
-    """Builds observations for one episode; keeps the ego's history. privileged: for an expert?"""
+    """Builds observations for one episode; keeps the ego's history. privileged: for an expert?
 
-    def __init__(self, scene: Scene, view: SealedRoads, mask_signs: bool, privileged: bool = False) -> None:
+    perception: the level of its eyes, with the pair's name, which decides their luck; None: exact.
+    """
+
+    def __init__(
+        self, scene: Scene, view: SealedRoads, mask_signs: bool, privileged: bool = False,
+        perception: tuple[PerceptionLevel, str] | None = None,
+    ) -> None:  # fmt: skip
         self._view, self._privileged = view, privileged
         seen = [_plate(view, scene, sign) for sign in scene.signs]
+        self._mask = mask_signs
         self._signs = [sign.masked() for sign in seen] if mask_signs else seen
+        self._eyes: Eyes | None = None
+        if perception is not None:
+            plates = [Plate(sign.id, sign.role, at) for sign, at in zip(scene.signs, seen, strict=True)]
+            self._eyes = Eyes(*perception, plates, view.map)
         lane = scene.network.lane_index
         self._obstacles = tuple(
             replace(o, lane=_lane_id(view, lane[o.lane]) if o.lane in lane else "") for o in scene.obstacles
@@ -41,7 +54,7 @@ class Observer:
         history = self._history[max(k + 1 - HISTORY_TICKS, 0) : k + 1].copy()
         history.setflags(write=False)
         signs = []
-        for s in self._signs:
+        for s in self._signs if self._eyes is None else self._perceived(self._eyes, snapshot, seen):
             distance = math.hypot(s.x - ego.x, s.y - ego.y)
             if distance <= SIGN_RANGE_M:
                 view = SignView(s.code, s.value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance)
@@ -55,6 +68,15 @@ class Observer:
             k, snapshot.time, seen, history, route, self._witness.see(snapshot.actors, ego), tuple(signs),
             obstacles, snapshot if self._privileged else None,
         )  # fmt: skip
+
+    def _perceived(self, eyes: Eyes, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
+        known = eyes.look(snapshot, seen)
+        return [view.masked() for view in known] if self._mask else known
+
+    @property
+    def told(self) -> tuple[Told, ...]:
+        """What imperfect eyes have told so far."""
+        return () if self._eyes is None else tuple(self._eyes.told)
 
 
 def ego_on_map(view: SealedRoads, ego: EgoState) -> EgoState:

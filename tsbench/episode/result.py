@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from tsbench.episode.command import Plan
 from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.perception import Told
 from tsbench.geometry.polyline import Array
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -18,6 +19,7 @@ class EpisodeResult:
     planner_s: (n,) seconds that the planner took at each tick; sim_s, start_s, total_s: wall-clock seconds.
     commands: (n, 2) acceleration and steering as asked by the planner (or its trajectory's tracker).
     plans: where the planner meant to drive, with each command that told it.
+    told: what it was told of plates, where its eyes were not exact.
     """
 
     spec: ScenarioSpec
@@ -32,3 +34,4 @@ class EpisodeResult:
     sim_s: float
     total_s: float
     plans: tuple[Plan | None, ...] = field(default=(), kw_only=True)
+    told: tuple[Told, ...] = field(default=(), kw_only=True)

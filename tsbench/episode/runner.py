@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
+from tsbench.core.plain import from_plain
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.command import Plan, to_command, to_plan
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
@@ -46,18 +49,19 @@ class EpisodeLoop:
     """Episodes one after the other in the process's one simulation, for whoever has the commands.
 
     heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: those of
-    this process, where somebody else has them already.
+    this process, where somebody else has them already. perception: None = exact.
     """
 
     def __init__(
         self,
         *,
         mask_signs: bool = False,
+        perception: PerceptionLevel | None = None,
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
     ) -> None:
-        self._mask = mask_signs
+        self._mask, self._level = mask_signs, perception
         self._beat = heartbeat
         self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader() if loader is None else loader
@@ -80,9 +84,9 @@ class EpisodeLoop:
             self._catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )
-            episode = Episode(
-                self.simulation, scene, roads, self._catalog, self._mask, privileged, self._beat
-            )
+            perception = None if self._level is None else (self._level, spec.pair_name)
+            observer = Observer(scene, roads.view, self._mask, privileged, perception)
+            episode = Episode(self.simulation, scene, roads, self._catalog, observer, self._beat)
             self.episode = episode
             seed = floor_seed(spec.scenario_id) if floor else planner_seed(spec.pair_name)
             context = self._context(seed, scene, roads, privileged)
@@ -118,6 +122,7 @@ class EpisodeLoop:
             sim_s=episode.sim_s if episode else 0.0,
             total_s=time.perf_counter() - began,
             plans=tuple(episode.plans) if episode else (),
+            told=episode.observer.told if episode else (),
         )  # fmt: skip
 
     def _context(self, seed: int, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
@@ -136,13 +141,17 @@ class EpisodeLoop:
 
 
 class EpisodeRunner:
-    """Runs episodes one after the other with one planner, made when the first begins. options: as `EpisodeLoop`'s."""
+    """Runs episodes one after the other with one planner, made when the first begins. options: as `EpisodeLoop`'s.
+
+    perception: the fields of a `PerceptionLevel`, as they travel to a worker.
+    """
 
     def __init__(
         self,
         planner: LoadedPlanner,
         *,
         mask_signs: bool = False,
+        perception: Mapping[str, Any] | None = None,
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
@@ -150,7 +159,11 @@ class EpisodeRunner:
         self._loaded = planner
         self._planner: Planner | None = None
         self._loop = EpisodeLoop(
-            mask_signs=mask_signs, heartbeat=heartbeat, simulation=simulation, loader=loader
+            mask_signs=mask_signs,
+            perception=None if perception is None else from_plain(PerceptionLevel, perception),
+            heartbeat=heartbeat,
+            simulation=simulation,
+            loader=loader,
         )
 
     @property
@@ -204,8 +217,7 @@ class Episode:
         scene: Scene,
         roads: Roads,
         catalog: Catalog,
-        mask: bool,
-        privileged: bool,
+        observer: Observer,
         beat: Callable[[int], None],
     ) -> None:
         self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
@@ -218,7 +230,7 @@ class Episode:
         self.ending = TerminationCheck(scene, self.monitors.target)
         self.view = roads.view
         self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
-        self.observer = Observer(scene, self.view, mask, privileged)
+        self.observer = observer
         self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
         self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
         start = scene.network.lane(scene.start.lane)

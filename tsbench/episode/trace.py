@@ -22,12 +22,13 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
-from tsbench.core.parquet import check_size, columns, fields_of
+from tsbench.core.parquet import OSM_LICENCE, check_size, columns, fields_of
 from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.episode.perception import Told
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
 from tsbench.roads.sealed import SealedRoads
@@ -64,7 +65,7 @@ class Trace:
     snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
     acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless,
     start_remaining_m: as in `EpisodeFacts`. plans: one per tick, (k, 2) where the planner meant to drive, None where it
-    told nothing.
+    told nothing. told: when the planner was told which plates, where its eyes were not exact.
     """
 
     spec: ScenarioSpec
@@ -79,6 +80,7 @@ class Trace:
     commands: Array
     needless: tuple[Violation, ...] = ()
     plans: tuple[Plan | None, ...] = ()
+    told: tuple[Told, ...] = ()
 
     @property
     def events(self) -> list[Violation]:
@@ -109,7 +111,7 @@ def trace_of(result: EpisodeResult) -> Trace:
     plans = _of_ticks(result.plans, len(facts.snapshots))
     return Trace(
         result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
-        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, plans,
+        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, plans, result.told,
     )  # fmt: skip
 
 
@@ -169,6 +171,8 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "needless": [_plain(asdict(v)) for v in facts.needless],
         "start_remaining_m": _plain(facts.start_remaining_m),
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
+        # Of imperfect eyes only: what is exact stands in the scene.
+        **({"told": [_plain(asdict(one)) for one in result.told]} if result.told else {}),
     }
     text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     table = pa.table(_arrays(facts.snapshots, result.commands, result.plans), schema=SCHEMA)
@@ -176,7 +180,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
     with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         writer.write_table(table, row_group_size=table.num_rows)
         # Not in the schema, which Parquet would store a second time.
-        writer.add_key_value_metadata({_KEY: text})
+        writer.add_key_value_metadata({_KEY: text, **OSM_LICENCE})
 
 
 def _of_ticks(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
@@ -267,6 +271,7 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         # Traces from before contrast scenes have none.
         needless=tuple(from_plain(Violation, event) for event in meta.get("needless", ())),
         plans=_plans(table),
+        told=tuple(from_plain(Told, one) for one in meta.get("told", ())),
     )
 
 

@@ -19,7 +19,7 @@ from tsbench.scenarios.table import table_path
 from tsbench.tools.rescore import rescore
 
 # What a row of the leaderboard is of: everything, as the planner is.
-_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False}
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False, "perception": None}
 _SHOWN = 3
 
 

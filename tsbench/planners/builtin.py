@@ -22,3 +22,10 @@ BLIND, COIN = (
     )
     for name in ("Blind", "Coin")
 )
+PLANT2_BLIND = learned(
+    "plant2-blind", "tsbench.planners.plant2.planner_blind:Plant2Blind", chooses_route=True, floor=True
+)
+READER, CAREFUL = (
+    PlannerEntry(f"tsbench.planners.experts.reader:{name}", "expert", privileged=True)
+    for name in ("Reader", "Careful")
+)

@@ -57,11 +57,13 @@ def network(name: str, folder: Path | None = None) -> Network:
 
 
 def learned(
-    name: str, target: str, *, sign_access: bool = False, chooses_route: bool = False
+    name: str, target: str, *, sign_access: bool = False, chooses_route: bool = False, floor: bool = False
 ) -> PlannerEntry:
     """The registry's entry of a planner that uses network `name`; size, hash and parameters as its file says."""
     facts = network(name)
-    return PlannerEntry(target, "learned", False, sign_access, chooses_route, facts.parameters, facts.weights)
+    return PlannerEntry(
+        target, "learned", False, sign_access, chooses_route, facts.parameters, facts.weights, floor
+    )
 
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:

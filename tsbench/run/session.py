@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
@@ -47,7 +49,7 @@ class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
     `runs/`. executor: one of `executor.EXECUTORS`.
 
-    allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
+    perception: a level's name or file. allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
     """
 
@@ -58,6 +60,7 @@ class Options:
     trace: str = "violations"
     device: str = "cpu"
     mask_signs: bool = False
+    perception: str = EXACT
     allow_partial: bool = False
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
@@ -103,7 +106,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     _check(options)
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
-    contract, effective = contract_hash(plan.table, catalog), _effective(options, plan)
+    level = load_level(options.perception)
+    contract, effective = contract_hash(plan.table, catalog), _effective(options, plan, level)
     if options.out is not None:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
@@ -127,6 +131,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                 setup = Setup(
                     planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
                     plan.request.split, contract, runner=options.runner,
+                    options={} if level is None else {"perception": asdict(level)},
                 )  # fmt: skip
 
                 def keep(record: Record) -> None:
@@ -206,6 +211,7 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
     parts += [f"{request.half}-half"] if request.half != BOTH else []
     parts += [f"limit-{request.limit}"] if request.limit is not None else []
     parts += ["masked"] if options.mask_signs else []
+    parts += [] if options.perception == EXACT else [f"eyes-{quote(Path(options.perception).stem, safe='')}"]
     return "-".join([*parts, contract[:8]])
 
 
@@ -261,11 +267,12 @@ def _asked(options: Options) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        **({} if options.perception == EXACT else {"perception": options.perception}),
         "memory_limit": options.limits.most_memory,
     }
 
 
-def _effective(options: Options, plan: Plan) -> dict[str, Any]:
+def _effective(options: Options, plan: Plan, level: PerceptionLevel | None) -> dict[str, Any]:
     """What the options came to, as far as it decides what stands in the folder."""
     city = city_in_use()
     return {
@@ -279,5 +286,7 @@ def _effective(options: Options, plan: Plan) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        # As JSON gives it back, so that a run can be continued.
+        **({} if level is None else {"perception": json.loads(json.dumps(asdict(level)))}),
         "memory_limit": options.limits.most_memory,
     }

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from sys import intern
+from typing import Any
 
 import pyarrow as pa
 
@@ -17,6 +19,7 @@ from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
+_PART_ROWS = 2048
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(
@@ -44,10 +47,22 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     own = stored_city() == OWN_CITY
     made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
     hint = f"{fetch_hint(path.stem)} {made}"
-    rows = open_table(path, SCHEMA, hint, later=_LATER).to_pylist()
-    specs = [ScenarioSpec(**{k: v for k, v in r.items() if v is not None or k not in _LATER}) for r in rows]
+    table = open_table(path, SCHEMA, hint, later=_LATER)
+    # In parts: all rows as dictionaries take more room than all else.
+    rows = (row for part in table.to_batches(_PART_ROWS) for row in part.to_pylist())
+    specs = [_spec(row) for row in rows]
     _check(specs, path)
     return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else specs
+
+
+def _spec(row: dict[str, Any]) -> ScenarioSpec:
+    # Most words stand in many rows.
+    told: dict[str, Any] = {
+        key: intern(value) if isinstance(value, str) else value for key, value in row.items()
+    }
+    return ScenarioSpec(
+        **{key: value for key, value in told.items() if value is not None or key not in _LATER}
+    )
 
 
 def _check(specs: list[ScenarioSpec], path: Path) -> None:

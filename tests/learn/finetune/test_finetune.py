@@ -66,7 +66,7 @@ def made_up(count: int, seed: int = 0) -> at.Records:
     frames["route"] = frames["path"] / at.POSITION_SCALE_M
     seen = frames["family"] % 2 == 0
     frames["sign_classes"][seen, 0] = 12
-    frames["sign_state"][seen] = 19
+    frames["held_classes"][seen, 0] = 12
     frames["speed"] = np.where(seen, 2.0, 11.0)
     return frames
 

@@ -62,8 +62,10 @@ def student(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fresh_weights(tmp_path_factory.mktemp("student"), "plant2-ft", fresh_tuned)
 
 
-def words(frames: at.Records) -> list[str]:
-    return [WORDS.words[state - 1] if state else "" for state in frames["sign_state"].tolist()]
+def held(frames: at.Records) -> list[tuple[str, float]]:
+    """The code that holds on the way, and whether the ego has stood for it."""
+    codes = [WORDS.codes[k - 1] if k else "" for k in frames["held_classes"][:, 0].tolist()]
+    return list(zip(codes, frames["held"][:, 0, -1].tolist(), strict=True))
 
 
 def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:
@@ -97,11 +99,11 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     steps = [shown[frame.tobytes()] for frame in seen]
     assert steps == sorted(steps)
 
-    # Before the stop the sign asks for one; after it what is left is giving way.
-    states = words(own)
-    turn = states.index("2.4")
-    assert set(states[:turn]) == {"2.5"}
-    assert set(states[turn:]) == {"2.4"}
+    # Once the ego has stood, that is remembered beside the plate.
+    states = held(own)
+    turn = states.index(("2.5", 1.0))
+    assert set(states[:turn]) == {("2.5", 0.0)}
+    assert set(states[turn:]) == {("2.5", 1.0)}
     assert own["speed"][turn - 1] < 0.4
     assert own["decides"].mean() > 0.5
     assert np.array_equal(own["speed"], frames["speed"][1::2])
@@ -132,11 +134,12 @@ def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Dr
         assert passed(driven.facts)
         seen, blind = (s.frames(driven, drivers, np.random.default_rng(0)) for s in (SOURCE, masked))
         assert len(seen) == len(blind) > 20
-        # Of three fields of a frame a plate decides what is in them.
-        shown = ("signs", "sign_classes", "sign_state")
+        # Of four fields of a frame a plate decides what is in them.
+        shown = ("signs", "sign_classes", "held", "held_classes")
         assert all(np.array_equal(seen[n], blind[n]) for n in seen.dtype.names or () if n not in shown)
-        assert set(seen["sign_state"].tolist()) != {0}
-        assert set(blind["sign_state"].tolist()) == {0}
+        assert seen["held_classes"].any()
+        assert not blind["held_classes"].any()
+        assert not blind["held"].any()
         assert set(blind["sign_classes"].ravel().tolist()) == {0, words.class_of[""]}
         # Of a post: where it stands and which way it faces, no value and no lane.
         assert not blind["signs"][..., 4:].any()

@@ -13,14 +13,13 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.planners.plant2.signs import SignMemory
+from tsbench.planners.plant2.signs import SignMemory, _Held
 from tsbench.planners.plant2.tokens import Tokeniser
-from tsbench.planners.plant2.vocabulary import vocabulary_of
+from tsbench.planners.plant2.vocabulary import vocabulary_of, vocabulary_of_catalog
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, Agents
 
 WORDS = vocabulary_of()
-VOCABULARY = WORDS.words
 
 
 @pytest.fixture(scope="module")
@@ -106,18 +105,11 @@ def test_the_base_sees_no_sign(drive: Recorder, tokeniser: Tokeniser) -> None:
     assert tokeniser.tokens(o).tobytes() == tokeniser.tokens(with_signs(o)).tobytes()
 
 
-def test_every_word_is_of_the_catalogue() -> None:
-    assert (len(WORDS.classes), len(VOCABULARY), len(set(VOCABULARY))) == (33, 48, 48)
-    signs = load_catalog().signs
-    assert {code for row in WORDS.classes for code in row} <= set(signs)
-    for code in WORDS.class_of:
-        assert (code in WORDS.values_kmh) is ((value := signs[code].value) is not None and value.printed)
-
-
-@pytest.mark.parametrize(("value", "read"), [(20.0, 20), (70.0, 50), (10.0, 20), (39.0, 30)])
-def test_a_value_that_was_not_learned_is_not_ignored(drive: Recorder, value: float, read: int) -> None:
-    sign = plate(drive.seen[0], "3.24", value)
-    assert VOCABULARY[WORDS.state_of(sign) - 1] == f"3.24@{read}"
+def test_the_words_are_the_catalogue_s() -> None:
+    assert vocabulary_of_catalog(load_catalog()) == WORDS
+    assert WORDS.full_stop == ("2.5",)
+    assert set(WORDS.right_of_way) == {"2.1", "2.3.1", "2.3.2", "2.3.3", "2.4", "2.5"}
+    assert set(WORDS.ends) == {"3.25", "5.22", "5.32"}
 
 
 def plate(o: Observation, code: str, value: float | None = None, *, ahead: float = 20.0) -> SignView:
@@ -126,21 +118,32 @@ def plate(o: Observation, code: str, value: float | None = None, *, ahead: float
     return SignView(code, value, x, y, e.heading, o.route.path.edges[0], -1, 0.0, abs(ahead))
 
 
-def test_the_sign_that_holds_is_remembered(drive: Recorder) -> None:
+def code(held: _Held | None) -> str:
+    return "" if held is None else held.sign.code
+
+
+def test_the_plate_that_holds_is_remembered_and_left_behind(drive: Recorder) -> None:
     o = drive.seen[0]
     memory = SignMemory(drive.context.network, WORDS)
-    assert memory.update(o) == 0
+    memory.update(o)
+    assert memory.own is None
     limit = plate(o, "3.24", 20.0)
-    assert VOCABULARY[memory.update(replace(o, signs=(limit,))) - 1] == "3.24@20"
-    assert VOCABULARY[memory.update(o) - 1] == "3.24@20"
+    memory.update(replace(o, signs=(limit,)))
+    assert (code(memory.own), memory.own and memory.own.ahead) == ("3.24", pytest.approx(20.0))
+    later = replace(o, step=o.step + 1, ego=replace(o.ego, speed=5.0))
+    memory.update(later)
+    memory.update(later)
+    assert (code(memory.own), memory.own and memory.own.ahead) == ("3.24", pytest.approx(19.5))
     away = replace(limit, heading=o.ego.heading + math.pi, code="2.5", value=None)
     elsewhere = replace(limit, edge="ne", code="3.1", value=None)
-    assert VOCABULARY[memory.update(replace(o, signs=(away, elsewhere))) - 1] == "3.24@20"
-    assert VOCABULARY[memory.update(replace(o, signs=(plate(o, "2.4"), limit))) - 1] == "2.4"
-    assert memory.update(replace(o, signs=(replace(limit, code="", value=None),))) == 0
+    masked = replace(limit, code="", value=None)
+    memory.update(replace(o, signs=(masked, away, elsewhere)))
+    assert code(memory.own) == "3.24"
+    memory.update(replace(o, signs=(plate(o, "2.4"), limit)))
+    assert code(memory.own) == "2.4"
 
 
-def test_a_secondary_road_announced_to_another_arm_is_to_give_way(drive: Recorder) -> None:
+def test_right_of_way_on_another_arm_holds_beside(drive: Recorder) -> None:
     o, edges = drive.seen[0], drive.context.network.edges
     own = edges[o.route.path.edges[0]]
     other = next(e.id for e in edges.values() if e.target == own.target and e.id != own.id and not e.internal)
@@ -148,23 +151,27 @@ def test_a_secondary_road_announced_to_another_arm_is_to_give_way(drive: Recorde
         e.id for e in edges.values() if e.target != own.target and e.id not in o.route.path.edges
     )
 
-    def state(code: str, edge: str) -> int:
-        seen = replace(plate(o, code), edge=edge, heading=o.ego.heading + 2.0)
-        return SignMemory(drive.context.network, WORDS).update(replace(o, signs=(seen,)))
+    def held(kind: str, edge: str) -> tuple[str, str]:
+        seen = replace(plate(o, kind), edge=edge, heading=o.ego.heading + 2.0)
+        memory = SignMemory(drive.context.network, WORDS)
+        memory.update(replace(o, signs=(seen,)))
+        return code(memory.own), code(memory.other)
 
-    for code in ("2.3.1", "2.3.2", "2.3.3"):
-        assert VOCABULARY[state(code, other) - 1] == "2.4"
-    assert state("2.1", other) == state("2.3.1", elsewhere) == state("", other) == 0
+    for kind in WORDS.right_of_way:
+        assert held(kind, other) == ("", kind)
+    assert held("3.24", other) == held("2.3.1", elsewhere) == held("", other) == ("", "")
 
 
-def test_states_of_plates() -> None:
-    def view(code: str, value: float | None) -> SignView:
-        return SignView(code, value, 0.0, 0.0, 0.0, "e", -1, 0.0, 0.0)
-
-    assert VOCABULARY[WORDS.state_of(view("5.21", 20.0)) - 1] == "5.21"
-    assert VOCABULARY[WORDS.state_of(view("4.6", 50.0)) - 1] == "4.6@50"
-    assert VOCABULARY[WORDS.state_of(view("3.24", 90.0)) - 1] == "3.24@50"
-    assert WORDS.state_of(view("", None)) == 0
+@pytest.mark.parametrize("value", [10.0, 35.0, 70.0])
+def test_a_value_is_a_number_whatever_it_is(drive: Recorder, value: float) -> None:
+    o, record_ = drive.seen[0], np.zeros(1, dtype=at.SIGN_TOKENS)
+    memory = SignMemory(drive.context.network, WORDS)
+    seen = replace(o, signs=(replace(plate(o, "3.24", value), lane=1),))
+    memory.update(seen)
+    memory.fill(record_[0], seen, 2)
+    assert record_["held_classes"].tolist() == [[WORDS.class_of["3.24"], 0]]
+    assert record_["held"][0, 0, :3] == pytest.approx([value / 36.0, 0.0, 0.4], abs=1e-6)
+    assert not record_["held"][0, 1].any()
 
 
 def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Tokeniser) -> None:
@@ -174,8 +181,9 @@ def test_sign_tokens_stand_where_the_plates_are(drive: Recorder, tokeniser: Toke
     signs = SignTokeniser(tokeniser, RouteAlternatives(drive.context.graph, drive.context.destination), WORDS)
     signs.watch(seen)
     signs.fill(record_[0], seen)
-    assert VOCABULARY[record_["sign_state"][0] - 1] == "3.24@30"
-    assert WORDS.classes[record_["sign_classes"][0, 0] - 1] == ("3.24",)
+    assert record_["held_classes"].tolist() == [[WORDS.class_of["3.24"], 0]]
+    assert record_["held"][0, 0, :3] == pytest.approx([1.0, 0.0, 0.2], abs=1e-6)
+    assert WORDS.codes[record_["sign_classes"][0, 0] - 1] == "3.24"
     assert not record_["sign_classes"][0, 1:].any()
     assert record_["signs"][0, 0] == pytest.approx([0.2, 0.0, 1.0, 0.0, 1.0, 0.0], abs=1e-6)
     for name in at.TOKENS.names:
@@ -186,22 +194,27 @@ def test_a_zone_ends_where_its_end_plate_is_passed(drive: Recorder) -> None:
     o = drive.seen[0]
     memory = SignMemory(drive.context.network, WORDS)
     begin, end = plate(o, "5.31", 20.0, ahead=-15.0), plate(o, "5.32", 20.0, ahead=10.0)
-    assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.31@20"
-    end = plate(o, "5.32", 20.0, ahead=-1.0)
-    assert VOCABULARY[memory.update(replace(o, signs=(end, begin))) - 1] == "5.32@20"
+    memory.update(replace(o, signs=(end, begin)))
+    assert code(memory.own) == "5.31"
+    memory.update(replace(o, signs=(plate(o, "5.32", 20.0, ahead=-1.0), begin)))
+    assert code(memory.own) == "5.32"
 
 
-def test_after_a_full_stop_what_is_left_is_to_give_way(drive: Recorder) -> None:
+def test_that_the_ego_has_stood_before_the_line_is_remembered(drive: Recorder) -> None:
     o = drive.seen[0]
     memory, stop = SignMemory(drive.context.network, WORDS), plate(o, "2.5", ahead=2.0)
     line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
 
-    def state(to_line: float, speed: float) -> str:
+    def stood(to_line: float, speed: float) -> float:
         route = replace(o.route, s=line - to_line - EGO_LENGTH_M / 2)
         seen = replace(o, route=route, ego=replace(o.ego, speed=speed), signs=(stop,))
-        return VOCABULARY[memory.update(seen) - 1]
+        memory.update(seen)
+        record_ = np.zeros(1, dtype=at.SIGN_TOKENS)
+        memory.fill(record_[0], seen, 0)
+        assert record_["held"][0, 0, 3] == pytest.approx(to_line / 50.0, abs=1e-5)
+        return float(record_["held"][0, 0, 4])
 
-    assert state(2.0, 1.0) == "2.5"
-    assert state(9.0, 0.0) == "2.5"
-    assert state(2.0, 0.1) == "2.4"
-    assert state(1.0, 3.0) == "2.4"
+    assert stood(2.0, 1.0) == 0.0
+    assert stood(9.0, 0.0) == 0.0
+    assert stood(2.0, 0.1) == 1.0
+    assert stood(1.0, 3.0) == 1.0

@@ -206,6 +206,22 @@ def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> Non
         thread.join()
 
 
+def test_two_planners_drive_one_scene_side_by_side(chromium: Browser, report: Path) -> None:
+    with opened(chromium, f"{report.as_uri()}#play={quote(f'idm/{TRACED[0]}', safe='')}") as page:
+        until(page, "tsb.player.episode !== null")
+        assert page.evaluate("tsb.player.halves.map((one) => one.planner)") == ["idm"]
+        # Of those that drove this scene: the other planner, by a name that stays text.
+        assert page.locator("#player-beside option").all_inner_texts() == ["the other half", HOSTILE]
+        page.select_option("#player-beside", HOSTILE)
+        until(page, "tsb.player.halves.length === 2")
+        assert page.evaluate("tsb.player.halves.map((one) => one.planner)") == ["idm", HOSTILE]
+        assert page.evaluate("tsb.player.halves.map((one) => one.scenario)") == [TRACED[0]] * 2
+        assert page.inner_text("#player-verdict").startswith("idm: ")
+        assert page.inner_text("#player-2-verdict").startswith(f"{HOSTILE}: ")
+        page.select_option("#player-beside", "")
+        until(page, "tsb.player.halves.length === 1")
+
+
 @pytest.fixture(scope="module")
 def paired(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = page_runs.make_pair_run(tmp_path_factory.mktemp("paired") / "run")

@@ -12,7 +12,6 @@ from types import MappingProxyType
 
 from lxml import etree
 
-from tsbench.core.seeds import rng_of
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import (
     Arrangement,
@@ -34,6 +33,7 @@ from tsbench.dataset.placements.junction_arms import (
 from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.seeds import rng_of
 from tsbench.geometry.angles import wrap
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import Turn

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tsbench.core.seeds import seed_of
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.base import require
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.dataset.seeds import seed_of
 from tsbench.geometry.angles import STRAIGHT_DEG
 from tsbench.scenarios.map_pool import PoolRow
 

@@ -22,7 +22,6 @@ from tsbench.core.benchmark import MAPS
 from tsbench.core.files import write_json
 from tsbench.core.parallel import Kept, Workers, worker_processes
 from tsbench.core.provenance import closure, digest, versions
-from tsbench.core.seeds import seed_of
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.registry import placement_of
@@ -30,6 +29,7 @@ from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBu
 from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.dataset.scenes.split import split_pool
+from tsbench.dataset.seeds import seed_of
 from tsbench.scenarios.certificates import (
     Certificate,
     certificates_path,

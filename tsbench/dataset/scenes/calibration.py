@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.core.seeds import seed_of
 from tsbench.dataset.scenes.variants import LANE_KM_WITHIN_REACH
+from tsbench.dataset.seeds import seed_of
 from tsbench.geometry.polyline import Array
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

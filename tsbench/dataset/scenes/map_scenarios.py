@@ -8,7 +8,6 @@ from typing import Protocol
 
 from tsbench.core.benchmark import VARIANTS_OF
 from tsbench.core.errors import SimulationError
-from tsbench.core.seeds import rng_of, seed_of
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.crop import plain_crop
@@ -21,6 +20,7 @@ from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.scene_files import Others, SceneFiles, UnluckyDrawError
 from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import read_network

@@ -8,7 +8,6 @@ from pathlib import Path
 from lxml import etree
 
 from tsbench.core.errors import SimulationError
-from tsbench.core.seeds import rng_of
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.placements.base import Arrangement, ConvoySetup, UnfitMapError
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
@@ -24,6 +23,7 @@ from tsbench.dataset.scenes.elements import (
 )  # fmt: skip
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
+from tsbench.dataset.seeds import rng_of
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.sim.ego import start_motion

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from tsbench.core.seeds import ROOT_SEED
 from tsbench.dataset.city import SplitPlan, Tile
+from tsbench.dataset.seeds import root_sequence
 from tsbench.scenarios.map_pool import PoolRow
 
 APART_M = 300.0
@@ -48,7 +48,7 @@ def choose_test_tiles(rows: Sequence[PoolRow], plan: SplitPlan) -> frozenset[Til
         counts[strata[_stratum(row)], column[tile[row.map_id]]] += 1
     share = counts / counts.sum(axis=1, keepdims=True)
     weight = np.sqrt(counts.sum(axis=1))
-    rng = np.random.default_rng(np.random.SeedSequence([ROOT_SEED, 0x5917]))
+    rng = np.random.default_rng(root_sequence(0x5917))
     best, best_cost = np.zeros(len(tiles), dtype=bool), math.inf
     for _ in range(CANDIDATES):
         chosen = rng.random(len(tiles)) < plan.test_share

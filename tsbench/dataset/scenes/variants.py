@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 
 from tsbench.core.benchmark import VARIANTS
-from tsbench.core.seeds import rng_of, seed_of
+from tsbench.dataset.seeds import rng_of, seed_of
 
 ROUTE_LENGTHS_M = (90.0, 120.0)
 DENSITIES = (2.3333, 4.0, 5.5)

@@ -42,10 +42,10 @@ def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType], voca
 
 
 def _title(frame: at.Record, types: Sequence[ScenarioType], vocabulary: Vocabulary) -> str:
-    state = frame["sign_state"].item()
+    own, other = (vocabulary.codes[k - 1] if k else "–" for k in frame["held_classes"].tolist())
     return (
         f"{types[frame['type'].item()].id}{' *' if frame['decides'] else ''}\n"
-        f"holds {vocabulary.words[state - 1] if state else '–'}, target {3.6 * frame['speed'].item():.0f} km/h, limit "
+        f"holds {own}, other arm {other}, target {3.6 * frame['speed'].item():.0f} km/h, limit "
         f"{3.6 * at.SPEED_SCALE_MPS * frame['limits'][0].item():.0f}"
     )
 
@@ -55,7 +55,7 @@ def _panel(frame: at.Record, vocabulary: Vocabulary) -> Image:
     paint(image, _CAMERA, (*_bodies(frame), *_answers(frame)))
     for code, features in zip(frame["sign_classes"].tolist(), frame["signs"].tolist(), strict=True):
         if code:
-            _plate(image, features, "/".join(vocabulary.classes[code - 1]))
+            _plate(image, features, vocabulary.codes[code - 1])
     return image
 
 

@@ -18,7 +18,7 @@ from tsbench.learn.oracle.trajectories import read_trajectories
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.sizes import size_of
-from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of
+from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of, vocabulary_of_catalog
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
@@ -78,10 +78,10 @@ class FineTuning(TrainingRecipe):
         return network(self.name if self.starts_tuned else "plant2", self.base)
 
     def vocabulary(self) -> Vocabulary:
-        """The base's words, where it has some; else tsbench's own and all other signs of the catalogue, or posts."""
+        """The base's words, where it has some; else all signs of the catalogue, and posts where they are masked."""
         if self.starts_tuned:
             return vocabulary_of(self.base, self.name)
-        words = vocabulary_of().with_signs_of(load_catalog())
+        words = vocabulary_of_catalog(load_catalog())
         return words.with_posts() if self.mask_signs else words
 
     def source(self) -> FinetuneSource:

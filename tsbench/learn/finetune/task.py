@@ -49,7 +49,7 @@ def beginning(recipe: FineTuning, words: Vocabulary) -> Plant2Network:
     begin = fitted(base.name, recipe.base, lambda weights: network_of(size, weights))
     if isinstance(begin, Plant2FtNetwork):
         return begin
-    net = Plant2FtNetwork(size, len(words.classes), len(words.words))
+    net = Plant2FtNetwork(size, len(words.codes))
     net.take_over(begin)
     return net
 
@@ -57,7 +57,7 @@ def beginning(recipe: FineTuning, words: Vocabulary) -> Plant2Network:
 def share_of(name: str, layers: int, recipe: FineTuning) -> float:
     """A parameter's part of the learning rate: 1 for heads, less by layer towards the inputs, more for what is new."""
     part, *rest = name.split(".")
-    if part in ("signs", "sign_state", "ways", "speed_token", "ego_speed_head"):
+    if part in ("signs", "held", "ways", "speed_token", "ego_speed_head"):
         return recipe.new_factor
     if part == "encoder":
         return float(recipe.layer_decay ** (layers - int(rest[1])))

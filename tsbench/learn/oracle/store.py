@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic, write_json
-from tsbench.core.parquet import VERSION_KEY, columns, open_table, save_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, save_table
 from tsbench.core.provenance import digest, versions
 from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
 from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
@@ -65,7 +65,7 @@ SCHEMA = pa.schema(
         *columns(pa.string(), "ego", "others", nullable=True),
         *columns(pa.string(), "scenario", "code"),
     ]
-).with_metadata({VERSION_KEY: "1"})
+).with_metadata({VERSION_KEY: "1", **OSM_LICENCE})
 
 
 @cache

@@ -113,7 +113,7 @@ class Engine:
         norm = 1.001 * _LONGEST
         if self._reads_signs:
             self._ways, self._signs = self._entry(*of.linear("ways")), self._of_classes(of, "signs")
-            self._sign_state = of.take("sign_state.weight").astype(np.float64)
+            self._held = [self._of_classes(of, f"held.{k}") for k in range(at.HELD)]
             self._speed_token = of.take("speed_token").astype(np.float64)[None]
         self._layers: list[Layer] = []
         for k in range(extents.layers):
@@ -169,9 +169,16 @@ class Engine:
         ]
         if self._reads_signs:
             classes, known = records["sign_classes"], records["way_known"] != 0
+            holding = records["held_classes"]
             seen[1:1] = [
                 [self._speed_token] * b,
-                self._sign_state[records["sign_state"]][:, None],
+                *(
+                    _split(
+                        held(_spread(records["held"][:, k : k + 1], holding[:, k : k + 1], held)),
+                        holding[:, k : k + 1] != at.EMPTY,
+                    )
+                    for k, held in enumerate(self._held)
+                ),
                 _split(self._signs(_spread(records["signs"], classes, self._signs)), classes != at.EMPTY),
                 _split(self._ways(_cut(records["ways"][known])), known),
             ]

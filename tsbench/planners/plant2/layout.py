@@ -37,6 +37,11 @@ PATCH_M_PER_PX = 1.0
 # Sign tokens (`plant2-ft`): x, y, cos and sin of the direction it faces, value, lane.
 SIGNS = 6
 SIGN_FEATURES = 6
+# Plates that hold (`plant2-ft`), remembered once out of sight: on the ego's way, and on another arm of its junction.
+# Of each: value, lane, m ahead of the ego's centre (less than 0: passed), m from its front to the end of its lane,
+# and whether it has stood for the plate.
+HELD = 2
+HELD_FEATURES = 5
 
 # Ways to the destination by the exits ahead (`plant2-ft`): points so far along each (x, y), then cos and sin of the
 # turn at the exit, metres to it, metres to the destination, and whether it is the navigation's.
@@ -74,7 +79,8 @@ SIGN_TOKENS = np.dtype(
         *((name, TOKENS.fields[name][0]) for name in TOKENS.names or ()),  # type: ignore[index]
         ("signs", np.float32, (SIGNS, SIGN_FEATURES)),
         ("sign_classes", np.uint8, (SIGNS,)),
-        ("sign_state", np.uint8),
+        ("held", np.float32, (HELD, HELD_FEATURES)),
+        ("held_classes", np.uint8, (HELD,)),
         ("ways", np.float32, (WAYS, WAY_FEATURES)),
         ("way_known", np.uint8, (WAYS,)),
     ]

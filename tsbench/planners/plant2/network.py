@@ -196,22 +196,21 @@ class Plant2Network(nn.Module):
 
 
 class Plant2FtNetwork(Plant2Network):
-    """With tokens for signs, their state, ways on and the speed, whose head gives the target speed.
+    """With tokens for signs, those that hold, ways on and the speed, whose head gives the target speed.
 
-    Ways left out, which are tsbench's own, 147,976 parameters more at `medium`. Inputs: `layout.SIGN_TOKENS`.
-
-    classes, states: how many classes and words its vocabulary of signs has.
+    Inputs: `layout.SIGN_TOKENS`. classes: how many codes its vocabulary of signs has.
     """
 
-    def __init__(self, size: str, classes: int, states: int) -> None:
+    def __init__(self, size: str, classes: int) -> None:
         super().__init__(size)
         width = SIZES[size].width
         self.ways = nn.Linear(at.WAY_FEATURES, width)
         self.signs = ClassProjection(classes + 1, at.SIGN_FEATURES, width)
-        self.sign_state = nn.Embedding(states + 1, width)
+        self.held = nn.ModuleList(
+            ClassProjection(classes + 1, at.HELD_FEATURES, width) for _ in range(at.HELD)
+        )
         self.speed_token = nn.Parameter(0.02 * torch.randn(width))
         self.ego_speed_head = nn.Linear(width, len(at.SPEEDS))
-        nn.init.normal_(self.sign_state.weight, std=0.02)
 
     def take_over(self, base: Plant2Network) -> None:
         """Begin with a base network's weights; points of ways are read like the route's, what else is new as drawn."""
@@ -221,17 +220,19 @@ class Plant2FtNetwork(Plant2Network):
             self.ways.weight[:, : 2 * at.ROUTE_POINTS] = self.route.weight
 
     def embed(self, tokens: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """The base's tokens with speed token, sign state, signs and ways before the objects."""
+        """The base's tokens with speed token, signs that hold, signs and ways before the objects."""
         x, empty = super().embed(tokens)
-        classes = tokens["sign_classes"].long()
+        classes, holding = tokens["sign_classes"].long(), tokens["held_classes"].long()
         b, objects = len(classes), tokens["objects"].shape[1]
         new = [
             self.speed_token.expand(b, 1, -1),
-            self.sign_state(tokens["sign_state"].long())[:, None],
+            *(held(holding[:, k : k + 1], tokens["held"][:, k : k + 1]) for k, held in enumerate(self.held)),
             self.signs(classes, tokens["signs"]),
             per_sample(self.ways, tokens["ways"]),
         ]
-        unseen = [empty.new_zeros((b, 2)), classes == at.EMPTY, tokens["way_known"] == 0]
+        unseen = [
+            empty.new_zeros((b, 1)), holding == at.EMPTY, classes == at.EMPTY, tokens["way_known"] == 0
+        ]  # fmt: skip
         split = x.shape[1] - objects
         return (
             torch.cat([x[:, :split], *new, x[:, split:]], dim=1),

@@ -25,7 +25,7 @@ def parts(size: str) -> list[Part]:
     """Parts of `plant2` and of what `plant2-ft` adds, each with its sum."""
     words = vocabulary_of()
     base = _counts(Plant2Network(size))
-    tuned = _counts(Plant2FtNetwork(size, len(words.classes), len(words.words)))
+    tuned = _counts(Plant2FtNetwork(size, len(words.codes)))
     of_medium = size == "medium"
     added = tuned.total() - base.total() - tuned["ways"]
     return [

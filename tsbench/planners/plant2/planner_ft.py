@@ -41,7 +41,7 @@ class SignTokeniser:
         here = (o.ego.x, o.ego.y, o.ego.heading) if pose is None else pose
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0
         fill_signs(record, o, here, order, self._vocabulary.class_of)
-        record["sign_state"] = self._memory.state
+        self._memory.fill(record, o, order)
         self.ways.fill(record, here)
         return origins
 

@@ -1,9 +1,14 @@
-"""What `plant2-ft` reads of signs: a token for each plate in sight, and the sign that holds now, remembered."""
+"""What `plant2-ft` reads of signs: a token for each plate in sight, and the plates that hold, remembered.
+
+The memory is of what was seen and driven, no more: which plate, how far ago, and whether the ego has stood for it. What
+follows from that is the network's.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
@@ -11,7 +16,7 @@ from tsbench.planners.plant2.tokens import Pose
 from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
-from tsbench.sim.world import EGO_LENGTH_M
+from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 _KMH_PER_MPS = 3.6
 # A plate is read by those whom it faces.
@@ -19,55 +24,98 @@ _FACING_RAD = math.radians(60.0)
 # A stop before the line, well within what the rule asks for: this near to the line with the front, and to the plate,
 # which stands a little before it; this slow.
 _LINE_M, _PLATE_M, STOPPED_MPS = 4.5, 6.0, 0.15
+# Farther away than this a plate is as far as that.
+_FAR_M = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """A plate and how far ahead it is, m; negative once it is passed."""
+
+    sign: SignView
+    ahead: float
 
 
 class SignMemory:
-    """The sign that holds: the nearest plate on the way that faces the ego; once out of sight, the last one.
+    """The plates that hold: on the way, and on another arm of the junction ahead.
 
-    A plate that ends a zone holds from where it is passed. Once the ego has stood before the line, what is left of a
-    stop sign is to give way, and its state is that sign's: nothing else tells a planner that it may go on. So is that
-    of a crossing with a secondary road that is announced to another arm of the junction ahead: the ego's is that road.
+    On the way it is the nearest one that faces the ego; one that ends a zone holds from where it is passed. On another
+    arm it is the nearest of those that say who goes first. Once out of sight the last one holds, and is left behind by
+    what the ego drives.
     """
 
     def __init__(self, network: RoadMap, vocabulary: Vocabulary) -> None:
-        self.state = 0
-        self._words = vocabulary
-        self._stop, self._give_way = (
-            vocabulary.state_of_word[word] for word in (vocabulary.stop, vocabulary.give_way)
-        )
-        self._network = network
+        self.own: _Held | None = None
+        self.other: _Held | None = None
+        self._words, self._network = vocabulary, network
         self._path: RoutePath | None = None
         self._edges: frozenset[str] = frozenset()
         self._stood: set[tuple[str, float]] = set()
+        self._step = -1
 
-    def update(self, o: Observation) -> int:
+    def update(self, o: Observation) -> None:
+        """What holds at this tick; the same tick twice is as good as once."""
         if o.route.path is not self._path:
             self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
+        driven = o.ego.speed * DT_S if o.step != self._step else 0.0
+        self._step = o.step
+        self.own = self._seen_ahead(o) or _left_behind(self.own, driven)
+        self.other = self._on_other_arm(o) or _left_behind(self.other, driven)
+        self._watch_stop(o)
+
+    def fill(self, record: at.Record, o: Observation, lane_order: int) -> None:
+        """Write `held` and `held_classes`. lane_order: of the ego's lane, to which a plate's own is related."""
+        to_line = min(_to_line(o), _FAR_M) / at.POSITION_SCALE_M
+        for slot, held in enumerate((self.own, self.other)):
+            if held is None:
+                continue
+            sign = held.sign
+            record["held_classes"][slot] = self._words.class_of[sign.code]
+            record["held"][slot] = (
+                *_value_and_lane(sign, lane_order),
+                min(max(held.ahead, -_FAR_M), _FAR_M) / at.POSITION_SCALE_M,
+                to_line,
+                float((sign.edge, sign.position_m) in self._stood),
+            )
+
+    def _seen_ahead(self, o: Observation) -> _Held | None:
         for sign in o.signs:
-            if sign.code in self._words.secondary and self._other_arm(sign, o):
-                self.state = self._give_way
-                break
             if sign.edge not in self._edges or not faces(sign, o.ego.heading):
                 continue
-            if sign.code in self._words.ends and _ahead(sign, o) > 0.0:
+            if sign.code not in self._words.class_of or (
+                sign.code in self._words.ends and _ahead(sign, o) > 0.0
+            ):
                 continue
-            self.state = self._of(sign, o)
-            break
-        return self.state
+            return _Held(sign, _ahead(sign, o))
+        return None
 
-    def _other_arm(self, sign: SignView, o: Observation) -> bool:
-        """Does the plate's road lead to the junction that the ego's leads to, and is another one?"""
+    def _on_other_arm(self, o: Observation) -> _Held | None:
+        """The nearest plate of right of way on a road that leads to the junction that the ego's leads to."""
         edges, own = self._network.edges, self._network.lanes[o.route.path.lane_at(o.route.s)]
-        other = None if own.internal or sign.edge in self._edges else edges.get(sign.edge)
-        return other is not None and other.target == edges[own.edge].target
+        if own.internal:
+            return None
+        for sign in o.signs:
+            if sign.code not in self._words.right_of_way or sign.edge in self._edges:
+                continue
+            other = edges.get(sign.edge)
+            if other is not None and other.target == edges[own.edge].target:
+                return _Held(sign, _ahead(sign, o))
+        return None
 
-    def _of(self, sign: SignView, o: Observation) -> int:
-        if sign.code != self._words.stop:
-            return self._words.state_of(sign)
-        place = sign.edge, sign.position_m
-        if o.ego.speed <= STOPPED_MPS and _ahead(sign, o) <= _PLATE_M and _to_line(o) <= _LINE_M:
-            self._stood.add(place)
-        return self._give_way if place in self._stood else self._stop
+    def _watch_stop(self, o: Observation) -> None:
+        if self.own is None or self.own.sign.code not in self._words.full_stop:
+            return
+        if o.ego.speed <= STOPPED_MPS and self.own.ahead <= _PLATE_M and _to_line(o) <= _LINE_M:
+            self._stood.add((self.own.sign.edge, self.own.sign.position_m))
+
+
+def _left_behind(held: _Held | None, driven: float) -> _Held | None:
+    return None if held is None else _Held(held.sign, held.ahead - driven)
+
+
+def _value_and_lane(sign: SignView, lane_order: int) -> tuple[float, float]:
+    value = (sign.value or 0.0) / _KMH_PER_MPS / at.SPEED_SCALE_MPS
+    return value, 0.0 if sign.lane < 0 else 1.0 + sign.lane - lane_order
 
 
 def _ahead(sign: SignView, o: Observation) -> float:
@@ -105,8 +153,6 @@ def fill_signs(
         record["sign_classes"][slot] = classes[sign.code]
         record["signs"][slot] = (
             (c * dx + s * dy) / at.POSITION_SCALE_M, (c * dy - s * dx) / at.POSITION_SCALE_M,
-            math.cos(turn), math.sin(turn),
-            (sign.value or 0.0) / _KMH_PER_MPS / at.SPEED_SCALE_MPS,
-            0.0 if sign.lane < 0 else 1.0 + sign.lane - lane_order,
+            math.cos(turn), math.sin(turn), *_value_and_lane(sign, lane_order),
         )  # fmt: skip
         slot += 1

@@ -65,6 +65,6 @@ def network_of(size: str, weights: Mapping[str, Any]) -> Plant2Network:
     """
     net = Plant2Network(size)
     if "speed_token" in weights:
-        net = Plant2FtNetwork(size, len(weights["signs.weight"]), len(weights["sign_state.weight"]) - 1)
+        net = Plant2FtNetwork(size, len(weights["signs.weight"]))
     net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     return net

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import SignView
 from tsbench.planners.weights import load_metadata
 from tsbench.signs.catalog import Catalog
 
@@ -20,73 +19,50 @@ READER = "plant2-ft"
 _KEY = "vocabulary"
 # What a masked plate says (`SignView.masked`).
 _POST = ""
+# Rules whose plates on other arms of a junction say who goes first there.
+_RIGHT_OF_WAY = ("give_way", "stop")
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """Codes by the row of the network's tables.
+    """Codes by the row of the network's tables; a plate's value is a number beside its code, not a word.
 
     Attributes
     ----------
-        classes: codes of each class of sign tokens; those of one class share a projection.
-        values_kmh: values of the codes that are a word of their own with each of them.
-        stop, give_way: codes whose states a plate takes before and after a full stop.
-        secondary: announced to another arm of the junction, they tell that arm to give way.
+        codes: each a class of sign tokens with a projection of its own.
+        full_stop: plates before which one has to have stood.
+        right_of_way: plates that concern the ego on other arms of the junction ahead, too.
         ends: plates that close a zone.
     """
 
-    classes: tuple[tuple[str, ...], ...]
-    values_kmh: Mapping[str, tuple[int, ...]]
-    stop: str
-    give_way: str
-    secondary: tuple[str, ...]
+    codes: tuple[str, ...]
+    full_stop: tuple[str, ...]
+    right_of_way: tuple[str, ...]
     ends: tuple[str, ...]
 
     @cached_property
-    def words(self) -> tuple[str, ...]:
-        """What a sign state may be, from 1 on: `CODE`, or `CODE@KMH`."""
-        found: list[str] = []
-        for code in (code for row in self.classes for code in row):
-            values = self.values_kmh.get(code)
-            found += [code] if values is None else [f"{code}@{value}" for value in values]
-        return tuple(found)
-
-    @cached_property
     def class_of(self) -> Mapping[str, int]:
-        return {code: k + 1 for k, row in enumerate(self.classes) for code in row}
-
-    @cached_property
-    def state_of_word(self) -> Mapping[str, int]:
-        return {word: k + 1 for k, word in enumerate(self.words)}
-
-    def state_of(self, sign: SignView) -> int:
-        """The state that a plate means; 0 for an unknown one. A value that is no word is read as the next lower one."""
-        word = sign.code
-        if sign.code in self.values_kmh:
-            known, asked = self.values_kmh[sign.code], 0.0 if sign.value is None else sign.value
-            word = f"{sign.code}@{max((v for v in known if v <= asked), default=min(known))}"
-        return self.state_of_word.get(word, 0)
-
-    def with_signs_of(self, catalog: Catalog) -> Vocabulary:
-        """This, and behind it the catalogue's signs that it has not: for weights that are yet to be learned."""
-        new = [sign for sign in catalog.signs.values() if sign.code not in self.class_of]
-        printed = {s.code: tuple(map(int, s.value.allowed)) for s in new if s.value and s.value.printed}
-        return Vocabulary(
-            (*self.classes, *((sign.code,) for sign in new)),
-            {**self.values_kmh, **printed},
-            self.stop,
-            self.give_way,
-            self.secondary,
-            (*self.ends, *(sign.code for sign in new if sign.is_end)),
-        )
+        """Of codes, from 1 on: 0 is no plate."""
+        return {code: k + 1 for k, code in enumerate(self.codes)}
 
     def with_posts(self) -> Vocabulary:
         """This, and a class for masked plates, which then leave a token of their place: for weights of a floor."""
-        return replace(self, classes=(*self.classes, (_POST,)))
+        return replace(self, codes=(*self.codes, _POST))
 
     def metadata(self) -> dict[str, str]:
         """As it stands in the head of a weights file."""
         return {_KEY: json.dumps(asdict(self))}
+
+
+def vocabulary_of_catalog(catalog: Catalog) -> Vocabulary:
+    """All signs there are: for weights that are yet to be learned."""
+    rules = {code: sign.rule.name for code, sign in catalog.signs.items()}
+    return Vocabulary(
+        codes=tuple(rules),
+        full_stop=tuple(code for code, rule in rules.items() if rule == "stop"),
+        right_of_way=tuple(code for code, rule in rules.items() if rule in _RIGHT_OF_WAY),
+        ends=tuple(code for code, sign in catalog.signs.items() if sign.is_end),
+    )
 
 
 def vocabulary_of(folder: Path | None = None, name: str = READER) -> Vocabulary:
@@ -96,14 +72,8 @@ def vocabulary_of(folder: Path | None = None, name: str = READER) -> Vocabulary:
         if found is None:
             raise ValueError("none in the file's head")
         raw = json.loads(found)
-        return Vocabulary(
-            tuple(map(tuple, raw["classes"])),
-            {code: tuple(values) for code, values in raw["values_kmh"].items()},
-            raw["stop"],
-            raw["give_way"],
-            tuple(raw["secondary"]),
-            tuple(raw["ends"]),
-        )
+        fields = ("codes", "full_stop", "right_of_way", "ends")
+        return Vocabulary(*(tuple(raw[field]) for field in fields))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"weights {name!r}: no vocabulary of signs ({error}): train them again (tsbench train {READER})"

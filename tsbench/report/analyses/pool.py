@@ -91,8 +91,9 @@ class Pool:
         half = effective.get("half", BOTH)
         halves = "" if half == BOTH else f", {half} halves"
         masked = ", signs masked" if effective["mask_signs"] else ""
+        eyes = f", perception {effective['perception']['name']}" if "perception" in effective else ""
         city = f"{effective['city']}, " if "city" in effective else ""
-        return f"{city}{effective['split']} split, variants {effective['variants']}{halves}{masked}"
+        return f"{city}{effective['split']} split, variants {effective['variants']}{halves}{masked}{eyes}"
 
     def title(self, what: str) -> str:
         """What is shown, of what; where records are missing that comes first."""
@@ -153,4 +154,8 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
     if len({bool(run.manifest["effective"].get("mask_signs")) for run in (a, b)}) > 1:
         raise InputError(
             f"signs are masked in one of {a.path} and {b.path} only: tsbench analyse ablation compares such runs"
+        )
+    if a.manifest["effective"].get("perception") != b.manifest["effective"].get("perception"):
+        raise InputError(
+            f"{a.path} and {b.path} are of different perception levels: tsbench analyse perception compares such runs"
         )

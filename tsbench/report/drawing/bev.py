@@ -6,31 +6,39 @@ Fast enough for bulk video: a frame is a copy of a part of the ground and a few 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import cv2
 import numpy as np
 
 from tsbench.episode.trace import Trace
+from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image, camera_over
 from tsbench.report.drawing.hud import FrameInfo, Hud, draw_attribution, draw_scale_bar
 from tsbench.report.drawing.paint import paint, paint_outline
 from tsbench.report.drawing.roads import road_shapes
-from tsbench.report.drawing.scene import ego_body, furniture_shapes, tick_shapes
+from tsbench.report.drawing.scene import body_kind, ego_body, furniture_shapes, tick_shapes
+from tsbench.report.drawing.shapes import Body
 from tsbench.report.drawing.style import STYLE
+from tsbench.report.drawing.text import label
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.sealed import seal
 from tsbench.rules.base import Violation
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
+from tsbench.sim.scene_file import EGO_ID
+from tsbench.sim.world import Indicator
 
 WHOLE_SCENE_PX_PER_M = 6.0
 FOLLOW_PX_PER_M = 7.0
 LARGEST_PX_PER_M = 14.0
 _EDGE_PX = 8
 _ROUTE_STEP_M = 2.0
+_SIDES = MappingProxyType({Indicator.NONE: 0, Indicator.LEFT: 1, Indicator.RIGHT: -1})
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +65,8 @@ class BirdsEye:
         country: Country | None = None,
     ) -> None:  # fmt: skip
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
-        self._views = trace.routes(seal(scene.network), scene)
+        view = seal(scene.network)
+        self._views, self._witness = trace.routes(view, scene), Witness(scene.network, view)
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, 8.0, bounds)
@@ -88,8 +97,14 @@ class BirdsEye:
         shares = [v.start_s / self._last for v in trace.events]
         return Hud(
             self.size.width, episode_title(trace), episode_subtitle(trace, self._country),
-            self.scene.target_sign, shares, self._country,
+            self.scene.target_sign, shares, self._kinds(), self._country,
         )  # fmt: skip
+
+    def _kinds(self) -> frozenset[str]:
+        """What there is to be seen, for the legend."""
+        table = self.trace.snapshots[-1].actors.table
+        found = {body_kind(table, row) for row in range(len(table.ids))}
+        return frozenset(found | ({"plan"} if any(plan is not None for plan in self.trace.plans) else set()))
 
     def page(self, tick: int, out: Image | None = None) -> Image:
         """The page of one tick, (height, width, 3) RGB. Ticks must not run backwards: the trail only grows.
@@ -112,9 +127,34 @@ class BirdsEye:
         view[:] = self.ground[top : top + view.shape[0], left : left + view.shape[1]]
         self._draw_route(view, tick, left, top)
         self._draw_plan(view, tick, camera)
-        paint(view, camera, tick_shapes(self.trace.snapshots[tick]))
+        bodies = self._bodies(tick)
+        paint(view, camera, bodies)
+        self._name(view, camera, bodies, tick)
         draw_scale_bar(view, camera.scale)
         draw_attribution(view)
+
+    def _name(self, view: Image, camera: Camera, bodies: list[Body], tick: int) -> None:
+        """The names of those that the violations so far speak of, beside them."""
+        now = self.trace.snapshots[tick].time + 1e-6
+        said = " ".join(event.sentence for event in self.trace.events if event.start_s <= now)
+        for body in bodies:
+            if body.name != EGO_ID and re.search(rf"\b{re.escape(body.name)}\b", said):
+                x, y = np.rint(camera.px([(body.x, body.y)])[0]).astype(int).tolist()
+                name = label(body.name, 13, STYLE.ink, STYLE.outline)
+                height, width = name.share.shape[:2]
+                if 0 <= x + 14 <= view.shape[1] - width and 0 <= y - 34 <= view.shape[0] - height:
+                    name.lay(view, x + 14, y - 34)
+
+    def _bodies(self, tick: int) -> list[Body]:
+        """Who is there, with the lights that others show."""
+        snapshot = self.trace.snapshots[tick]
+        bodies = tick_shapes(snapshot, self.trace.snapshots[tick - 1] if tick else None)
+        seen = self._witness.see(snapshot.actors, snapshot.ego)
+        sides = {
+            (x, y): _SIDES[i]
+            for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)
+        }
+        return [replace(body, signals=sides.get((body.x, body.y), 0)) for body in bodies]
 
     def _make_windows(self) -> list[tuple[int, int]]:
         """Of each tick, the view's upper left corner in the ground, whole px so that the ground is copied as it is."""

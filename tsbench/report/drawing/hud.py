@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,14 @@ from tsbench.signs.plates import plate_rgba
 _BAR_PX = 5
 _PAD_PX = 12
 _CLOCK_PX = 190
+_KEY_PX = 10
+# Fields of `Style` and what they are in a picture, by how much one wants to know it.
+LEGEND = {
+    "ego": "ego", "route": "navigation's way", "trail": "driven", "convoy": "held for the ego", "pedestrian": "person",
+    "bicycle": "bicycle", "bus": "bus", "car": "car", "plate_line": "target plate, its line",
+    "destination": "destination", "plan": "planner's plan",
+}  # fmt: skip
+_ALWAYS = ("ego", "route", "trail", "plate_line", "destination")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +74,12 @@ class Hud:
     """Header and footer of pages of one episode; the parts that never change are drawn once."""
 
     def __init__(
-        self,
-        width: int,
-        title: str,
-        subtitle: str,
-        sign: SignInstance,
-        events: list[float],
-        country: Country | None = None,
-    ) -> None:
-        """events: moments of violations as shares (0-1) of the episode."""
+        self, width: int, title: str, subtitle: str, sign: SignInstance, events: list[float],
+        kinds: Collection[str] = (), country: Country | None = None,
+    ) -> None:  # fmt: skip
+        """events: moments of violations as shares (0-1) of the episode. kinds: of bodies to be seen (`Body.kind`)."""
         self._width = width
+        self._legend = [(name, text) for name, text in LEGEND.items() if name in _ALWAYS or name in kinds]
         self._events = events
         self._header = header(width, title, subtitle, sign, _CLOCK_PX, country)
         self._footers: dict[tuple[Violation | None, str], Image] = {}
@@ -120,8 +125,11 @@ class Hud:
             right -= text_width(word, 18, True)
             write(image, right, 19, word, 18, STYLE.ink, bold=True)
             right -= 2 * pad
-        if event is not None:
-            figure = f"{event.value:.1f} {event.unit}, threshold {event.threshold:g}" if event.unit else ""
+        if event is None:
+            self._draw_legend(image, right)
+        else:
+            unit = event.unit
+            figure = f"{_plain(event.value)} {unit}, threshold {event.threshold:g} {unit}" if unit else ""
             width = text_width(figure, 15, True)
             write(image, right - width, 20, figure, 15, STYLE.ink, bold=True)
             rows = wrap(event.sentence, 13, right - width - 3 * pad, 2)
@@ -129,6 +137,23 @@ class Hud:
             for k, row in enumerate(rows):
                 write(image, pad, y + k * line_height(13), row, 13, STYLE.ink)
         return image
+
+    def _draw_legend(self, image: Image, right: int) -> None:
+        """What the colours mean, as far as there is room."""
+        x, y = _PAD_PX, (STYLE.footer_px + _BAR_PX - line_height(12)) // 2
+        for name, text in self._legend:
+            wide = _KEY_PX + 5 + text_width(text, 12)
+            if x + wide > right - _PAD_PX:
+                return
+            top = y + (line_height(12) - _KEY_PX) // 2
+            image[top : top + _KEY_PX, x : x + _KEY_PX] = getattr(STYLE, name)
+            write(image, x + _KEY_PX + 5, y, text, 12, STYLE.faint)
+            x += wide + 16
+
+
+def _plain(value: float) -> str:
+    """With one decimal, and no sign before what rounds to 0."""
+    return f"{round(value, 1) + 0.0:.1f}"
 
 
 def _digit(sign: str) -> Image:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -27,6 +28,7 @@ _SCREEN = np.array([(0.26, 0.4), (0.1, 0.33), (0.1, -0.33), (0.26, -0.4)])
 _SHAPE = np.vstack((_BODY, _SCREEN))
 # Somebody on foot and a cone are wider than they are where the scale would make them a speck.
 _DISC_M, _PERSON_PX, _CONE_PX = 0.35, 3.5, 4.5
+_LAMP_M, _LAMP_PX = 0.22, 2.0
 _PLATE_M, _PLATE_PX = 4.5, (30, 60)
 _REACH_M = 10.0
 
@@ -73,7 +75,9 @@ def _body(image: Image, camera: Camera, body: Body, outline: Fixed) -> None:
         return
     colour: Colour = getattr(STYLE, "cone" if body.kind == "cones" else body.kind)
     if body.kind == "pedestrian":
-        _disc(image, camera, (body.x, body.y), max(_DISC_M, _PERSON_PX / camera.scale), colour)
+        _person(image, camera, body, colour)
+    elif body.kind == "bicycle":
+        _bicycle(image, camera, body, colour)
     elif body.kind == "cones":
         radius = max(_DISC_M, _CONE_PX / camera.scale)
         for at in cone_places(body):
@@ -87,6 +91,53 @@ def _body(image: Image, camera: Camera, body: Body, outline: Fixed) -> None:
         cv2.fillConvexPoly(image, outline[: len(_BODY)], colour, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, [outline[: len(_BODY)]], True, STYLE.outline, 1, cv2.LINE_AA, SHIFT)
         cv2.fillConvexPoly(image, outline[len(_BODY) :], STYLE.glass, cv2.LINE_AA, SHIFT)
+        _lights(image, camera, body)
+
+
+def _in_world(body: Body, places: Array) -> Array:
+    """(n, 2) of its frame (m ahead, m to the left) in the world."""
+    c, s = math.cos(body.heading), math.sin(body.heading)
+    turned = places @ np.array([[c, s], [-s, c]])
+    found: Array = turned + np.array([body.x, body.y])
+    return found
+
+
+def _lights(image: Image, camera: Camera, body: Body) -> None:
+    """Brake lights at both rear corners; an indicator at both corners of its side."""
+    radius, u, v = max(_LAMP_M, _LAMP_PX / camera.scale), 0.46 * body.length, 0.4 * body.width
+    for at in _in_world(body, np.array([(-u, v), (-u, -v)])) if body.brakes else ():
+        _spot(image, camera, at, radius, STYLE.brake)
+    for at in (
+        _in_world(body, np.array([(u, v * body.signals), (-u, v * body.signals)])) if body.signals else ()
+    ):
+        _spot(image, camera, at, radius, STYLE.lamp)
+
+
+def _spot(image: Image, camera: Camera, at: Array, radius: float, colour: Colour) -> None:
+    centre = camera.fixed(at)[0].tolist()
+    cv2.circle(image, centre, round(radius * camera.scale * (1 << SHIFT)), colour, -1, cv2.LINE_AA, SHIFT)
+
+
+def _person(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
+    """Shoulders across the heading, the head on them."""
+    radius = max(_DISC_M, _PERSON_PX / camera.scale)
+    across = camera.fixed(_in_world(body, np.array([(0.0, radius), (0.0, -radius)])))
+    for thick, paint_ in ((1.2, STYLE.outline), (0.9, colour)):
+        ends = (across[0].tolist(), across[1].tolist())
+        cv2.line(image, *ends, paint_, camera.thickness(thick * radius), cv2.LINE_AA, SHIFT)
+    _disc(image, camera, (body.x, body.y), 0.8 * radius, colour)
+
+
+def _bicycle(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
+    """Two wheels in a line, a handlebar, and who rides."""
+    half, bar = 0.5 * body.length, max(0.3, _LAMP_PX / camera.scale)
+    frame = camera.fixed(
+        _in_world(body, np.array([(-half, 0.0), (half, 0.0), (0.5 * half, bar), (0.5 * half, -bar)]))
+    )
+    for first, last in ((0, 1), (2, 3)):
+        ends = (frame[first].tolist(), frame[last].tolist())
+        cv2.line(image, *ends, STYLE.outline, camera.thickness(0.16), cv2.LINE_AA, SHIFT)
+    _disc(image, camera, (body.x, body.y), max(_DISC_M, 0.8 * _PERSON_PX / camera.scale), colour)
 
 
 def _disc(

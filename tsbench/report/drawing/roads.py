@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from types import MappingProxyType
 
 import numpy as np
 import shapely
 
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
+from tsbench.report.drawing.curves import lane_area, rounded
 from tsbench.report.drawing.shapes import Area, Line, dashes
 from tsbench.report.drawing.style import STYLE
 from tsbench.roads.network import Edge, Lane, RoadNetwork
@@ -25,7 +28,7 @@ _APRON_M = (3.0, 1.6)
 
 
 def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
-    walks = [strip(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
+    walks = [lane_area(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
     area = _carriageway(network)
     yield Area("walk", shapely.union_all([*walks, area.intersection(aprons)]))
@@ -34,7 +37,7 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
     yield Area("asphalt", road)
     for lane in network.lanes:
         if not lane.internal and not lane.permits("passenger") and not _is_walk(lane):
-            yield Area("reserved", strip(lane.line, lane.width))
+            yield Area("reserved", lane_area(lane.line, lane.width))
     opposite = {
         (e.target, e.source) for e in network.edges.values() if not e.internal and _drivable(network, e)
     }
@@ -45,6 +48,7 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
         yield from _edge_marks(lanes, (edge.source, edge.target) in opposite, network.to_kerb)
         for lane in lanes:
             yield from _end_marks(network, lane)
+            yield from _arrows(network, lane, one_way=(edge.source, edge.target) not in opposite)
     for crossing in network.crossings.values():
         for dash in dashes(crossing.line.points, *_ZEBRA_M):
             yield Area("marking", strip(Polyline(dash), crossing.width))
@@ -58,7 +62,7 @@ def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
 
 def _carriageway(network: RoadNetwork) -> shapely.Geometry:
     """All lanes for wheels and all junction areas, as one area."""
-    parts = [strip(lane.line, lane.width) for lane in network.lanes if not _is_walk(lane)]
+    parts = [lane_area(lane.line, lane.width) for lane in network.lanes if not _is_walk(lane)]
     parts += [
         shapely.Polygon(j.polygon).buffer(0)
         for j in network.junctions.values()
@@ -79,12 +83,12 @@ def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
 def _edge_marks(lanes: list[Lane], two_way: bool, kerb: float) -> Iterator[Line]:
     width, inset = STYLE.marking_m, 0.15
     outer, inner = lanes[0], lanes[-1]
-    yield Line("marking", outer.line.beside(kerb * (outer.width / 2 - inset)), width)
+    yield Line("marking", rounded(outer.line).beside(kerb * (outer.width / 2 - inset)), width)
     # On a two-way road both directions draw their own half of the centre line.
     shift = inset * 0.8 if two_way else inset
-    yield Line("marking", inner.line.beside(-kerb * (inner.width / 2 - shift)), width)
+    yield Line("marking", rounded(inner.line).beside(-kerb * (inner.width / 2 - shift)), width)
     for lane in lanes[:-1]:
-        for dash in dashes(lane.line.beside(-kerb * lane.width / 2), *STYLE.dash_m):
+        for dash in dashes(rounded(lane.line).beside(-kerb * lane.width / 2), *STYLE.dash_m):
             yield Line("marking", dash, width)
 
 
@@ -102,3 +106,40 @@ def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Line]:
     elif states & _GIVE_WAY_STATES:
         for tooth in dashes(np.array(across), *_TOOTH_M):
             yield Line("marking", tooth, STYLE.stop_line_m)
+
+
+# Heads of arrows: where each points to, from the shaft's front end, in the frame of the lane (ahead, left).
+_SHAFT_M, _HEAD_M, _ARROW_M = 3.0, (1.5, 0.55), 0.22
+_TIPS = MappingProxyType({"s": (1.7, 0.0), "l": (0.5, 1.0), "r": (0.5, -1.0), "t": (-0.6, 1.0)})
+_LEANS = MappingProxyType({"L": "l", "R": "r"})
+# So far before the end of its lane an arrow's front stands, and from so long a lane on.
+_BEFORE_END_M, _LEAST_LANE_M = 12.0, 22.0
+
+
+def _arrows(network: RoadNetwork, lane: Lane, one_way: bool) -> Iterator[Area | Line]:
+    """Where a lane leads, painted before a fork; on a one-way road without a fork which way it goes."""
+    if not lane.permits("passenger") or lane.line.length < _LEAST_LANE_M:
+        return
+    turns = {_LEANS.get(c.direction, c.direction) for c in network.outgoing[lane.index]} & set(_TIPS)
+    forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - {"t"}) > 1
+    if forks and turns - {"t"}:
+        yield from _arrow(lane, lane.line.length - _BEFORE_END_M, turns)
+    elif one_way:
+        yield from _arrow(lane, 0.5 * lane.line.length, {"s"})
+
+
+def _beside(network: RoadNetwork, lane: Lane) -> tuple[int, ...]:
+    return network.edges[lane.edge].lanes
+
+
+def _arrow(lane: Lane, front: float, turns: set[str]) -> Iterator[Area | Line]:
+    line = rounded(lane.line)
+    (x, y), heading = line.point_at(front), line.heading_at(front)
+    turned = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+    for turn in sorted(turns):
+        tip = np.array(_TIPS[turn])
+        way = tip / np.hypot(*tip)
+        aside, root = _HEAD_M[1] * np.array([-way[1], way[0]]), tip - 0.5 * _HEAD_M[0] * way
+        yield Line("marking", np.array([(-_SHAFT_M, 0.0), (0.0, 0.0), root]) @ turned + (x, y), _ARROW_M)
+        head = np.array([tip + 0.5 * _HEAD_M[0] * way, root + aside, root - aside]) @ turned + (x, y)
+        yield Area("marking", shapely.Polygon(head))

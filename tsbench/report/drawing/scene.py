@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -20,7 +21,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
 
 
 def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, float]]:
@@ -75,6 +76,8 @@ def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float)
 # As tsbench.dataset.scenes.traffic names the cars that are only traffic.
 _BACKGROUND = "bg_"
 _CAR_M = (5.0, 1.8)
+# Who slows down by more has a foot on the brake.
+_BRAKES_MPS2 = 0.8
 
 
 def ego_body(x: float, y: float, heading: float) -> Body:
@@ -184,18 +187,28 @@ def scene_shapes(scene: Scene, graph: LaneGraph, start: bool = False) -> Iterato
         yield from start_shapes(scene)
 
 
-def tick_shapes(snapshot: WorldSnapshot) -> list[Body]:
+def tick_shapes(snapshot: WorldSnapshot, before: WorldSnapshot | None = None) -> list[Body]:
+    """Who is there at a tick. before: the tick before, by which it is seen who brakes."""
     actors, table = snapshot.actors, snapshot.actors.table
     rows = actors.index
     sizes = np.column_stack((table.length[rows], table.width[rows])).tolist()
+    then = (
+        {}
+        if before is None
+        else dict(zip(before.actors.index.tolist(), before.actors.speed.tolist(), strict=True))
+    )
     bodies = [
-        Body(body_kind(table, row), table.ids[row], x, y, heading, length, width)
-        for row, (x, y, heading), (length, width) in zip(
-            rows.tolist(), actors.pose.tolist(), sizes, strict=True
+        Body(
+            body_kind(table, row), table.ids[row], x, y, heading, length, width,
+            brakes=then.get(row, speed) - speed > _BRAKES_MPS2 * DT_S,
         )
-    ]
+        for row, (x, y, heading), speed, (length, width) in zip(
+            rows.tolist(), actors.pose.tolist(), actors.speed.tolist(), sizes, strict=True
+        )
+    ]  # fmt: skip
     ego = snapshot.ego
-    return [*bodies, ego_body(ego.x, ego.y, ego.heading)]
+    brakes = before is not None and before.ego.speed - ego.speed > _BRAKES_MPS2 * DT_S
+    return [*bodies, replace(ego_body(ego.x, ego.y, ego.heading), brakes=brakes)]
 
 
 def body_kind(table: ActorTable, row: int) -> str:

@@ -34,6 +34,7 @@ class Body:
     """Something that stands or drives: its centre, heading and size.
 
     kind: car, bus, bicycle, pedestrian, convoy, ego, cones or island, each of the first six a field of `Style`.
+    signals: 1 = its left side flashes, -1 = its right side. brakes: do its brake lights shine?
     """
 
     kind: str
@@ -43,6 +44,8 @@ class Body:
     heading: float
     length: float
     width: float
+    signals: int = 0
+    brakes: bool = False
 
 
 @dataclass(frozen=True, slots=True)

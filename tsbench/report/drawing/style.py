@@ -31,6 +31,8 @@ class Style:
     plate_line: Colour = (255, 196, 0)
     violation: Colour = (228, 30, 45)
     cone: Colour = (255, 120, 20)
+    lamp: Colour = (255, 190, 40)
+    brake: Colour = (255, 40, 40)
     island: Colour = (214, 212, 200)
     panel: Colour = (28, 32, 38)
     ink: Colour = (240, 242, 245)

@@ -33,7 +33,7 @@ from tsbench.run.log.read import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
-_EXPLAINS = ("mask_signs", "device")
+_EXPLAINS = ("mask_signs", "perception", "device")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ _SHAPE: dict[str, Any] = {
     "effective": {
         "city?": str, "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
         "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float,
-        "collection?": str,
+        "collection?": str, "perception?": {"name": str, "right": float},
     },
     "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
     "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),

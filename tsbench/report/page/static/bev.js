@@ -163,9 +163,10 @@ tsb.Bev = class {
     this.scaleBar();
   }
 
-  body({ x, y, h, l, w, c: kind }) {
+  body({ x, y, h, l, w, c: kind, brakes = false }) {
     const { context: c, camera } = this, edge = 1 / camera.scale;
-    if (kind === "pedestrian" || kind === "cone") {
+    if (kind === "pedestrian" || kind === "bicycle") { this.person({ x, y, h, l, kind }); return; }
+    if (kind === "cone") {
       c.beginPath();
       c.arc(x, y, Math.max(0.35, 3.5 / camera.scale), 0, 7);
       c.fillStyle = this.colour(kind);
@@ -190,10 +191,39 @@ tsb.Bev = class {
     c.strokeStyle = this.colour(kind === "island" ? "violation" : "outline");
     c.lineWidth = edge;
     c.stroke();
-    if (kind === "island" || kind === "bicycle") return;
+    if (kind === "island") return;
     outline([[0.26, 0.4], [0.1, 0.33], [0.1, -0.33], [0.26, -0.4]]);
     c.fillStyle = this.colour("glass");
     c.fill();
+    if (!brakes) return;
+    c.fillStyle = this.colour("brake");
+    for (const side of [0.4, -0.4]) {
+      c.beginPath();
+      c.arc(...at(-0.46, side), Math.max(0.22, 2 / camera.scale), 0, 7);
+      c.fill();
+    }
+  }
+
+  /* Somebody on foot, shoulders across the heading, or on a bicycle: two wheels in a line and a handlebar. */
+  person({ x, y, h, l, kind }) {
+    const { context: c, camera } = this, cos = Math.cos(h), sin = Math.sin(h);
+    const at = (u, v) => [x + u * cos - v * sin, y + u * sin + v * cos];
+    const stroke = (from, to, width, colour) => {
+      c.beginPath(); c.moveTo(...at(...from)); c.lineTo(...at(...to));
+      c.lineCap = "round"; c.lineWidth = width; c.strokeStyle = this.colour(colour); c.stroke();
+    };
+    const r = Math.max(0.35, 3.5 / camera.scale);
+    if (kind === "bicycle") {
+      stroke([-l / 2, 0], [l / 2, 0], Math.max(0.16, 1.5 / camera.scale), "outline");
+      stroke([l / 4, 0.8 * r], [l / 4, -0.8 * r], Math.max(0.16, 1.5 / camera.scale), "outline");
+    } else {
+      stroke([0, r], [0, -r], 1.2 * r, "outline");
+      stroke([0, r], [0, -r], 0.9 * r, kind);
+    }
+    c.beginPath();
+    c.arc(x, y, 0.8 * r, 0, 7);
+    c.fillStyle = this.colour(kind); c.fill();
+    c.strokeStyle = this.colour("outline"); c.lineWidth = 1 / camera.scale; c.stroke();
   }
 
   /* A ring with a cross where something went wrong. */

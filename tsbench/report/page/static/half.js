@@ -50,7 +50,7 @@ tsb.Half = class {
     e.unpacked = true;
   }
 
-  /* named: say beside the verdict which half it is of. */
+  /* named: what stands before the verdict, such as which half it is of. */
   show({ episode, roads, svgs }, named) {
     this.view ??= new tsb.Bev(this.get("view"));
     this.episode = episode;
@@ -60,7 +60,7 @@ tsb.Half = class {
     this.get("plate").src = this.view.plates.get(episode.plate)?.src ?? "";
     this.get("plate").alt = `plate ${episode.plate.split("|")[0]}`;
     this.view.show([roads.drawing, episode.scene]);
-    this.verdict(named ? `${episode.half} half: ` : "");
+    this.verdict(named ? `${named}: ` : "");
   }
 
   clear(problem) {
@@ -84,6 +84,14 @@ tsb.Half = class {
     return { x: mix(track.x), y: mix(track.y), h: mix(track.h) };
   }
 
+  /* Does somebody brake, by the ways before and behind a tick? Places are of whole 5 cm: half a second of each will do. */
+  static slows(part, t, dt) {
+    const n = Math.round(0.5 / dt);
+    if (t < n || t + n > part.count - 1) return false;
+    const way = (a, b) => Math.hypot(part.x[part.at + b] - part.x[part.at + a], part.y[part.at + b] - part.y[part.at + a]);
+    return (way(t - n, t) - way(t, t + n)) / (n * dt) ** 2 > 1.0;
+  }
+
   /* The state at a tick, or at the end where that came before. whole: ticks of the time axis. */
   draw(wanted, whole, follow) {
     const { episode } = this, tick = Math.min(wanted, this.last), { between } = tsb.Half;
@@ -91,9 +99,12 @@ tsb.Half = class {
     for (const part of episode.parts) {
       const t = tick - part.first;
       if (t < 0 || t > part.count - 1 + 1e-9) continue;
-      bodies.push({ ...between(part, part.at, part.count, t), l: part.l, w: part.w, c: part.kind });
+      const brakes = tsb.Half.slows(part, Math.round(t), episode.dt);
+      bodies.push({ ...between(part, part.at, part.count, t), l: part.l, w: part.w, c: part.kind, brakes });
     }
-    bodies.push({ ...ego, l: episode.ego[0], w: episode.ego[1], c: "ego" });
+    const v = episode.track.v, now = Math.min(Math.round(tick), this.last);
+    const brakes = now > 0 && (v[now - 1] - v[now]) / episode.dt > 0.8;
+    bodies.push({ ...ego, l: episode.ego[0], w: episode.ego[1], c: "ego", brakes });
     const trail = [];
     for (let k = 0; k <= tick; k++) trail.push(episode.track.x[k], episode.track.y[k]);
     trail.push(ego.x, ego.y);

@@ -1,14 +1,15 @@
-/* The player: one episode, or both halves of a pair side by side and in step, on one time axis.
+/* The player: one episode, both halves of a pair, or two planners' drives of one scene, side by side on one time axis.
  *
- * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)` and `partner(row)`
- * (the other half's row, null without one) are the table's. */
+ * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)`, `partner(row)`
+ * (the other half's row, null without one) and `rivals(row)` (rows of the same scene by planner) are the table's. */
 tsb.player = (() => {
   const { el, Half } = tsb, get = (id) => document.getElementById(`player-${id}`);
   const dialog = document.getElementById("player");
   const stages = [new Half(""), new Half("-2")];
   let shown = [], main = null; // the halves that are played, the signed one first; the one that was opened
   let tick = 0, playing = false, last = 0, row = -1, rows = [], asked = 0;
-  const api = { open, can: () => false, partner: () => null, get episode() { return main?.episode ?? null; },
+  let beside = ""; // the planner that is shown beside; "": the other half
+  const api = { open, can: () => false, partner: () => null, rivals: () => new Map(), get episode() { return main?.episode ?? null; },
     get halves() { return shown.map((half) => half.episode); }, get cameras() { return shown.map((half) => half.view.camera); },
     get tick() { return tick; }, get playing() { return playing; } };
 
@@ -67,7 +68,7 @@ tsb.player = (() => {
   }
   async function open(wanted, list, time = null) {
     row = wanted; rows = list;
-    const mine = ++asked, other = api.partner(row);
+    const mine = ++asked, other = choose();
     pause();
     if (!dialog.open) dialog.showModal();
     stages[0].get("verdict").replaceChildren(el("p", { class: "faint" }, "loading …"));
@@ -83,10 +84,11 @@ tsb.player = (() => {
       return;
     }
     if (mine !== asked) return; // another one was opened meanwhile
-    found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
+    if (!beside) found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
     arrange(found.length);
-    get("alone").hidden = other === null || found.length > 1;
-    found.forEach((one, k) => stages[k].show(one, found.length > 1));
+    get("alone").hidden = beside !== "" || other === null || found.length > 1;
+    const name = ({ episode }) => found.length < 2 ? "" : beside ? episode.planner : `${episode.half} half`;
+    found.forEach((one, k) => stages[k].show(one, name(one)));
     main = shown[found.findIndex((one) => one.row === row)];
     get("time").max = end();
     get("violation").disabled = !broken();
@@ -98,6 +100,15 @@ tsb.player = (() => {
     if (time !== null) seek((time - main.episode.start) / main.episode.dt);
     else if (broken()) seek(broken().ticks(broken().first) - 30); // shortly before it
     else seek(0);
+  }
+  /* The row that is shown beside, and what else could be. */
+  function choose() {
+    const rivals = api.rivals(row), names = [...rivals.keys()];
+    if (!rivals.has(beside)) beside = "";
+    get("beside").replaceChildren(...["", ...names].map((name) => el("option", { value: name }, name || "the other half")));
+    get("beside").value = beside;
+    get("beside").parentElement.hidden = names.length === 0;
+    return beside ? rivals.get(beside) : api.partner(row);
   }
   function arrange(count) {
     shown = stages.slice(0, count);
@@ -142,6 +153,7 @@ tsb.player = (() => {
   on("out", "click", () => zoom(1 / 1.4));
   on("whole", "click", whole);
   on("follow", "change", draw);
+  on("beside", "change", () => { beside = get("beside").value; if (main) open(row, rows, seconds()); });
   on("before", "click", () => go(-1));
   on("next", "click", () => go(1));
   on("close", "click", () => dialog.close());

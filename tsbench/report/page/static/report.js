@@ -20,6 +20,12 @@ tsb.tableOptions = { "episode-table": (() => {
       table = api;
       tsb.player.can = (row) => playable(api, row);
       tsb.player.partner = (row) => api.table.values.partner[row];
+      tsb.player.rivals = (row) => {
+        const scene = api.text("scenario_id", row), found = new Map();
+        for (let k = 0; k < api.table.rows; k++)
+          if (k !== row && api.text("scenario_id", k) === scene && playable(api, k)) found.set(api.text("planner", k), k);
+        return found;
+      };
       for (const link of document.querySelectorAll("[data-filter]"))
         link.addEventListener("click", () => api.filter(JSON.parse(link.dataset.filter)));
       addEventListener("hashchange", follow);

@@ -1,0 +1,84 @@
+"""The road as it is drawn: bends are curves, lanes say where they lead, lights are on when they should be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsbench.geometry.polyline import Polyline
+from tsbench.report.drawing.curves import lane_area, rounded
+from tsbench.report.drawing.hud import _plain
+from tsbench.report.drawing.roads import road_shapes
+from tsbench.report.drawing.scene import tick_shapes
+from tsbench.report.drawing.shapes import Area, Line
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+places = st.tuples(st.floats(-40, 40), st.floats(-40, 40))
+
+
+@given(st.lists(places, min_size=2, max_size=8, unique=True))
+def test_a_rounded_line_begins_and_ends_where_the_line_does_and_stays_near_it(
+    points: list[tuple[float, float]],
+) -> None:
+    steps = np.hypot(*np.diff(np.array(points), axis=0).T)
+    if steps.min() < 0.5:
+        return
+    line = Polyline(np.array(points))
+    curve = rounded(line).points
+    assert np.array_equal(curve[[0, -1]], line.points[[0, -1]])
+    away = [abs(line.project(x, y)[1]) for x, y in curve.tolist()]
+    assert max(away) < 3.0
+
+
+def test_a_corner_becomes_a_curve_and_a_hairpin_stays() -> None:
+    corner = rounded(Polyline(np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0)])))
+    headings = np.arctan2(*np.diff(corner.points, axis=0).T[::-1])
+    assert np.abs(np.diff(headings)).max() < math.radians(13.0)
+    back = Polyline(np.array([(0.0, 0.0), (20.0, 0.0), (1.0, 2.0)]))
+    assert np.array_equal(rounded(back).points, back.points)
+    straight = Polyline(np.array([(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]))
+    assert np.array_equal(rounded(straight).points, straight.points)
+    assert lane_area(straight, 3.0).area == pytest.approx(60.0)
+
+
+def test_lanes_before_a_fork_say_where_they_lead() -> None:
+    """Of `yield`, whose arm ends at a junction with two ways; a road without one has no arrow unless it is one-way."""
+    rows = {row.scenario_type: row for row in read_table(table_path("dev")) if row.half == "signed"}
+    loader = SceneLoader()
+
+    def heads(kind: str) -> list[Area]:
+        scene, _ = loader.load(rows[kind])
+        found = [s for s in road_shapes(scene.network) if isinstance(s, Area) and s.colour == "marking"]
+        return [area for area in found if len(area.polygon.exterior.coords) == 4]
+
+    assert len(heads("yield")) >= 4
+    assert heads("crosswalk") == []
+    assert any(isinstance(s, Line) for s in road_shapes(loader.load(rows["crosswalk"])[0].network))
+
+
+def test_brake_lights_are_on_while_somebody_slows_down() -> None:
+    table = ActorTable()
+    row = table.add("car", ActorKind.CAR, 5.0, 1.8, ("e",))
+    ego = EgoState(0.0, 0.0, 0.0, 10.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, True)
+
+    def at(step: int, speed: float) -> WorldSnapshot:
+        car = Actors(
+            table, np.array([row], dtype=np.int32), np.array([[9.0, 0.0, 0.0]]), np.array([speed]),
+            np.array([0], dtype=np.int32), np.array([0.0]),
+        )  # fmt: skip
+        return WorldSnapshot(step, step * DT_S, replace(ego, speed=speed), car)
+
+    for slower, brakes in ((0.5 * DT_S, False), (1.5 * DT_S, True), (-2.0, False)):
+        assert [body.brakes for body in tick_shapes(at(1, 10.0 - slower), at(0, 10.0))] == [brakes, brakes]
+    assert [body.brakes for body in tick_shapes(at(0, 10.0))] == [False, False]
+
+
+def test_what_rounds_to_nothing_has_no_sign() -> None:
+    assert (_plain(-0.04), _plain(-0.06), _plain(2.25)) == ("0.0", "-0.1", "2.2")

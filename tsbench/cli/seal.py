@@ -1,0 +1,80 @@
+"""`tsbench seal`: secret, build, commit, check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tsbench.cli import options
+from tsbench.cli.console import bars
+from tsbench.core.errors import TsbenchError
+from tsbench.core.paths import using_city
+
+_SECRET = "--secret"
+
+
+@click.group()
+def seal() -> None:
+    """Scenes that nobody can prepare for, and the proof that they were not changed later (docs/seal.md)."""
+
+
+@seal.command()
+@click.argument("file", type=options.FILE)
+def secret(file: Path) -> None:
+    """Make a secret. Who has it can make the scenes: keep it to yourself until they are published."""
+    from tsbench.dataset.seal import make_secret
+
+    make_secret(file)
+    click.echo(f"{file}: a secret of 256 bits")
+
+
+@seal.command()
+@click.argument("name")
+@click.option(_SECRET, required=True, type=options.FILE, help="The file of the secret.")
+@options.types
+@options.osm
+@options.workers
+def build(name: str, secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+    """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
+    from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.seal import build_sealed
+    from tsbench.run.edition import edition_now
+
+    chosen = options.types_of(types)
+    with using_city(name):
+        with bars() as show:
+            build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
+        click.echo(f"{edition_now()}: tsbench seal commit {name} --out FILE")
+
+
+@seal.command()
+@click.argument("name")
+@options.out("The file to publish.", type=options.FILE, required=True)
+def commit(name: str, out: Path) -> None:
+    """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
+    from tsbench.dataset.seal import commitments, write_commitments
+
+    with using_city(name):
+        found = commitments()
+    write_commitments(found, out)
+    rows = ", ".join(f"{split} {sum(counts.values()):,} rows" for split, counts in found.rows.items())
+    click.echo(f"{out}: {found.edition}, {rows}, {len(found.files)} files")
+
+
+@seal.command()
+@click.argument("file", type=options.FILE)
+@click.option(_SECRET, type=options.FILE, help="The secret, once it is published.")
+def check(file: Path, secret: Path | None) -> None:
+    """Are the scenes that are here those that were committed to? Exit code 1 where they are not."""
+    from tsbench.dataset.seal import problems, read_commitments
+
+    published = read_commitments(file)
+    with using_city(published.name):
+        found = problems(published, secret)
+    for line in found:
+        click.echo(line)
+    if found:
+        raise TsbenchError(f"{published.name}: {len(found)} differences from {file}")
+    what = "" if secret is None else ", and the secret"
+    click.echo(f"{published.edition}: all {len(published.files)} files are those of {file}{what}")

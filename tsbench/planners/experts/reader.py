@@ -1,0 +1,82 @@
+"""`reader` and `careful`: they obey what they are told of a plate, and only that. Units: m, s, m/s.
+
+An expert is told the rule; these are told it too (how to obey is no question here), but go by it only from the tick at
+which their eyes have read the plate, as what it was read. So perception decides: what is missed is not obeyed, what is
+misread is obeyed as that. They differ in what they do about a post that they have not read.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from tsbench.core.errors import InputError
+from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
+from tsbench.planners.experts.expert import Expert
+from tsbench.planners.experts.rules.constraint import slow_to
+from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.idm import Idm
+from tsbench.signs.catalog import load_catalog
+
+# Told places are off by a few metres along the road; no two posts of one scene that face the same way are nearer.
+_SAME_POST_M = 4.0
+_SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
+
+
+class Reader:
+    """`idm` until the plate is read; then `idm-e` under the plate as it was read."""
+
+    privileged = True
+    sign_access = True
+
+    def __init__(self) -> None:
+        self._base = Idm()
+        self._context: PlannerContext
+        self._privilege: Privilege
+        self._told: tuple[str, float | None] | None = None
+        self._expert: Expert | None = None
+
+    def reset(self, context: PlannerContext) -> None:
+        if context.privilege is None:
+            raise InputError("reader and careful need PlannerContext.privilege: privileged = True")
+        self._context, self._privilege = context, context.privilege
+        self._told, self._expert = None, None
+        self._base.reset(replace(context, privilege=None))
+
+    def act(self, observation: Observation) -> Control:
+        read = next((s for s in observation.signs if s.code and self._is_target(s)), None)
+        if read is not None and self._told != (read.code, read.value):
+            self._told, self._expert = (read.code, read.value), self._obeying(read)
+        if self._expert is not None:
+            return self._expert.act(observation)
+        return self.unread(observation, self._base.act(replace(observation, truth=None)))
+
+    def unread(self, observation: Observation, command: Control) -> Control:
+        """What becomes of a command as long as the plate is not read: nothing."""
+        del observation
+        return command
+
+    def _is_target(self, sign: SignView) -> bool:
+        at = self._privilege.sign
+        return math.hypot(sign.x - at.x, sign.y - at.y) < _SAME_POST_M
+
+    def _obeying(self, read: SignView) -> Expert:
+        sign = replace(self._privilege.sign, code=read.code, value=read.value)
+        rule = load_catalog().sign(read.code).rule
+        expert = Expert(Idm())
+        expert.reset(replace(self._context, privilege=replace(self._privilege, sign=sign, rule=rule)))
+        return expert
+
+
+class Careful(Reader):
+    """Goes slowly towards a post that it has not read, and past it: who is slow has more looks, and time to obey."""
+
+    def unread(self, observation: Observation, command: Control) -> Control:
+        ego, route = observation.ego, observation.route
+        target = _SHARE * route.path.limit_at(route.s)
+        most = math.inf
+        for sign in observation.signs:
+            ahead = sign_ahead(observation, sign) if not sign.code else math.inf
+            if 0.0 < ahead < math.inf:
+                most = min(most, slow_to(ego.speed, target, max(ahead - _SLOW_WITHIN_M, 0.0), _BRAKE_MPS2))
+        return replace(command, acceleration=min(command.acceleration, most))
