@@ -110,8 +110,9 @@ class MetaDriveEyes:
         heading = lane.line.heading_at(ego.s) if ego.lane >= 0 else o.route.path.line.heading_at(o.route.s)
         d = ego.d if ego.lane >= 0 else o.route.d
         beside = self._road(lane)
-        left = sum(other.width for other in beside if other.order > lane.order) + lane.width / 2 - d
-        right = sum(other.width for other in beside if other.order < lane.order) + lane.width / 2 + d
+        inner = sum(other.width for other in beside if other.order > lane.order) + lane.width / 2
+        outer = sum(other.width for other in beside if other.order < lane.order) + lane.width / 2
+        left, right = (outer - d, inner + d) if self._network.left_hand else (inner - d, outer + d)
         return [
             left / _ROAD_M, right / _ROAD_M, 0.5 - 0.5 * math.sin(ego.heading - heading),
             (3.6 * ego.speed + 1.0) / (_TOP_KMH + 1.0), (last[0] + 1.0) / 2.0, (last[0] + 1.0) / 2.0,

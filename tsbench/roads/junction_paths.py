@@ -46,7 +46,7 @@ def junction_path(network: RoadNetwork, connection: Connection) -> JunctionPath:
 
 
 def junction_paths(network: RoadNetwork, edges: Iterable[str]) -> tuple[JunctionPath, ...]:
-    """The paths from all lanes of some edges: by edge as given, lanes rightmost first, connections in file order."""
+    """The paths from all lanes of some edges: by edge as given, lanes from the kerb on, connections in file order."""
     return tuple(
         junction_path(network, connection)
         for edge in edges

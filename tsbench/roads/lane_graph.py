@@ -107,7 +107,7 @@ class MapGraph(Frozen):
         return self.network.lanes[lane].line if turned is None else turned.line
 
     def order_of(self, lane: int) -> int:
-        """A lane's place on `edge_of` it, 0 = rightmost."""
+        """A lane's place on `edge_of` it, 0 = at the kerb."""
         turned = self._turned.get(lane)
         return self.network.lanes[lane].order if turned is None else turned.order
 

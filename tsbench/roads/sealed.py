@@ -48,7 +48,7 @@ _NOWHERE = Place(-1, 0.0, 1.0)
 class SealedRoads:
     """A network as planners see it.
 
-    map, graph: theirs. places: by SUMO's lane. edges: for each of SUMO's edges that is on it, where its rightmost lane
+    map, graph: theirs. places: by SUMO's lane. edges: for each of SUMO's edges that is on it, where its kerbside lane
     for cars is. chains: SUMO's edges of each of the map's, in order. crossed: SUMO's connection of each path lane of
     the map; none of those where lanes touch. lane_of: (n + 1,) `places` as lanes alone, the last one for lane -1.
     """

@@ -32,7 +32,7 @@ class SignInstance:
     """One plate in one scene.
 
     id: unique within the scene's additional file. value: the number that the sign sets, printed or implied, in its
-    unit (km/h). edge, lane: whose traffic it addresses, the lane by SUMO's index (0 = rightmost). position_m: where
+    unit (km/h). edge, lane: whose traffic it addresses, the lane by SUMO's index (0 = at the kerb). position_m: where
     its line crosses the edge, metres from the start of its lanes. x, y: where the post stands, metres in the
     network's frame. heading: direction of travel of the traffic that it faces, rad, counter-clockwise from +x. role:
     "target" (the scene's watched sign), "end" (closes the target's zone), "context" (belongs to the target's scenes) or

@@ -94,7 +94,7 @@ def _edge_marks(lanes: list[Lane], two_way: bool, kerb: float) -> Iterator[Line]
 
 def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Line]:
     """The line that the strictest of the lane's connections asks for."""
-    links = [c for c in network.outgoing[lane.index] if c.direction != "t"]
+    links = [c for c in network.outgoing[lane.index] if c.direction not in _BACK]
     states = {c.state for c in links}
     if "M" in states or (states <= _GIVE_WAY_STATES and not any(c.yields_to for c in links)):
         # A main road: only its left turns give way, and nobody paints a line for them; nor before a zebra.
@@ -110,7 +110,10 @@ def _end_marks(network: RoadNetwork, lane: Lane) -> Iterator[Line]:
 
 # Heads of arrows: where each points to, from the shaft's front end, in the frame of the lane (ahead, left).
 _SHAFT_M, _HEAD_M, _ARROW_M = 3.0, (1.5, 0.55), 0.22
-_TIPS = MappingProxyType({"s": (1.7, 0.0), "l": (0.5, 1.0), "r": (0.5, -1.0), "t": (-0.6, 1.0)})
+_TIPS = MappingProxyType(
+    {"s": (1.7, 0.0), "l": (0.5, 1.0), "r": (0.5, -1.0), "t": (-0.6, 1.0), "T": (-0.6, -1.0)}
+)
+_BACK = frozenset("tT")
 _LEANS = MappingProxyType({"L": "l", "R": "r"})
 # So far before the end of its lane an arrow's front stands, and from so long a lane on.
 _BEFORE_END_M, _LEAST_LANE_M = 12.0, 22.0
@@ -121,8 +124,8 @@ def _arrows(network: RoadNetwork, lane: Lane, one_way: bool) -> Iterator[Area | 
     if not lane.permits("passenger") or lane.line.length < _LEAST_LANE_M:
         return
     turns = {_LEANS.get(c.direction, c.direction) for c in network.outgoing[lane.index]} & set(_TIPS)
-    forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - {"t"}) > 1
-    if forks and turns - {"t"}:
+    forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - _BACK) > 1
+    if forks and turns - _BACK:
         yield from _arrow(lane, lane.line.length - _BEFORE_END_M, turns)
     elif one_way:
         yield from _arrow(lane, 0.5 * lane.line.length, {"s"})
