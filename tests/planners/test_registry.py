@@ -87,9 +87,9 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "blind", "carl", "carl-e", "coin",
+        "blind", "careful", "carl", "carl-e", "coin",
         "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
-        "idm-s4", "idm-s4-e", "plant2", "plant2-blind", "plant2-e", "plant2-ft", "ppo", "ppo-e",
+        "idm-s4", "idm-s4-e", "plant2", "plant2-blind", "plant2-e", "plant2-ft", "ppo", "ppo-e", "reader",
     )  # fmt: skip
     assert registry.resolve("carl-e").batched is registry.resolve("carl").batched
 

@@ -14,6 +14,7 @@ _KINDS = {
     "types": "SCD (paired, signed, contrast) of every planner on every type, and a heat map.",
     "intervals": "SCD overall and by group with intervals, beside the published figures.",
     "ablation": "What signs are worth: the same scenes with and without --mask-signs.",
+    "perception": "SCD over perception levels, and what wrong perception did: runs with --perception.",
     "failures": "Each half: complied or not, arrived or not, what ended the rest, needless obedience.",
     "floor": "Every planner beside those that read no plate: SCD overall, by group and by type.",
     "correlations": "Spearman's correlation of each conventional metric with SCD, over planners, by group.",

@@ -91,9 +91,7 @@ class _Watched:
 class Eyes:
     """The eyes of one episode; asked once a tick, in order. pair: `ScenarioSpec.pair_name`."""
 
-    def __init__(
-        self, level: PerceptionLevel, pair: str, plates: Sequence[Plate], road_map: RoadMap
-    ) -> None:
+    def __init__(self, level: PerceptionLevel, pair: str, plates: Sequence[Plate], road_map: RoadMap) -> None:
         self._level, self._pair, self._map = level, pair, road_map
         self._watched = [_Watched(level, pair, plate) for plate in plates]
         self._false: list[SignView] = []

@@ -49,7 +49,8 @@ class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
     `runs/`. executor: one of `executor.EXECUTORS`.
 
-    perception: a level's name or file. allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
+    perception: a level's name or file.
+    allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
     """
 

@@ -14,6 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
+from tsbench.planners.floor.blind import Blind
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.idm import Idm
 from tsbench.signs.catalog import load_catalog
@@ -48,7 +49,13 @@ class Reader:
         if read is not None and self._told != (read.code, read.value):
             self._told, self._expert = (read.code, read.value), self._obeying(read)
         if self._expert is not None:
-            return self._expert.act(observation)
+            try:
+                return self._expert.act(observation)
+            except InputError:
+                # What was read leaves no way: nobody can have meant that, so it is as if nothing stood there.
+                if self._told == (self._privilege.sign.code, self._privilege.sign.value):
+                    raise
+                self._expert = None
         return self.unread(observation, self._base.act(replace(observation, truth=None)))
 
     def unread(self, observation: Observation, command: Control) -> Control:
@@ -69,10 +76,24 @@ class Reader:
 
 
 class Careful(Reader):
-    """Goes slowly towards a post that it has not read, and past it: who is slow has more looks, and time to obey."""
+    """Takes a post that it has not read for what is safest there, as `blind` does, and goes slowly towards it.
+
+    Who is slow has more looks, and time to obey what they tell.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._blind = Blind()
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._blind.reset(context)
 
     def unread(self, observation: Observation, command: Control) -> Control:
         ego, route = observation.ego, observation.route
+        if all(sign.code for sign in observation.signs):
+            return command
+        command = self._blind.act(observation)
         target = _SHARE * route.path.limit_at(route.s)
         most = math.inf
         for sign in observation.signs:

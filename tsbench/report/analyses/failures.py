@@ -18,6 +18,7 @@ from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluste
 from tsbench.metrics.records import CONTRASTED, SIGNED_ONES, Records
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.perceived import CAUSE_NOTES, CAUSES, causes_of
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
 from tsbench.scenarios.spec import CONTRAST, SIGNED
@@ -54,6 +55,9 @@ def failures(pool: Pool) -> Analysis:
         columns += [Column(f"{kept}_{end.value}", f"{kept},\n{word}, %") for end, word in _ENDINGS.items()]
     if contrasted:
         columns += [Column(clause, f"{clause.replace('_', ' ')}, %") for clause in NEEDLESS.clauses.split()]
+    eyes = any("perception" in run.manifest["effective"] for run in pool.runs)
+    if eyes:
+        columns += [Column(f"told_{cause}", f"plate\n{cause}, %") for cause in CAUSES]
     rows = []
     for (planner, group, half, reading), split in splits.items():
         cells: list[Cell] = [Value.of(split.shares.get(column.key)) for column in columns[5:]]
@@ -70,6 +74,7 @@ def failures(pool: Pool) -> Analysis:
             ["needless …: episodes of contrast halves with such an event, whatever else was in them"]
             * contrasted
         ),
+        *(CAUSE_NOTES if eyes else ()),
     )
     title = pool.title("Failure split")
     table = Table(tuple(columns), tuple(rows), 5, 11)
@@ -83,6 +88,8 @@ def _splits(pool: Pool, planner: str) -> Iterator[tuple[Key, Split]]:
         for half, part in ((SIGNED, SIGNED_ONES), (CONTRAST, CONTRASTED))
         if len(records := pool.records[planner].of(part))
     }
+    found = causes_of(pool, planner)
+    causes = dict(zip(pool.failed_signed(planner), found, strict=True)) if found else {}
     panels = {half: records.panels() for half, records in halves.items()}
     for panel in dict.fromkeys(panel for found in panels.values() for panel in found):
         for half, records in halves.items():
@@ -91,6 +98,10 @@ def _splits(pool: Pool, planner: str) -> Iterator[tuple[Key, Split]]:
             classes = _classes(records)
             if half == CONTRAST:
                 classes |= _needless(pool, planner, records)
+            elif causes:
+                classes |= {
+                    f"told_{c}": np.array([causes.get(s) == c for s in records.scenarios]) for c in CAUSES
+                }
             for reading, inside in ((STRICT, use), (COMPLETED, use & ~records.error)):
                 if reading == STRICT or (records.error & use).any():
                     split = _split(bootstrap, panel_label(panel), records, inside, classes)

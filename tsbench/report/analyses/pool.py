@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
@@ -19,6 +20,7 @@ from tsbench.run.log.manifest import floors_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH
+from tsbench.scenarios.spec import CONTRAST
 from tsbench.signs.rule_kinds import NEEDLESS
 
 
@@ -70,6 +72,15 @@ class Pool:
             for event in events.filter(mask).select(["planner", "scenario_id", "clause"]).to_pylist():
                 found.setdefault((event["planner"], event["scenario_id"]), set()).add(event["clause"])
         return {key: frozenset(clauses) for key, clauses in found.items()}
+
+    def failed_signed(self, planner: str) -> tuple[str, ...]:
+        """Scenarios of signed halves (and of what has no pair) that a planner failed without an error outcome."""
+        rows = self.home[planner].of(planner).select(["scenario_id", "half", "scd", "outcome"]).to_pylist()
+        return tuple(
+            row["scenario_id"]
+            for row in rows
+            if row["half"] != CONTRAST and not row["scd"] and not Outcome(row["outcome"]).is_error
+        )
 
     def label(self, planner: str) -> str:
         """A planner's name as tables show it."""

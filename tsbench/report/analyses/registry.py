@@ -13,6 +13,7 @@ from tsbench.report.analyses.intervals import intervals
 from tsbench.report.analyses.main_table import main_table
 from tsbench.report.analyses.model import Analysis
 from tsbench.report.analyses.per_type import per_type
+from tsbench.report.analyses.perception import perception
 from tsbench.report.analyses.pool import Pool, read_pool
 
 OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
@@ -29,4 +30,6 @@ def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analy
     """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
     if name == "ablation":
         return ablation(paths, allow_partial)
+    if name == "perception":
+        return perception(paths, allow_partial)
     return OF_POOL[name](read_pool(paths, allow_partial))

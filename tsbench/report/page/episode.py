@@ -26,6 +26,7 @@ from tsbench.report.page.packing import deltas, pack
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plates import plate_svg
+from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 
 _UNIT_M, _UNIT_RAD, _UNIT_MPS = 0.05, 2 * np.pi / 2048, 0.05
@@ -70,6 +71,7 @@ class EpisodePacker:
         furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
             **_about(trace),
+            "told": _told(trace, scene),
             "roads": trace.spec.net_sha256,
             "scene": furnished,
             "box": np.round((points.min(axis=0) - _ROOM_M, points.max(axis=0) + _ROOM_M), 1).ravel().tolist(),
@@ -110,6 +112,21 @@ def _about(trace: Trace) -> dict[str, Any]:
         "partner": None if trace.contact is None else trace.contact.partner,
         "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
     }  # fmt: skip
+
+
+def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:
+    """What imperfect eyes told, beside what stood there; "" for a post, and where nothing stood."""
+    stood = {sign.id: plate_key(sign.code, sign.value) for sign in scene.signs}
+    return [
+        {
+            "time": trace.snapshots[one.step].time,
+            "kind": one.kind,
+            "told": plate_key(one.code, one.value) if one.code else "",
+            "stood": stood.get(one.sign, ""),
+            "target": one.role == "target",
+        }
+        for one in trace.told
+    ]
 
 
 def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.int16]]]:

@@ -172,7 +172,19 @@ tsb.Half = class {
     told.push(el("p", {}, name, el("strong", { class: target.length ? "bad" : "good" }, word), ` · ${ending}`));
     if (episode.error) told.push(el("p", { class: "note warn" }, episode.error));
     for (const event of [...target, ...others]) told.push(this.story(event));
+    if (episode.told.length) told.push(el("div", { class: "story other" }, el("p", { class: "faint" }, "what the planner was told of plates"),
+      ...episode.told.map((one) => this.heard(one))));
     this.get("verdict").replaceChildren(...told);
+  }
+
+  /* One thing that imperfect eyes told, beside what stood there. */
+  heard(one) {
+    const { el } = tsb, name = (key) => key.replace("|", ", ");
+    const word = { right: `read ${name(one.told)}`, misread: `read ${name(one.told)}, it is ${name(one.stood)}`,
+      false: `read ${name(one.told)}, nothing stands there`, post: `a post in sight, not read: ${name(one.stood)}` }[one.kind];
+    return el("p", { class: one.kind === "misread" || one.kind === "false" ? "bad" : "" },
+      el("button", { type: "button", on: { click: () => this.onjump({ start_s: one.time }) } }, `${tsb.number(one.time, 1)} s`),
+      ` ${one.target ? "the sign: " : ""}${word}`);
   }
 
   story(event) {

@@ -1,0 +1,257 @@
+"""Perception levels: rates, geometry, luck that both halves share, and the same bytes in any process and order."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import subprocess
+import sys
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+
+from tsbench.core.errors import InputError
+from tsbench.core.plain import from_plain
+from tsbench.episode.perception import FALSE, MISREAD, POST, RIGHT, Eyes, Plate, Told, in_sight
+from tsbench.episode.perception_level import PerceptionLevel, load_level
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import read_trace, write_trace
+from tsbench.planners.base import SignView
+from tsbench.planners.registry import resolve
+from tsbench.roads.road_map import RoadMap
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+LEVELS = ("good", "production", "poor")
+SPEED = 11.0
+
+
+def level(name: str, **changes: object) -> PerceptionLevel:
+    found = load_level(name)
+    assert found is not None
+    return replace(found, **changes)  # type: ignore[arg-type]
+
+
+def ego(x: float) -> EgoState:
+    return EgoState(x, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, -1, 0.0, 0.0, True)
+
+
+def plate(
+    x: float = 100.0, y: float = -4.0, heading: float = 0.0, code: str = "3.18.1", value: float | None = None
+) -> Plate:
+    return Plate("sign_0", "target", SignView(code, value, x, y, heading, "", -1, math.nan, math.inf))
+
+
+def nobody() -> Actors:
+    real = np.zeros(0)
+    return Actors(ActorTable(1), np.zeros(0, np.int32), np.zeros((0, 3)), real, np.zeros(0, np.int32), real)
+
+
+def parked(kind: ActorKind, length: float) -> Actors:
+    """One vehicle between the ego at 0 and the plate at 60."""
+    table = ActorTable(1)
+    table.add("one", kind, length, 2.5, ())
+    pose = np.array([[30.0, -2.0, 0.0]])
+    return Actors(table, np.zeros(1, np.int32), pose, np.zeros(1), np.zeros(1, np.int32), np.zeros(1))
+
+
+@cache
+def a_map() -> RoadMap:
+    row = read_table(table_path("dev"))[0]
+    return SceneLoader().load(row)[1].view.map
+
+
+def drive(
+    of: PerceptionLevel, pair: str, *plates: Plate, metres: float = 95.0, others: Actors | None = None
+) -> list[Told]:
+    """What is told on the way towards plates at a steady speed."""
+    eyes, around = Eyes(of, pair, plates, a_map()), others or nobody()
+    for step in range(int(metres / (SPEED * DT_S))):
+        here = ego(step * SPEED * DT_S)
+        eyes.look(WorldSnapshot(step, step * DT_S, here, around), here)
+    return eyes.told
+
+
+def agrees(k: int, n: int, share: float) -> bool:
+    """Does the 99.9 % interval of k in n hold the share?"""
+    low, high = binomtest(k, n).proportion_ci(confidence_level=0.999, method="wilson")
+    return bool(low <= share <= high)
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_rates_over_ten_thousand_plates(name: str) -> None:
+    of, n = level(name), 10_000
+    kinds, delays = [], []
+    for k in range(n):
+        told = {
+            t.kind: t for t in drive(replace(of, false_per_km=0.0), f"pair {k}", plate(60.0), metres=50.0)
+        }
+        kinds.append(RIGHT if RIGHT in told else MISREAD if MISREAD in told else "")
+        delays += [t.step for t in told.values() if t.kind != POST]
+    assert agrees(kinds.count(RIGHT), n, of.right)
+    assert agrees(kinds.count(MISREAD), n, (1.0 - of.right) * of.misread)
+    assert min(delays) == round(of.latency_s / DT_S)
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_one_look_at_a_large_plate_has_the_level_s_ceiling(name: str) -> None:
+    of, n = level(name, latency_s=0.0, posts=False), 10_000
+    seen = 0
+    for k in range(n):
+        eyes = Eyes(of, f"pair {k}", [plate(12.0, -1.0)], a_map())
+        eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
+        seen += len(eyes.told)
+    assert agrees(seen, n, of.ceiling)
+
+
+def test_half_of_what_is_ever_read_is_read_at_the_half_size() -> None:
+    of, n = level("good", right=1.0, ceiling=1.0, latency_s=0.0, posts=False), 4_000
+    x = 1266.0 * 0.7 / of.half_px
+    found = 0
+    for k in range(n):
+        eyes = Eyes(of, f"pair {k}", [plate(x, 0.0)], a_map())
+        eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
+        found += len(eyes.told)
+    assert agrees(found, n, 0.5)
+
+
+def test_false_plates_come_at_the_level_s_rate() -> None:
+    of, km = level("poor", false_per_km=0.5), 2.0
+    told = [t for k in range(200) for t in drive(of, f"pair {k}", metres=1000.0 * km)]
+    assert {t.kind for t in told} == {FALSE}
+    # Poisson: 200 expected.
+    assert abs(len(told) - 200) < 4 * math.sqrt(200)
+    assert drive(level("good"), "pair", metres=2000.0) == []
+
+
+def test_geometry() -> None:
+    here = ego(0.0)
+    assert in_sight(here, plate(60.0).view, [])
+    assert in_sight(here, plate(100.0, 0.0).view, [])
+    assert not in_sight(here, plate(100.1, 0.0).view, [])
+    for angle, seen in ((59.0, True), (61.0, False)):
+        at = math.radians(angle)
+        assert in_sight(here, plate(20 * math.cos(at), 20 * math.sin(at), at).view, []) is seen
+    for turned, seen in ((74.0, True), (76.0, False), (180.0, False)):
+        assert in_sight(here, plate(30.0, 0.0, math.radians(turned)).view, []) is seen
+
+
+@pytest.mark.parametrize(
+    ("kind", "length", "hidden"),
+    [
+        (ActorKind.BUS, 12.0, True),
+        (ActorKind.CAR, 8.0, True),
+        (ActorKind.CAR, 4.5, False),
+        (ActorKind.BICYCLE, 8.0, False),
+    ],
+)
+def test_only_what_is_high_hides_a_plate(kind: ActorKind, length: float, hidden: bool) -> None:
+    of = level("good", right=1.0, ceiling=1.0, false_per_km=0.0)
+    told = drive(of, "pair", plate(60.0), metres=5.0, others=parked(kind, length))
+    assert (told == []) is hidden
+    # Past the vehicle it is there to see.
+    assert drive(of, "pair", plate(60.0), metres=55.0, others=parked(kind, length))
+
+
+@pytest.mark.parametrize(
+    ("code", "value", "as_what"),
+    [
+        ("3.24", 40.0, {("3.24", 20.0), ("3.24", 60.0)}), ("3.24", 60.0, {("3.24", 40.0)}), ("4.6", 50.0, set()),
+        ("3.18.1", None, {("3.18.2", None)}), ("4.1.2", None, {("4.1.3", None)}), ("2.4", None, set()),
+        ("5.21", 20.0, set()),
+    ],
+)  # fmt: skip
+def test_misreadings_stay_in_the_family(
+    code: str, value: float | None, as_what: set[tuple[str, float | None]]
+) -> None:
+    of = level("poor", right=0.0, misread=1.0, false_per_km=0.0)
+    told = [
+        t for k in range(40) for t in drive(of, f"pair {k}", plate(60.0, code=code, value=value), metres=58.0)
+    ]
+    assert {(t.code, t.value) for t in told if t.kind == MISREAD} == as_what
+
+
+def test_both_halves_have_the_same_luck() -> None:
+    for k in range(100):
+        halves = [drive(level("poor"), f"pair {k}", plate(60.0, code=code)) for code in ("3.18.1", "4.1.2")]
+        assert [(t.step, t.kind, t.x) for t in halves[0]] == [(t.step, t.kind, t.x) for t in halves[1]]
+
+
+def test_what_was_read_is_told_as_long_as_it_is_in_range() -> None:
+    of = level("good", right=1.0, ceiling=1.0, noise_m=0.0)
+    eyes = Eyes(of, "pair", [plate(40.0)], a_map())
+    for step in range(60):
+        here = ego(step * SPEED * DT_S)
+        known = eyes.look(WorldSnapshot(step, step * DT_S, here, nobody()), here)
+    assert here.x > 60.0
+    assert [(v.code, v.x) for v in known] == [("3.18.1", 40.0)]
+
+
+def test_levels_of_files(tmp_path: Path) -> None:
+    assert load_level("exact") is None
+    path = tmp_path / "fog.yaml"
+    path.write_text("{right: 0.5, ceiling: 0.5, misread: 0.1, false_per_km: 0, latency_s: 0.3, half_px: 25}")
+    fog = load_level(str(path))
+    assert fog is not None
+    assert (fog.name, fog.half_px, fog.scale_px) == ("fog", 25.0, level("good").scale_px)
+    for text, words in (
+        ("{right: 0.5}", "fields"),
+        (path.read_text().replace("0.5,", "1.5,", 1), "right: 1.5 is no share"),
+        ("[]", "a mapping"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError, match=words):
+            load_level(str(path))
+    with pytest.raises(InputError, match=r"expected exact, good, production, poor, or a \.yaml file"):
+        load_level("bad")
+
+
+def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
+    """Hashes of the traces of episodes with poor eyes, driven in this order."""
+    rows = {row.scenario_id: row for row in read_table(table_path("dev"))}
+    runner, hashes = EpisodeRunner(resolve("idm"), perception=asdict(level("poor", false_per_km=20.0))), {}
+    for name in scenarios:
+        path = folder / f"{name}.parquet"
+        write_trace(path, runner.run(rows[name]))
+        hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    runner.close()
+    return hashes
+
+
+@pytest.mark.own_process
+def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> None:
+    pair = next(r.pair_id for r in read_table(table_path("dev")) if r.scenario_type == "speed_limit")
+    names = [
+        r.scenario_id
+        for r in read_table(table_path("dev"))
+        if r.pair_id == pair or r.scenario_type == "yield"
+    ]
+    here = driven(names, tmp_path)
+    code = (
+        "import json\nfrom pathlib import Path\nfrom tests.episode.test_perception import driven\n"
+        f"print(json.dumps(driven({names[::-1]}, Path({str(tmp_path)!r}))))"
+    )
+    root = Path(__file__).resolve().parents[2]
+    there = subprocess.run(
+        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
+    ).stdout
+    assert json.loads(there) == here
+    told = read_trace(tmp_path / f"{names[0]}.parquet").told
+    assert told
+    assert told == tuple(from_plain(Told, asdict(one)) for one in told)
+
+
+@pytest.mark.own_process
+def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:
+    row = next(r for r in read_table(table_path("dev")) if r.scenario_type == "yield")
+    runner = EpisodeRunner(resolve("idm"))
+    write_trace(tmp_path / "plain.parquet", runner.run(row))
+    runner.close()
+    assert read_trace(tmp_path / "plain.parquet").told == ()
+    assert b'"told"' not in (tmp_path / "plain.parquet").read_bytes()
