@@ -38,14 +38,18 @@ from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
+    from tsbench.run.isolation.loading import Probed
 
 LEAST_MEMORY_MB = 512
+LOADER = "tsbench.run.isolation.loading:load"
 
 
 @dataclass(frozen=True)
 class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
     `runs/`. executor: one of `executor.EXECUTORS`.
+
+    isolate: planners in processes of their own.
 
     allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
@@ -58,6 +62,7 @@ class Options:
     trace: str = "violations"
     device: str = "cpu"
     mask_signs: bool = False
+    isolate: bool = False
     allow_partial: bool = False
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
@@ -108,12 +113,17 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
-        planners = probe(pool, plan.request)
+        out = None if options.out is None else options.out.resolve()
+        hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
+        told = probe_isolated(plan.request, hidden) if options.isolate else None
+        planners = probe(pool, plan.request) if told is None else distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, _asked(options), effective, planners, edition_of(contract))
-        out = options.out or Path("runs") / default_name(options, names, contract)
-        with closing(RunFolder(out, manifest, keys)) as folder:
+        if told is not None:
+            manifest["isolation"] = {one.planner.name: one.effects for one in told}
+        folder_path = options.out or Path("runs") / default_name(options, names, contract)
+        with closing(RunFolder(folder_path, manifest, keys)) as folder:
             for line in folder.notices:
                 watcher.notice(line)
             asked = dict.fromkeys(names, plan.scenarios)
@@ -126,7 +136,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             if journal is not None:
                 setup = Setup(
                     planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
-                    plan.request.split, contract, runner=options.runner,
+                    plan.request.split, contract, runner=options.runner, loader=LOADER if options.isolate else "",
+                    hidden=hidden,
                 )  # fmt: skip
 
                 def keep(record: Record) -> None:
@@ -158,11 +169,26 @@ def _check(options: Options) -> None:
     for name, (number, bound) in least.items():
         if number is not None and number < bound:
             raise InputError(f"--{name} {number:g}: expected at least {bound}")
+    if options.isolate and (options.executor != "local" or options.device != "cpu"):
+        raise InputError(
+            "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
+        )
 
 
 def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
     """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
-    found = pool.probe(request.planners)
+    return distinct(pool.probe(request.planners))
+
+
+def probe_isolated(request: Request, hidden: Sequence[str]) -> list[Probed]:
+    """The same without a line of their code here, with what of their cells took effect."""
+    from tsbench.run.isolation.loading import describe  # brings networks of roads
+
+    return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
+
+
+def distinct(found: Sequence[PlannerInfo]) -> tuple[PlannerInfo, ...]:
+    """Planners as they are; InputError where two would be one in records."""
     seen: dict[str, str] = {}
     for planner in found:
         other = seen.setdefault(planner.name, planner.spec)
@@ -261,6 +287,7 @@ def _asked(options: Options) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        "isolate": options.isolate,
         "memory_limit": options.limits.most_memory,
     }
 
@@ -279,5 +306,6 @@ def _effective(options: Options, plan: Plan) -> dict[str, Any]:
         "trace": options.trace,
         "device": options.device,
         "mask_signs": options.mask_signs,
+        **({"isolate": True} if options.isolate else {}),
         "memory_limit": options.limits.most_memory,
     }

@@ -35,6 +35,7 @@ _PR_SET_PDEATHSIG, _PR_CAPBSET_DROP, _PR_SET_DUMPABLE, _PR_SET_NO_NEW_PRIVS = 1,
 _PIVOT_ROOT = {"x86_64": 155, "aarch64": 41, "arm64": 41}
 _MOST_CAPABILITIES = 64
 # Ids of nobody: one for each cell, so that the limit of processes counts its own only.
+_HOME = "/scratch"
 _FIRST_UID = 0x40000000
 
 _system = ctypes.CDLL(None, use_errno=True)
@@ -74,6 +75,10 @@ def build_root(settings: dict[str, Any]) -> None:
     root = settings["root"]
     _mount("none", "/", None, _REC | _PRIVATE)
     _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, "mode=755,size=16m")
+    # Before the binds, which may lie in them.
+    for name in ("tmp", "dev/shm", _HOME[1:]):
+        os.makedirs(f"{root}/{name}", exist_ok=True)
+        _mount("tmpfs", f"{root}/{name}", "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
     for source in settings["binds"]:
         _bind(source, root + source)
     for place in settings["covers"]:
@@ -83,9 +88,6 @@ def build_root(settings: dict[str, Any]) -> None:
             _mount("/dev/null", root + place, None, _BIND)
     for name in ("null", "zero", "urandom", "random"):
         _bind(f"/dev/{name}", f"{root}/dev/{name}", read_only=False)
-    for name in ("tmp", "dev/shm"):
-        os.makedirs(f"{root}/{name}", exist_ok=True)
-        _mount("tmpfs", f"{root}/{name}", "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
     os.makedirs(f"{root}/proc", exist_ok=True)
     os.chdir(root)
     _call("syscall", ctypes.c_long(_PIVOT_ROOT[platform.machine()]), b".", b".")
@@ -154,7 +156,7 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
             _mount("proc", "/proc", "proc", _NOSUID | _NODEV | _NOEXEC)
             effects["proc"] = True
         _call("sethostname", b"cell", ctypes.c_size_t(4))
-        home = "/tmp"
+        home = _HOME
     else:
         home = settings["home"]
     os.chdir(home)

@@ -246,9 +246,7 @@ def read_command(kind: Kind, body: bytes) -> Output:
         if len(single) != 2 or len(poses) != 3 * len(times):
             raise ProtocolError("TRAJECTORY: not three numbers for each time")
         dtypes = [np.float32 if one else np.float64 for one in single]
-        return Trajectory(
-            times.astype(dtypes[0]), poses.reshape(-1, 3).astype(dtypes[1]), _edges(intent)
-        )
+        return Trajectory(times.astype(dtypes[0]), poses.reshape(-1, 3).astype(dtypes[1]), _edges(intent))
     if kind is Kind.INVALID:
         raise PlannerOutputError(unpack(kind, body)[0][:500])
     raise ProtocolError(f"{kind.name} is no answer to an observation")
@@ -266,7 +264,9 @@ def _array(name: str, value: Any, width: int) -> Any:
         raise PlannerOutputError(f"{name} is {type(value).__name__}, expected a NumPy array of numbers")
     good = value.ndim == 1 if width == 1 else value.ndim == 2 and value.shape[1] == width
     if not good or len(value) > MAX_TRAJECTORY_POSES:
-        raise PlannerOutputError(f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows")
+        raise PlannerOutputError(
+            f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows"
+        )
     return value
 
 

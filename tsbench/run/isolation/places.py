@@ -16,11 +16,27 @@ from tsbench.planners.registry import place_of as registered_place
 from tsbench.run.execution.child import ONE_THREAD
 
 EXECUTABLE = "exe:"
-_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/localtime", "/etc/alternatives")
+_SYSTEM = (
+    "/usr",
+    "/bin",
+    "/sbin",
+    "/lib",
+    "/lib64",
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/etc/alternatives",
+)
 # Of the data, what tells of scenes; planners' weights and the catalogue stay.
 _DATA = ("scenarios", "sumo_nets", "cities", "runs", ".git")
 # What decides which code a library picks for a processor, and with it last places of numbers.
-_ARITHMETIC = ("ATEN_CPU_CAPABILITY", "GLIBC_TUNABLES", "MKL_", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_", "DNNL_")
+_ARITHMETIC = (
+    "ATEN_CPU_CAPABILITY",
+    "GLIBC_TUNABLES",
+    "MKL_",
+    "NPY_DISABLE_CPU_FEATURES",
+    "OPENBLAS_",
+    "DNNL_",
+)
 _PACKAGE = Path(tsbench.__file__).resolve().parent
 
 MEMORY_BYTES = 4 << 30

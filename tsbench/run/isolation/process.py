@@ -135,7 +135,13 @@ def _command(spec: str) -> list[str]:
         if not (path.is_file() and os.access(path, os.X_OK)):
             raise InputError(f"planner {spec!r}: {path} is no file that can be executed")
         return [str(path)]
-    return [sys.executable, "-P", "-m", "tsbench.run.isolation.client", spec]
+    return [sys.executable, "-P", "-m", "tsbench.run.isolation.client", _absolute(spec)]
+
+
+def _absolute(spec: str) -> str:
+    """The same for who stands in another folder."""
+    source, _, attribute = spec.rpartition(":")
+    return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
 
 
 def _start(far_end: socket.socket, settings: dict[str, Any]) -> subprocess.Popen[bytes]:

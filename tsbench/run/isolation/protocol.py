@@ -47,7 +47,11 @@ Field = tuple[str, str, str]
 MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
     Kind.CELL: (("effects", TEXT, "JSON: what of the cell took effect"),),
     Kind.HELLO: (
-        ("facts", TEXT, "JSON: protocol (1), name, privileged, sign_access, floor, weights_sha256; or problem"),
+        (
+            "facts",
+            TEXT,
+            "JSON: protocol (1), name, privileged, sign_access, floor, weights_sha256; or problem",
+        ),
     ),
     Kind.MAP: (
         ("lane_ids", TEXT, "n ids"),
@@ -100,7 +104,11 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("ego_lane", I4, "lane, on the road?"),
         ("history", F8, "h x 4: x, y, heading, speed, oldest first"),
         ("route", F8, "s, d, remaining m, on the line of the last ROUTE"),
-        ("actor_words", I4, "n x 4: id, kind (car bus bicycle pedestrian), lane, indicator (none left right)"),
+        (
+            "actor_words",
+            I4,
+            "n x 4: id, kind (car bus bicycle pedestrian), lane, indicator (none left right)",
+        ),
         ("actors", F8, "n x 6: x, y, heading, speed, length, width"),
         ("sign_names", TEXT, "m codes, then m edges"),
         ("sign_lanes", I4, "m: lane of the edge, -1 = all"),
