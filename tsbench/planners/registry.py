@@ -132,6 +132,8 @@ def place_of(name: str) -> str:
 
 def resolve(spec: str) -> LoadedPlanner:
     """The planner that a specification names. Every failure is an InputError of one line."""
+    if spec.startswith("exe:"):
+        raise InputError(f"planner {spec!r}: a program is driven isolated only: add --isolate")
     base = spec.removesuffix(EXPERT)
     if base != spec and (":" in base or base in _registered()):
         return _expert(spec, resolve(base))

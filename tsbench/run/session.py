@@ -22,7 +22,7 @@ from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
-from tsbench.run.execution.messages import RUNNER, Setup
+from tsbench.run.execution.messages import ISOLATED, RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from tsbench.run.isolation.loading import Probed
 
 LEAST_MEMORY_MB = 512
-LOADER = "tsbench.run.isolation.loading:load"
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             if journal is not None:
                 setup = Setup(
                     planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
-                    plan.request.split, contract, runner=options.runner, loader=LOADER if options.isolate else "",
+                    plan.request.split, contract, runner=options.runner, loader=ISOLATED if options.isolate else "",
                     hidden=hidden,
                 )  # fmt: skip
 

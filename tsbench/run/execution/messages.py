@@ -18,6 +18,7 @@ from tsbench.run.planner_info import PlannerInfo
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
+ISOLATED = "tsbench.run.isolation.loading:load"
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,16 @@ def _start(far_end: socket.socket, settings: dict[str, Any]) -> subprocess.Popen
     )  # fmt: skip
 
 
+class _NoNumber:
+    """Stands for an answer that is no command: whoever reads it is told why, as of any other planner's."""
+
+    def __init__(self, reason: str) -> None:
+        self._reason = reason
+
+    def __float__(self) -> float:
+        raise PlannerOutputError(self._reason)
+
+
 class IsolatedPlanner:
     """A planner for the runner: each call is a message to the process, which is made when first needed."""
 
@@ -172,12 +182,14 @@ class IsolatedPlanner:
             raise PlannerOutputError(f"no message of the protocol: {kind.name} to a context")
 
     def act(self, observation: Observation) -> Control | Trajectory:
-        kind, body = self._ask(self._teller.observation(observation))
         try:
+            kind, body = self._ask(self._teller.observation(observation))
             return read_command(kind, body)
         except ProtocolError as problem:
             self.close()
-            raise PlannerOutputError(f"no message of the protocol: {problem}") from None
+            return Control(_NoNumber(f"no message of the protocol: {problem}"), 0.0)  # type: ignore[arg-type]
+        except PlannerOutputError as problem:
+            return Control(_NoNumber(str(problem)), 0.0)  # type: ignore[arg-type]
 
     def _ask(self, request: bytes) -> tuple[Kind, bytes]:
         if self._process is None:
