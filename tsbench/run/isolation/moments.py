@@ -22,9 +22,9 @@ from tsbench.run.isolation.protocol import Kind, ProtocolError, lines, names, pa
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import PlateParams
+from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
-from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 from tsbench.sim.world import ActorKind, Actors, ActorTable, Agents, EgoState, WorldSnapshot
 
 Output = Control | Trajectory
