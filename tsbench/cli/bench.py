@@ -20,8 +20,16 @@ from tsbench.core.files import write_json
     "--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else."
 )
 @click.option("--env", "env", is_flag=True, help="Steps of the Gymnasium environment, and nothing else.")
-def bench(limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool) -> None:
+@click.option(
+    "--isolation", is_flag=True, help="What a planner's own process costs a tick, and nothing else."
+)
+def bench(
+    limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool
+) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
+    if isolation:
+        _isolation(limit, rounds, json_path)
+        return
     if env:
         _environment(rounds, json_path)
         return
@@ -47,6 +55,18 @@ def bench(limit: int, rounds: int, json_path: Path | None, networks: bool, env: 
     console.print(f"two workers by one: {result.workers_speedup:.2f}x (goal: 1.9)")
     if json_path is not None:
         write_json(json_path, result.to_dict())
+
+
+def _isolation(limit: int, rounds: int, json_path: Path | None) -> None:
+    from tsbench.tools.bench_isolation import bench_isolation
+
+    found = bench_isolation(limit, rounds)
+    rows = [(name, f"{here:.0f}", f"{apart:.0f}", f"{apart - here:.0f}") for name, here, apart in found]
+    print_table(
+        ("planner", "µs together", "µs isolated", "difference"), rows, title="mean time of a tick's answer"
+    )
+    if json_path is not None:
+        write_json(json_path, {name: {"together_us": a, "isolated_us": b} for name, a, b in found})
 
 
 def _networks(json_path: Path | None) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 from rich.console import Console
 from rich.markup import escape
@@ -9,6 +11,9 @@ from rich.table import Table
 
 from tsbench.cli.console import print_table
 from tsbench.planners import registry
+
+if TYPE_CHECKING:
+    from tsbench.planners.check import Finding
 
 
 @click.group()
@@ -60,8 +65,15 @@ def _print_parts() -> None:
     metavar="N",
     help="Scenes to drive.",
 )
-def check(planner: str, limit: int) -> int:
+@click.option(
+    "--submission",
+    is_flag=True,
+    help="Drive it isolated, on dev scenes, and say what `tsbench submit` would refuse.",
+)
+def check(planner: str, limit: int, submission: bool) -> int:
     """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
+    if submission:
+        return _check_submission(planner, limit)
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
     from tsbench.scenarios.table import read_table, table_path
@@ -74,6 +86,21 @@ def check(planner: str, limit: int) -> int:
     if all(f.level is not Level.PROBLEM for f in found):
         with console.status(f"driving {len(chosen)} scenes"):
             found += check_driving(planner, chosen)
+    return _tell(planner, found, console)
+
+
+def _check_submission(planner: str, limit: int) -> int:
+    from tsbench.tools.check_submission import check_submission  # brings SUMO
+
+    console = Console()
+    with console.status("") as status:
+        found = check_submission(planner, limit, "test", status.update)
+    return _tell(planner, found, console)
+
+
+def _tell(planner: str, found: list[Finding], console: Console) -> int:
+    from tsbench.planners.check import Level
+
     style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
     table = Table(box=None, show_header=False)
     for finding in found:

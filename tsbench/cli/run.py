@@ -58,6 +58,11 @@ which_half = click.option(
     help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
 )  # fmt: skip
 @options.device
+@click.option(
+    "--isolate",
+    is_flag=True,
+    help="Run planners in processes of their own, out of reach of data, run and referee.",
+)
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @click.option(
     "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",

@@ -48,7 +48,7 @@ def data_root() -> Path:
 
 def data_file(name: str) -> Path:
     """A file or folder of data: in the first root that has it, else where `tsbench data fetch` would put it."""
-    places = [root / name for root in _roots()]
+    places = [root / name for root in roots()]
     return next((place for place in places if place.exists()), places[-1])
 
 
@@ -126,7 +126,7 @@ def fetch_hint(part: str) -> str:
 
 
 def fetch_root() -> Path:
-    return _roots()[-1]
+    return roots()[-1]
 
 
 def _own_root() -> Path | None:
@@ -136,7 +136,8 @@ def _own_root() -> Path | None:
     return _PACKAGE.parent if (_PACKAGE.parent / "sign_catalog").is_dir() else None
 
 
-def _roots() -> tuple[Path, ...]:
+def roots() -> tuple[Path, ...]:
+    """The folders that data is looked for in, first to last."""
     if _own_root() is not None:
         return (data_root(),)
     return (_PACKAGE, *_data_package(), platformdirs.user_data_path("tsbench") / tsbench.__version__)

@@ -49,6 +49,7 @@ class Row:
         told = {
             "floor": s.planner.floor,
             "third-party": s.third_party,
+            "isolated": s.isolation is not None and bool(s.isolation.get("namespaces")),
             "privileged": s.planner.privileged,
             "reads no plates": not s.planner.sign_access and not s.planner.floor,
         }

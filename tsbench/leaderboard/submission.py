@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, is_dataclass
+from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -65,7 +65,8 @@ class Figure:
 class Submission:
     """title, authors, url, note: as the submitter gave them. third_party: of people other than tsbench's.
 
-    arithmetic, versions, machine, git: of the run. rescored: episodes that were judged again from their traces.
+    arithmetic, versions, machine, git: of the run. isolation: what of the planner's cell took effect in it, None where
+    it shared the referee's process. rescored: episodes that were judged again from their traces.
     episodes: sorted by scenario_id.
     """
 
@@ -89,6 +90,7 @@ class Submission:
     rescored: int
     figures: tuple[Figure, ...]
     episodes: tuple[Episode, ...]
+    isolation: dict[str, Any] | None = None
 
     def to_json(self) -> str:
         content = {"kind": KIND, "schema": SCHEMA_VERSION, **asdict(self)}
@@ -109,8 +111,9 @@ def _schema_of(kind: Any) -> dict[str, Any]:
     if is_dataclass(kind):
         hints = get_type_hints(kind)
         properties = {name: _schema_of(hint) for name, hint in hints.items()}
+        needed = [f.name for f in fields(kind) if f.default is MISSING]
         return {
-            "type": "object", "properties": properties, "required": list(hints), "additionalProperties": False,
+            "type": "object", "properties": properties, "required": needed, "additionalProperties": False,
         }  # fmt: skip
     origin, parts = get_origin(kind) or kind, get_args(kind)
     if type(None) in parts:

@@ -21,8 +21,9 @@ from tsbench.run import arithmetic
 from tsbench.run.contract import contract_hash
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import make_executor
-from tsbench.run.execution.messages import Setup
+from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.isolation.loading import describe
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
@@ -180,8 +181,13 @@ def _drive(
         told(len(done), len(specs))
 
     with make_executor("local", workers, len(specs), Limits()) as pool, tempfile.TemporaryDirectory() as out:
-        (info,) = pool.probe([planner])
-        setup = Setup((info,), False, submitted.device, "none", out, submitted.split, submitted.contract)
+        alone = submitted.isolation is not None
+        # As it was driven: the verifier's processes run none of its code either.
+        info = describe(planner).planner if alone else pool.probe([planner])[0]
+        setup = Setup(
+            (info,), False, submitted.device, "none", out, submitted.split, submitted.contract,
+            loader=ISOLATED if alone else "",
+        )  # fmt: skip
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))
         pool.run(setup, tasks, keep, lambda: False)
     return info, sorted(done, key=lambda episode: episode.scenario_id)

@@ -22,7 +22,7 @@ from tsbench.planners.loading import import_attribute
 
 GROUP = "tsbench.planners"
 EXPERT = "-e"
-_EXPERT_MODULE = "tsbench.planners.experts.expert"
+EXPERT_MODULE = "tsbench.planners.experts.expert"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,21 @@ def entry(name: str) -> PlannerEntry:
     return _declared(target, f"{point.module}:{point.attr}")
 
 
+def place_of(name: str) -> str:
+    """The module that a registered planner is written in; of another package's, which is not imported, its entry's.
+
+    Raises InputError for a name that is not registered.
+    """
+    if name not in _registered():
+        raise InputError(_unknown(name))
+    module = _registered()[name].module
+    return entry(name).target.partition(":")[0] if module.split(".")[0] == "tsbench" else module
+
+
 def resolve(spec: str) -> LoadedPlanner:
     """The planner that a specification names. Every failure is an InputError of one line."""
+    if spec.startswith("exe:"):
+        raise InputError(f"planner {spec!r}: a program is driven isolated only: add --isolate")
     base = spec.removesuffix(EXPERT)
     if base != spec and (":" in base or base in _registered()):
         return _expert(spec, resolve(base))
@@ -170,7 +183,7 @@ def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
         )
     # By its name: a planner's code counts with the planner, not with what every run consists of.
     wrap = cast(
-        "Callable[[Planner], Planner]", import_attribute(_EXPERT_MODULE, "Expert", f"planner {spec!r}")
+        "Callable[[Planner], Planner]", import_attribute(EXPERT_MODULE, "Expert", f"planner {spec!r}")
     )
     return replace(
         base,
@@ -180,7 +193,7 @@ def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
         sign_access=True,
         floor=False,
         spec=spec,
-        sources=(*base.sources, _EXPERT_MODULE),
+        sources=(*base.sources, EXPERT_MODULE),
     )
 
 

@@ -24,7 +24,7 @@ from tsbench.run.contract import contract_hash
 from tsbench.run.edition import edition_of
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
-from tsbench.run.execution.messages import RUNNER, Setup
+from tsbench.run.execution.messages import ISOLATED, RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
@@ -40,6 +40,7 @@ from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
+    from tsbench.run.isolation.loading import Probed
 
 LEAST_MEMORY_MB = 512
 
@@ -50,6 +51,8 @@ class Options:
     `runs/`. executor: one of `executor.EXECUTORS`.
 
     perception: a level's name or file.
+    isolate: planners in processes of their own.
+
     allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
     """
@@ -62,6 +65,7 @@ class Options:
     device: str = "cpu"
     mask_signs: bool = False
     perception: str = EXACT
+    isolate: bool = False
     allow_partial: bool = False
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
@@ -113,12 +117,17 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
-        planners = probe(pool, plan.request)
+        out = None if options.out is None else options.out.resolve()
+        hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
+        told = probe_isolated(plan.request, hidden) if options.isolate else None
+        planners = probe(pool, plan.request) if told is None else distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, _asked(options), effective, planners, edition_of(contract))
-        out = options.out or Path("runs") / default_name(options, names, contract)
-        with closing(RunFolder(out, manifest, keys)) as folder:
+        if told is not None:
+            manifest["isolation"] = {one.planner.name: one.effects for one in told}
+        folder_path = options.out or Path("runs") / default_name(options, names, contract)
+        with closing(RunFolder(folder_path, manifest, keys)) as folder:
             for line in folder.notices:
                 watcher.notice(line)
             asked = dict.fromkeys(names, plan.scenarios)
@@ -133,6 +142,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
                     plan.request.split, contract, runner=options.runner,
                     options={} if level is None else {"perception": asdict(level)},
+                    loader=ISOLATED if options.isolate else "", hidden=hidden,
                 )  # fmt: skip
 
                 def keep(record: Record) -> None:
@@ -164,11 +174,26 @@ def _check(options: Options) -> None:
     for name, (number, bound) in least.items():
         if number is not None and number < bound:
             raise InputError(f"--{name} {number:g}: expected at least {bound}")
+    if options.isolate and (options.executor != "local" or options.device != "cpu"):
+        raise InputError(
+            "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
+        )
 
 
 def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
     """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
-    found = pool.probe(request.planners)
+    return distinct(pool.probe(request.planners))
+
+
+def probe_isolated(request: Request, hidden: Sequence[str]) -> list[Probed]:
+    """The same without a line of their code here, with what of their cells took effect."""
+    from tsbench.run.isolation.loading import describe  # brings networks of roads
+
+    return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
+
+
+def distinct(found: Sequence[PlannerInfo]) -> tuple[PlannerInfo, ...]:
+    """Planners as they are; InputError where two would be one in records."""
     seen: dict[str, str] = {}
     for planner in found:
         other = seen.setdefault(planner.name, planner.spec)
@@ -269,6 +294,7 @@ def _asked(options: Options) -> dict[str, Any]:
         "device": options.device,
         "mask_signs": options.mask_signs,
         **({} if options.perception == EXACT else {"perception": options.perception}),
+        "isolate": options.isolate,
         "memory_limit": options.limits.most_memory,
     }
 
@@ -289,5 +315,6 @@ def _effective(options: Options, plan: Plan, level: PerceptionLevel | None) -> d
         "mask_signs": options.mask_signs,
         # As JSON gives it back, so that a run can be continued.
         **({} if level is None else {"perception": json.loads(json.dumps(asdict(level)))}),
+        **({"isolate": True} if options.isolate else {}),
         "memory_limit": options.limits.most_memory,
     }

@@ -146,6 +146,11 @@ def _resident() -> int:
     return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
 
 
+def of_results(results: list[EpisodeResult]) -> list[Finding]:
+    """What the episodes alone say: errors, range of the commands, time, outcomes."""
+    return [*_errors(results), *_range(results), *_time(results), _outcomes(results)]
+
+
 def findings(seen: Seen) -> list[Finding]:
     return [
         *_errors(seen.results),

@@ -18,6 +18,7 @@ from tsbench.run.planner_info import PlannerInfo
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
+ISOLATED = "tsbench.run.isolation.loading:load"
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Setup:
     planners: by `Task.planner`. out: the run folder, for traces. trace: none, violations, all. split, contract: what a
     worker on another machine must have too. inference: where the inference process listens, "" = each worker has
     networks of its own. runner: module:Class of what runs episodes, made with a `LoadedPlanner`, `mask_signs`,
-    `heartbeat` and `options`; recorder: module:function from its result to a record.
+    `heartbeat` and `options`; recorder: module:function from its result to a record. loader: module:function from a
+    `PlannerInfo` and `hidden` to a `LoadedPlanner`, "" = planners run in the worker; hidden: what they must not find.
     """
 
     planners: tuple[PlannerInfo, ...]
@@ -41,6 +43,8 @@ class Setup:
     runner: str = RUNNER
     recorder: str = "tsbench.run.log.score:make_record"
     options: Mapping[str, Any] = field(default_factory=dict)
+    loader: str = ""
+    hidden: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

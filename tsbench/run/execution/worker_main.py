@@ -142,7 +142,8 @@ class Worker:
         return self._runner
 
     def _make_runner(self, who: PlannerInfo) -> Runner:
-        setup, loaded = self._setup, resolve(who.spec)
+        setup = self._setup
+        loaded = _named(setup.loader)(who, setup.hidden) if setup.loader else resolve(who.spec)
         if setup.inference and setup.device in who.served_on:
             assert loaded.batched is not None
             outputs = loaded.batched.outputs

@@ -41,12 +41,12 @@ _SHAPE: dict[str, Any] = {
     "effective": {
         "city?": str, "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
         "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float,
-        "collection?": str, "perception?": {"name": str, "right": float},
+        "collection?": str, "perception?": {"name": str, "right": float}, "isolate?": bool,
     },
     "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
     "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
     "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
-    "asked?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str},
+    "asked?": {}, "isolation?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str},
     "started?": str, "finished?": (str, _NONE),
 }  # fmt: skip
 # Those of a run, which collections of other things lack.

@@ -1,0 +1,108 @@
+"""An isolated planner drives as the same one beside the referee does, byte for byte."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tsbench
+from tsbench.core.errors import InputError
+from tsbench.leaderboard.submission import Episode, episode_of
+from tsbench.run.isolation import protocol
+from tsbench.run.isolation.loading import code_hash, describe
+from tsbench.run.isolation.moments import command_message, read_command
+from tsbench.run.isolation.protocol import HEAD, Kind, ProtocolError
+from tsbench.run.log.tables import read_table
+from tsbench.run.planner_info import describe as describe_here
+
+ROOT = Path(tsbench.__file__).parent.parent
+PLANNERS = ["idm", "idm-e", "ppo"]
+
+
+def digests(folder: Path) -> dict[str, Episode]:
+    events: dict[tuple[str, str], list[dict[str, object]]] = {}
+    for event in read_table(folder / "violations.parquet").to_pylist():
+        events.setdefault((event["planner"], event["scenario_id"]), []).append(event)
+    rows = read_table(folder / "episodes.parquet").to_pylist()
+    return {
+        f"{row['planner']} {row['scenario_id']}": episode_of(
+            row, events.get((row["planner"], row["scenario_id"]), ())
+        )
+        for row in rows
+    }
+
+
+@pytest.mark.own_process
+def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
+    kinds = ("yield", "crosswalk", "detour_either", "speed_limit", "no_entry")
+    for name, isolate in (("together", False), ("apart", True)):
+        tsbench.evaluate(
+            PLANNERS, split="dev", types=kinds, limit=10, workers=1, isolate=isolate, out=tmp_path / name
+        )
+    together, apart = digests(tmp_path / "together"), digests(tmp_path / "apart")
+    assert len(together) >= 27
+    assert len({episode.digest for episode in together.values()}) > 20
+    assert apart == together
+    for told in json.loads((tmp_path / "apart" / "run.json").read_text())["isolation"].values():
+        assert told["no_new_privs"]
+
+
+@pytest.mark.parametrize("spec", [*PLANNERS, f"{ROOT}/examples/minimal_planner.py:Minimal"])
+def test_a_planner_is_what_it_is_in_one_process(spec: str) -> None:
+    here = describe_here(spec)
+    assert describe(spec).planner == replace(here, served_on=())
+
+
+def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("class P:\n    def reset(self, c): pass\n    def act(self, o): pass\n")
+    before = code_hash(f"{file}:P")
+    file.write_text(file.read_text() + "import tsbench.core.provenance as p\np.digest = lambda _: '0' * 64\n")
+    assert describe(f"{file}:P").planner.code_sha256 not in (before, "0" * 64)
+
+
+def test_what_does_not_come_up_says_why(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("1 / 0\n")
+    with pytest.raises(InputError, match="ZeroDivisionError"):
+        describe(f"{file}:P")
+    with pytest.raises(InputError, match="no file that can be executed"):
+        describe(f"exe:{file}")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) here")
+def test_a_planner_in_c_drives(tmp_path: Path) -> None:
+    binary = tmp_path / "follow_route"
+    source = ROOT / "examples" / "follow_route.c"
+    subprocess.run(["cc", "-O2", "-Wall", "-Werror", "-o", str(binary), str(source), "-lm"], check=True)
+    tsbench.evaluate(
+        f"exe:{binary}", split="dev", limit=4, workers=1, isolate=True, out=tmp_path / "run", trace="none"
+    )
+    rows = read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    assert [row["outcome"] for row in rows].count("arrived") >= 2
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["planners"][0]["name"] == "follow_route"
+
+
+def test_an_executable_runs_isolated_only(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="isolate"):
+        tsbench.evaluate("exe:/bin/true", split="dev", limit=2, out=tmp_path / "run")
+
+
+def test_the_published_schema_is_that_of_the_code() -> None:
+    stored = json.loads((ROOT / "docs" / "isolation.schema.json").read_text(encoding="utf-8"))
+    assert stored == json.loads(json.dumps(protocol.schema()))
+
+
+def test_a_field_too_short_or_too_long_is_no_message() -> None:
+    whole = command_message(tsbench.Control(1.0, 0.5, plan=np.ones((3, 2))))
+    body = whole[HEAD.size :]
+    assert read_command(Kind.CONTROL, body).acceleration == 1.0  # type: ignore[union-attr]
+    for wrong in (body[:-1], body + b"\0", b"\xff" * len(body), b""):
+        with pytest.raises(ProtocolError):
+            read_command(Kind.CONTROL, wrong)

@@ -1,0 +1,202 @@
+"""Makes a cell and starts a planner's program in it; whatever that starts ends with it, and it ends with the worker.
+
+python -I -S cell.py LINE_FD SETTINGS
+
+SETTINGS is JSON: `settings_of` in `places` says what stands in it. Nothing of ours is imported, so that this starts in
+an instant. The line to the referee becomes descriptor 3, here and in the program. The first message on it (kind 1) tells
+what of the cell took effect: the program cannot tell that for itself, as it does not run yet.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import platform
+import resource
+import signal
+import struct
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+LINE = 3
+_NEWNS, _NEWUSER, _NEWPID, _NEWNET, _NEWIPC, _NEWUTS = (
+    0x20000, 0x10000000, 0x20000000, 0x40000000, 0x08000000, 0x04000000
+)  # fmt: skip
+_APART = _NEWNS | _NEWPID | _NEWNET | _NEWIPC | _NEWUTS
+_RDONLY, _NOSUID, _NODEV, _NOEXEC, _REMOUNT, _BIND, _REC, _PRIVATE = (
+    1, 2, 4, 8, 32, 0x1000, 0x4000, 0x40000
+)  # fmt: skip
+_ATIME = 0x400 | 0x800
+_DETACH = 2
+_PR_SET_PDEATHSIG, _PR_CAPBSET_DROP, _PR_SET_DUMPABLE, _PR_SET_NO_NEW_PRIVS = 1, 24, 4, 38
+_PIVOT_ROOT = {"x86_64": 155, "aarch64": 41, "arm64": 41}
+_MOST_CAPABILITIES = 64
+# Ids of nobody: one for each cell, so that the limit of processes counts its own only.
+_HOME = "/scratch"
+_FIRST_UID = 0x40000000
+
+_system = ctypes.CDLL(None, use_errno=True)
+
+
+def _call(name: str, *arguments: Any) -> None:
+    if getattr(_system, name)(*arguments) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, f"{name}: {os.strerror(number)}")
+
+
+def _mount(source: str, target: str, kind: str | None, flags: int, data: str = "") -> None:
+    _call(
+        "mount", source.encode(), target.encode(), kind and kind.encode(), ctypes.c_ulong(flags), data.encode()
+    )  # fmt: skip
+
+
+def separate() -> str:
+    """Namespaces of its own; "user" or "root" (made by whom), "" where the kernel does not allow it."""
+    if os.geteuid() == 0:
+        with suppress(OSError):
+            _call("unshare", _APART)
+            return "root"
+    uid, gid = os.geteuid(), os.getegid()
+    try:
+        _call("unshare", _APART | _NEWUSER)
+        Path("/proc/self/setgroups").write_text("deny")
+        Path("/proc/self/uid_map").write_text(f"{uid} {uid} 1")
+        Path("/proc/self/gid_map").write_text(f"{gid} {gid} 1")
+    except OSError:
+        return ""
+    return "user"
+
+
+def build_root(settings: dict[str, Any]) -> None:
+    """A file system of what the planner may read, and nothing else; becomes the root."""
+    root = settings["root"]
+    _mount("none", "/", None, _REC | _PRIVATE)
+    _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, "mode=755,size=16m")
+    # Before the binds, which may lie in them.
+    for name in ("tmp", "dev/shm", _HOME[1:]):
+        os.makedirs(f"{root}/{name}", exist_ok=True)
+        _mount("tmpfs", f"{root}/{name}", "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
+    for source in settings["binds"]:
+        _bind(source, root + source)
+    for place in settings["covers"]:
+        if os.path.isdir(root + place):
+            _mount("tmpfs", root + place, "tmpfs", _NOSUID | _NODEV | _RDONLY, "mode=755,size=4k")
+        elif os.path.isfile(root + place):
+            _mount("/dev/null", root + place, None, _BIND)
+    for name in ("null", "zero", "urandom", "random"):
+        _bind(f"/dev/{name}", f"{root}/dev/{name}", read_only=False)
+    os.makedirs(f"{root}/proc", exist_ok=True)
+    os.chdir(root)
+    _call("syscall", ctypes.c_long(_PIVOT_ROOT[platform.machine()]), b".", b".")
+    _call("umount2", b".", _DETACH)
+    os.chdir("/")
+    _mount("tmpfs", "/", None, _REMOUNT | _BIND | _RDONLY | _NOSUID | _NODEV)
+
+
+def _bind(source: str, target: str, read_only: bool = True) -> None:
+    if os.path.islink(source):
+        if not os.path.lexists(target):
+            os.makedirs(os.path.dirname(target), exist_ok=True)
+            os.symlink(os.readlink(source), target)
+        return
+    if not os.path.exists(source):
+        return
+    if os.path.isdir(source):
+        os.makedirs(target, exist_ok=True)
+    elif not os.path.exists(target):
+        os.makedirs(os.path.dirname(target), exist_ok=True)
+        Path(target).touch()
+    _mount(source, target, None, _BIND | _REC)
+    if read_only:
+        # Flags that the owner of the mount has set may not be taken off it.
+        kept = os.statvfs(target).f_flag & (_NODEV | _NOEXEC | _ATIME)
+        _mount("none", target, None, _REMOUNT | _BIND | _RDONLY | _NOSUID | kept)
+
+
+def limit(limits: dict[str, int], processes: bool) -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for name, most in limits.items():
+        if name != "NPROC" or processes:
+            kind = getattr(resource, f"RLIMIT_{name}")
+            hard = resource.getrlimit(kind)[1]
+            most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            resource.setrlimit(kind, (most, most))
+
+
+def give_up_rights(made_by: str) -> None:
+    """Nothing of what made the cell is left to whoever runs in it."""
+    for one in range(_MOST_CAPABILITIES):
+        _system.prctl(_PR_CAPBSET_DROP, one, 0, 0, 0)
+    if made_by == "root":
+        own = _FIRST_UID + int(os.environ["TSBENCH_CELL"])
+        os.setgroups([])
+        os.setresgid(own, own, own)
+        os.setresuid(own, own, own)
+    else:
+        # Header of version 3, and no capability in any of the three sets.
+        _system.capset(struct.pack("<Ii", 0x20080522, 0), bytes(24))
+    _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+
+
+def tell(effects: dict[str, Any]) -> None:
+    data = json.dumps(effects).encode()
+    os.write(LINE, struct.pack("<III", len(data) + 4, 1, len(data)) + data)
+
+
+def inside(settings: dict[str, Any], made_by: str) -> None:
+    """In the process that becomes the planner's."""
+    effects: dict[str, Any] = {"namespaces": "", "root": False, "proc": False}
+    if made_by:
+        build_root(settings)
+        effects |= {"namespaces": made_by, "root": True}
+        with suppress(OSError):
+            _mount("proc", "/proc", "proc", _NOSUID | _NODEV | _NOEXEC)
+            effects["proc"] = True
+        _call("sethostname", b"cell", ctypes.c_size_t(4))
+        home = _HOME
+    else:
+        home = settings["home"]
+    os.chdir(home)
+    # Counted for each namespace of users or each id of nobody; else it would count the user's own processes.
+    limit(settings["limits"], processes=bool(made_by))
+    give_up_rights(made_by)
+    _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    effects["limits"] = sorted(n for n in settings["limits"] if n != "NPROC" or made_by)
+    effects["no_new_privs"] = True
+    null = os.open("/dev/null", os.O_RDONLY)
+    os.dup2(null, 0)
+    tell(effects)
+    os.closerange(LINE + 1, 1 << 16)
+    os.set_inheritable(LINE, True)
+    environment = {**settings["environment"], "HOME": home, "TMPDIR": home}
+    command = settings["command"]
+    os.execve(command[0], command, environment)
+
+
+def main(settings: dict[str, Any]) -> None:
+    os.setsid()
+    _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != settings["parent"]:
+        return
+    os.environ["TSBENCH_CELL"] = str(os.getpid())
+    made_by = separate()
+    child = os.fork()
+    if child == 0:
+        try:
+            inside(settings, made_by)
+        except OSError as problem:
+            tell({"problem": str(problem)})
+        os._exit(127)
+    os.closerange(LINE, 1 << 16)
+    _, status = os.waitpid(child, 0)
+    code = os.waitstatus_to_exitcode(status)
+    os._exit(code if code >= 0 else 128 - code)
+
+
+if __name__ == "__main__":
+    os.dup2(int(sys.argv[1]), LINE)
+    os.closerange(LINE + 1, 1 << 16)
+    main(json.loads(sys.argv[2]))

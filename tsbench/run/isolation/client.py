@@ -1,0 +1,102 @@
+"""A Python planner at the far end of the line. Started by `process` only, in its cell.
+
+python -P -m tsbench.run.isolation.client SPEC
+
+The line is descriptor 3. This is the reference for clients: whoever speaks so, in any language, is a planner.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+import traceback
+from typing import Any
+
+from tsbench.core.errors import InputError, cause_of
+from tsbench.planners.base import Planner, PlannerContext
+from tsbench.planners.loading import cause_with_place
+from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.isolation.cell import LINE
+from tsbench.run.isolation.moments import Listener, command_message
+from tsbench.run.isolation.protocol import HEAD, VERSION, Kind, pack
+
+_READ_BYTES = 1 << 18
+_LONGEST_TEXT = 100_000
+
+
+class Client:
+    """Hears what happens, and answers."""
+
+    def __init__(self, line: socket.socket, loaded: LoadedPlanner, planner: Planner) -> None:
+        self._line, self._loaded = line, loaded
+        self._planner: Planner | None = planner
+        self._listener = Listener()
+        self._heard = bytearray()
+
+    def serve(self) -> None:
+        """Until the line is closed."""
+        while (message := self._message()) is not None:
+            moment = self._listener.hear(*message)
+            if moment is not None:
+                self._line.sendall(self._answer(moment))
+
+    def _answer(self, moment: Any) -> bytes:
+        try:
+            # One that could not begin an episode is made anew, as in a process with the referee.
+            if isinstance(moment, PlannerContext):
+                if self._planner is None:
+                    self._planner = self._loaded.factory()
+                self._planner.reset(moment)
+                return pack(Kind.DONE)
+            assert self._planner is not None
+            output = self._planner.act(moment)
+        except BaseException as problem:
+            return pack(Kind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
+        return command_message(output)
+
+    def _message(self) -> tuple[Kind, bytes] | None:
+        while True:
+            if len(self._heard) >= HEAD.size:
+                size, kind = HEAD.unpack_from(self._heard)
+                end = HEAD.size + size
+                if len(self._heard) >= end:
+                    body = bytes(self._heard[HEAD.size : end])
+                    del self._heard[:end]
+                    return Kind(kind), body
+            piece = self._line.recv(_READ_BYTES)
+            if not piece:
+                return None
+            self._heard += piece
+
+
+def main(spec: str) -> None:
+    line = socket.socket(fileno=os.dup(LINE))
+    os.close(LINE)
+    try:
+        loaded = resolve(spec)
+        planner = _made(loaded)
+    except InputError as problem:
+        line.sendall(pack(Kind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
+        return
+    facts = {
+        "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
+        "floor": loaded.floor, "weights_sha256": loaded.weights.sha256 if loaded.weights else None,
+        "sources": list(loaded.sources),
+    }  # fmt: skip
+    line.sendall(pack(Kind.HELLO, json.dumps(facts)))
+    Client(line, loaded, planner).serve()
+
+
+def _made(loaded: LoadedPlanner) -> Planner:
+    try:
+        return loaded.factory()
+    except InputError:
+        raise
+    except BaseException as error:
+        raise InputError(f"planner {loaded.spec!r}: cannot be made: {cause_with_place(error)}") from error
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

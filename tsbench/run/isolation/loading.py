@@ -1,0 +1,66 @@
+"""What an isolated planner is, asked and hashed without a line of its code in this process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
+from tsbench.core.provenance import closure, digest
+from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner
+from tsbench.run.contract import code_files
+from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of
+from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
+from tsbench.run.planner_info import PlannerInfo
+
+
+@dataclass(frozen=True)
+class Probed:
+    """A planner, and what of its cell took effect (for the run's manifest)."""
+
+    planner: PlannerInfo
+    effects: Mapping[str, Any]
+
+
+def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
+    """What a planner is, by its own word, and the hashes of its code, by ours. Raises InputError."""
+    process = PlannerProcess(spec, hidden)
+    facts = process.facts
+    process.close()
+    name = facts.get("name") or _stem(spec)
+    weights = facts.get("weights_sha256")
+    if not isinstance(name, str) or not isinstance(weights, str | None):
+        raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
+    told = {key: bool(facts.get(key, key == "sign_access")) for key in ("privileged", "sign_access", "floor")}
+    # Its network is its own: none is served by a process that others use too.
+    info = PlannerInfo(
+        name=name, spec=spec, served_on=(), weights_sha256=weights, code_sha256=code_hash(spec), **told
+    )
+    return Probed(info, process.effects)
+
+
+def code_hash(spec: str) -> str | None:
+    """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file."""
+    if spec.startswith(EXECUTABLE):
+        return sha256_of(Path(spec.removeprefix(EXECUTABLE)))
+    source = source_of(spec)
+    sources = [source, *([EXPERT_MODULE] if spec.endswith(EXPERT) else [])]
+    files = [Path(one) if one.endswith(".py") else module_file(one) for one in sources]
+    found = [path for path in files if path is not None and path.is_file()]
+    return digest(closure(found, code_files())) if found else None
+
+
+def load(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
+    """A planner for a worker of a run, whose own code runs in cells only."""
+    places = [Path(place) for place in hidden]
+    return LoadedPlanner(
+        name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
+        spec=planner.spec, factory=lambda: IsolatedPlanner(lambda: PlannerProcess(planner.spec, places)),
+    )  # fmt: skip
+
+
+def _stem(spec: str) -> str:
+    return Path(spec.removeprefix(EXECUTABLE)).stem

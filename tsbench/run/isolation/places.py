@@ -1,0 +1,115 @@
+"""What a cell is made of: which files a planner's process finds, and under which limits it runs."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import Any
+
+import tsbench
+from tsbench.core.paths import data_file, roots
+from tsbench.planners.registry import EXPERT
+from tsbench.planners.registry import place_of as registered_place
+from tsbench.run.execution.child import ONE_THREAD
+
+EXECUTABLE = "exe:"
+_SYSTEM = (
+    "/usr",
+    "/bin",
+    "/sbin",
+    "/lib",
+    "/lib64",
+    "/etc/ld.so.cache",
+    "/etc/localtime",
+    "/etc/alternatives",
+)
+# Of the data, what tells of scenes; planners' weights and the catalogue stay.
+_DATA = ("scenarios", "sumo_nets", "cities", "runs", ".git")
+# What decides which code a library picks for a processor, and with it last places of numbers.
+_ARITHMETIC = (
+    "ATEN_CPU_CAPABILITY",
+    "GLIBC_TUNABLES",
+    "MKL_",
+    "NPY_DISABLE_CPU_FEATURES",
+    "OPENBLAS_",
+    "DNNL_",
+)
+_PACKAGE = Path(tsbench.__file__).resolve().parent
+
+MEMORY_BYTES = 4 << 30
+# All the processor time of one process of a planner; it is replaced long before, between two episodes.
+CPU_S = 6 * 3600
+LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20}
+_SCRATCH = "256m"
+
+
+def settings_of(
+    spec: str, command: Sequence[str], root: Path, home: Path, hidden: Sequence[Path]
+) -> dict[str, Any]:
+    """The settings of `cell`.
+
+    parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has none.
+    binds: what it may read, parents first. covers: what is empty in them. hidden: more of these, such as the run.
+    """
+    wanted = [*_SYSTEM, sys.prefix, sys.base_prefix, str(_PACKAGE), str(data_file("sign_catalog"))]
+    wanted += map(str, source_places(spec))
+    covers = {str(place / name) for place in roots() if place != _PACKAGE for name in _DATA}
+    covers |= {str(path.resolve()) for path in hidden}
+    path = [entry for entry in sys.path if entry]
+    own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **ONE_THREAD}
+    own |= {name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)}
+    if "TSBENCH_DATA" in os.environ:
+        own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
+    return {
+        "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _outermost(wanted),
+        "covers": sorted(covers), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
+        "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
+    }  # fmt: skip
+
+
+def source_places(spec: str) -> list[Path]:
+    """Files and folders that a planner's code lies in; nothing is imported to find them.
+
+    The folder of a file; the outermost package of a module; an executable.
+    """
+    if spec.startswith(EXECUTABLE):
+        return [Path(spec.removeprefix(EXECUTABLE)).resolve()]
+    source = source_of(spec)
+    if source.endswith(".py"):
+        return [Path(source).resolve().parent]
+    found = module_file(source.split(".")[0])
+    if found is None:
+        return []
+    return [found.parent if found.name == "__init__.py" else found]
+
+
+def source_of(spec: str) -> str:
+    """The module or file that stands before the colon of a specification, or behind a registered name."""
+    base = spec.removesuffix(EXPERT)
+    return base.rpartition(":")[0] if ":" in base else registered_place(base)
+
+
+def module_file(name: str) -> Path | None:
+    """The file of a module, found without running any code of its packages."""
+    path: list[str] | None = [*sys.path, str(Path.cwd())]
+    origin = None
+    parts = name.split(".")
+    for k in range(len(parts)):
+        spec = PathFinder.find_spec(".".join(parts[: k + 1]), path)
+        if spec is None:
+            return None
+        path, origin = list(spec.submodule_search_locations or []), spec.origin
+    return Path(origin) if origin else None
+
+
+def _outermost(places: Sequence[str]) -> list[str]:
+    """Each place once, parents first; a folder in another one comes with it."""
+    found: list[str] = []
+    for place in sorted({os.path.abspath(place) for place in places}, key=lambda p: (p.count("/"), p)):
+        inside = any(place.startswith(f"{outer}/") for outer in found if not os.path.islink(outer))
+        if not inside:
+            found.append(place)
+    return found

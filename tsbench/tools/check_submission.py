@@ -1,0 +1,100 @@
+"""What `tsbench submit` would refuse, said before hours are spent: a planner in its cell, and scenes of the dev split.
+
+Nothing of the planner's code runs in this process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from itertools import pairwise
+
+import numpy as np
+
+from tsbench.core.errors import InputError
+from tsbench.episode.result import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.check import Finding, Level
+from tsbench.run.contract import contract_hash
+from tsbench.run.edition import LOCAL, edition_of
+from tsbench.run.isolation.loading import describe, load
+from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.sumo import Simulation
+from tsbench.tools.check import choose, of_results
+
+
+def check_submission(spec: str, count: int, split: str, told: Callable[[str], None]) -> list[Finding]:
+    """Findings. split: that a submission would be of."""
+    told("starting the planner in its cell")
+    found = [_contract(split)]
+    try:
+        probed = describe(spec)
+    except InputError as problem:
+        return [*found, Finding(Level.PROBLEM, "start", str(problem))]
+    info = probed.planner
+    found += [_cell(bool(probed.effects["namespaces"])), *_hashes(info)]
+    scenes = choose(read_table(table_path("dev")), count)
+    simulation, loader = Simulation(), SceneLoader()
+    with closing(simulation):
+
+        def drive(rows: Sequence[ScenarioSpec]) -> list[EpisodeResult]:
+            runner = EpisodeRunner(load(info), simulation=simulation, loader=loader)
+            results = []
+            for number, row in enumerate(rows, start=1):
+                told(f"scene {number} of {len(rows)}")
+                results.append(runner.run(row))
+            return results
+
+        results = drive([*scenes, scenes[0]])
+        found.append(_repeats([results[0], results[-1], *drive(scenes[:1])]))
+    return [*found, *of_results(results[:-1])]
+
+
+def _contract(split: str) -> Finding:
+    contract = contract_hash(read_table(table_path(split)), load_catalog())
+    name = edition_of(contract)
+    if name.endswith(LOCAL):
+        text = f"edition {name}: code or data were changed since the release: submit refuses what is driven with it"
+        return Finding(Level.PROBLEM, "contract", text)
+    return Finding(Level.OK, "contract", f"{name} ({split}), contract {contract[:12]}")
+
+
+def _cell(apart: bool) -> Finding:
+    if apart:
+        return Finding(Level.OK, "isolation", "comes up in a cell with namespaces of its own")
+    text = "comes up in a process of its own, without namespaces: this kernel lets nobody make them"
+    return Finding(Level.NOTE, "isolation", text)
+
+
+def _hashes(info: PlannerInfo) -> list[Finding]:
+    if info.code_sha256 is None:
+        return [
+            Finding(Level.PROBLEM, "code", "its code is in no file that could be hashed: write it to one")
+        ]
+    weights = f", weights {info.weights_sha256[:12]}" if info.weights_sha256 else ""
+    found = [
+        Finding(
+            Level.OK,
+            "code",
+            f"{info.name}, code with the data that it names {info.code_sha256[:12]}{weights}",
+        )
+    ]
+    if info.privileged:
+        found.append(
+            Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")
+        )
+    return found
+
+
+def _repeats(same: Sequence[EpisodeResult]) -> Finding:
+    """Of one scene: at first, after others, and by a new process."""
+    if any(not np.array_equal(a.commands, b.commands) for a, b in pairwise(same)):
+        text = "other commands on the same scene the second time: whoever verifies the row will refute it"
+        return Finding(Level.PROBLEM, "determinism", text)
+    return Finding(
+        Level.OK, "determinism", "same scene, same commands: after other scenes, and in a new process"
+    )
