@@ -13,6 +13,7 @@ import run_builders
 from tsbench.core.errors import InputError
 from tsbench.episode.perception import Told
 from tsbench.episode.trace import Trace
+from tsbench.metrics.records import PAIRED
 from tsbench.report.analyses.failures import failures
 from tsbench.report.analyses.model import Value
 from tsbench.report.analyses.perceived import cause_of_failure
@@ -69,8 +70,8 @@ def test_a_row_for_each_planner_and_level_the_best_eyes_first(tmp_path: Path) ->
         ("a", "poor"),
         ("b", "exact"),
     ]
-    assert [cast(Value, r["paired"]).value for r in rows[:2]] == [100.0, 100.0]
-    assert cast(Value, rows[2]["paired"]).value == pytest.approx(50.0 * (1.0 + 23 / 24))
+    assert [cast(Value, r[PAIRED]).value for r in rows[:2]] == [100.0, 100.0]
+    assert cast(Value, rows[2][PAIRED]).value == pytest.approx(50.0 * (1.0 + 23 / 24))
     assert (rows[2]["failed"], rows[2]["missed"]) == (1, None)
     assert found.draw is not None
     found.draw()

@@ -14,7 +14,7 @@ _LATE_MPS2 = 3.0
 CAUSE_NOTES = (
     "failed signed halves by the first that applies: misread: the target plate was told as another; missed: it was "
     "never told right; late: when it was told, stopping at it took more than 3 m/s2, or a rule was broken already; "
-    "false: a plate that is not there was told. Empty: exact perception, or no traces were kept. The rest read it in time",
+    "false: a plate that is not there was told. Empty: exact perception, or no traces kept. The rest read it in time",
 )
 
 
