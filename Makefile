@@ -67,7 +67,9 @@ LESSONS := --planner idm-e --rate 3e-4 --validation 4 --seed $(SEED) --device $(
 train: setup
 	$(BIN)/tsbench train plant2 --size $(SIZE) --episodes 2400 --epochs 5 --validation 48 --seed $(SEED) --device $(DEVICE) \
 		--workers 1 --out $(TRAIN)/plant2
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2 --drives 3480 --epochs 6 $(LESSONS) --out $(TRAIN)/plant2-ft
+	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2 --drives 3480 --epochs 6 $(LESSONS) --out $(TRAIN)/plant2-ft-1
+	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-1 --student $(TRAIN)/plant2-ft-1 --takeover 0.3 --drives 1200 \
+		--more priority,obstacles --epochs 4 $(LESSONS) --rate 1.5e-4 --out $(TRAIN)/plant2-ft
 	$(BIN)/tsbench train plant2-ft --mask-signs --base $(TRAIN)/plant2 --drives 1160 --epochs 8 $(LESSONS) \
 		--out $(TRAIN)/plant2-blind
 	$(BIN)/tsbench train ppo --steps 120000 --rate 1e-4 --imitation 40 --workers 6 --seed $(SEED) \

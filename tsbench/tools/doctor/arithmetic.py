@@ -31,7 +31,7 @@ from tsbench.tools.doctor.finding import Finding, Status
 
 RULES = ("idm", "idm-e")
 # The networks, and who else drives by them.
-NETWORKS = ("ppo", "carl", "plant2", "plant2-ft")
+NETWORKS = ("ppo", "carl", "plant2", "plant2-ft", "plant2-blind")
 LEARNED = (*NETWORKS, "ppo-e", "carl-e", "plant2-e")
 PLANNERS = (*RULES, *LEARNED)
 _FOLDER = Path(__file__).parent
