@@ -59,7 +59,8 @@ def evaluate(
     request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
     options = Options(
         request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
-        device=device, mask_signs=mask_signs, isolate=isolate, allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
+        device=device, mask_signs=mask_signs, isolate=isolate, allow_partial=allow_partial,
+        limits=Limits(most_memory=memory_limit),
     )  # fmt: skip
     with nullcontext() if city is None else using_city(city):
         return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)

@@ -9,10 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import hostile
 import pytest
 from patience import HANG_S
 
-import hostile
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.base import Limits
 from tsbench.run.log.tables import read_table
@@ -105,7 +105,7 @@ def test_what_is_no_answer_is_named(name: str, cell: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["Hangs", "Spins"])
-def test_who_gives_no_answer_is_late_and_gone(name: str, tmp_path: Path, cell: str) -> None:  # noqa: ARG001
+def test_who_gives_no_answer_is_late_and_gone(name: str, tmp_path: Path, cell: str) -> None:
     out = tmp_path / "run"
     request = Request((f"{FILE}:{name}", f"{FILE}:Honest"), "dev", ("main_road",), 1, "all", "signed")
     limits = Limits(call=1.0, first_call=4.0, patience=2.0)
