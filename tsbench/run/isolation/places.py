@@ -52,7 +52,8 @@ def settings_of(
     """The settings of `cell`.
 
     parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has none.
-    binds: what it may read, parents first; public: everybody may read its sources. covers: what is empty in them. hidden: more of these, such as the run.
+    binds: what it may read, parents first; public: everybody may read its sources. covers: what is empty in them.
+    hidden: more of these, such as the run.
     """
     wanted = [*_SYSTEM, sys.prefix, sys.base_prefix, str(_PACKAGE), str(data_file("sign_catalog"))]
     sources = source_places(spec)
@@ -66,7 +67,8 @@ def settings_of(
         own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
     return {
         "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _outermost(wanted),
-        "covers": sorted(covers), "public": all(map(_is_public, sources)), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
+        "covers": sorted(covers),
+        "public": all(map(_is_public, sources)), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
         "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
     }  # fmt: skip
 
