@@ -139,7 +139,7 @@ def _line():
 
 def _is_socket(fd):
     with suppress(OSError):
-        return os.readlink(f"/proc/self/fd/{fd}").startswith("socket")
+        return str(Path(f"/proc/self/fd/{fd}").readlink()).startswith("socket")
     return False
 
 
@@ -246,7 +246,7 @@ class LiftsLimits(Honest):
 
 class SeesProcesses(Honest):
     def attack(self, context):
-        return [pid for pid in os.listdir("/proc") if pid.isdigit() and int(pid) != os.getpid()]
+        return [one for one in Path("/proc").glob("[0-9]*") if one.name != str(os.getpid())]
 
 
 class KillsAll(Honest):
@@ -258,7 +258,7 @@ class StopsParent(Honest):
     def attack(self, context):
         if os.getppid() > 0:
             os.kill(os.getppid(), signal.SIGSTOP)
-            return True
+        return os.getppid() > 0
 
 
 class Ptraces(Honest):
@@ -277,9 +277,10 @@ class Inherits(Honest):
 
     def attack(self, context):
         ours = ("socket", "/dev/null", "pipe", "/proc", "anon_inode")
-        links = [
-            os.readlink(f"/proc/self/fd/{fd}") for fd in range(64) if os.path.lexists(f"/proc/self/fd/{fd}")
-        ]
+        links = []
+        for one in Path("/proc/self/fd").iterdir():
+            with suppress(OSError):
+                links.append(str(one.readlink()))
         return [link for link in links if not link.startswith(ours)]
 
 
@@ -295,7 +296,9 @@ class WritesRun(Honest):
         ):
             with suppress(OSError):
                 (folder / "stray").write_text("mine")
+                folder.joinpath("stray").unlink()
                 return True
+        return False
 
 
 class Connects(Honest):

@@ -63,7 +63,7 @@ def _isolation(limit: int, rounds: int, json_path: Path | None) -> None:
     found = bench_isolation(limit, rounds)
     rows = [(name, f"{here:.0f}", f"{apart:.0f}", f"{apart - here:.0f}") for name, here, apart in found]
     print_table(
-        ("planner", "µs together", "µs isolated", "difference"), rows, title="mean time of a tick's answer"
+        ("planner", "µs together", "µs isolated", "difference"), rows, title="median time of an answer"
     )
     if json_path is not None:
         write_json(json_path, {name: {"together_us": a, "isolated_us": b} for name, a, b in found})

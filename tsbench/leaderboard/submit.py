@@ -55,7 +55,8 @@ def make_submission(
         split=split, planner=info, device=str(m["effective"]["device"]), finished=str(m["finished"]),
         arithmetic=m["arithmetic"], versions=m["versions"], machine=m["machine"], git=m["git"],
         rescored=sum(trace_path(folder, info.name, row["scenario_id"]).is_file() for row in rows),
-        isolation=m.get("isolation", {}).get(info.name), figures=figures_of(episodes, table, info, run.contract), episodes=episodes,
+        isolation=m.get("isolation", {}).get(info.name),
+        figures=figures_of(episodes, table, info, run.contract), episodes=episodes,
     )  # fmt: skip
 
 

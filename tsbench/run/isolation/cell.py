@@ -3,8 +3,8 @@
 python -I -S cell.py LINE_FD SETTINGS
 
 SETTINGS is JSON: `settings_of` in `places` says what stands in it. Nothing of ours is imported, so that this starts in
-an instant. The line to the referee becomes descriptor 3, here and in the program. The first message on it (kind 1) tells
-what of the cell took effect: the program cannot tell that for itself, as it does not run yet.
+an instant. The line to the referee becomes descriptor 3, here and in the program. The first message on it (kind 1) says
+what of the cell took effect: the program cannot say that for itself, as it does not run yet.
 """
 
 from __future__ import annotations
@@ -72,23 +72,24 @@ def separate() -> str:
 
 def build_root(settings: dict[str, Any]) -> None:
     """A file system of what the planner may read, and nothing else; becomes the root."""
-    root = settings["root"]
+    root = Path(settings["root"])
     _mount("none", "/", None, _REC | _PRIVATE)
-    _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, "mode=755,size=16m")
+    _mount("tmpfs", str(root), "tmpfs", _NOSUID | _NODEV, "mode=755,size=16m")
     # Before the binds, which may lie in them.
     for name in ("tmp", "dev/shm", _HOME[1:]):
-        os.makedirs(f"{root}/{name}", exist_ok=True)
-        _mount("tmpfs", f"{root}/{name}", "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
+        (root / name).mkdir(parents=True)
+        _mount("tmpfs", str(root / name), "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
     for source in settings["binds"]:
-        _bind(source, root + source)
+        _bind(Path(source), root)
     for place in settings["covers"]:
-        if os.path.isdir(root + place):
-            _mount("tmpfs", root + place, "tmpfs", _NOSUID | _NODEV | _RDONLY, "mode=755,size=4k")
-        elif os.path.isfile(root + place):
-            _mount("/dev/null", root + place, None, _BIND)
+        covered = root / place[1:]
+        if covered.is_dir():
+            _mount("tmpfs", str(covered), "tmpfs", _NOSUID | _NODEV | _RDONLY, "mode=755,size=4k")
+        elif covered.is_file():
+            _mount("/dev/null", str(covered), None, _BIND)
     for name in ("null", "zero", "urandom", "random"):
-        _bind(f"/dev/{name}", f"{root}/dev/{name}", read_only=False)
-    os.makedirs(f"{root}/proc", exist_ok=True)
+        _bind(Path("/dev") / name, root, read_only=False)
+    (root / "proc").mkdir()
     os.chdir(root)
     _call("syscall", ctypes.c_long(_PIVOT_ROOT[platform.machine()]), b".", b".")
     _call("umount2", b".", _DETACH)
@@ -96,24 +97,24 @@ def build_root(settings: dict[str, Any]) -> None:
     _mount("tmpfs", "/", None, _REMOUNT | _BIND | _RDONLY | _NOSUID | _NODEV)
 
 
-def _bind(source: str, target: str, read_only: bool = True) -> None:
-    if os.path.islink(source):
-        if not os.path.lexists(target):
-            os.makedirs(os.path.dirname(target), exist_ok=True)
-            os.symlink(os.readlink(source), target)
+def _bind(source: Path, root: Path, read_only: bool = True) -> None:
+    """The same file or folder at the same place below a root; nothing where there is none."""
+    place = root / str(source)[1:]
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if source.is_symlink():
+        place.symlink_to(source.readlink())
         return
-    if not os.path.exists(source):
+    if not source.exists():
         return
-    if os.path.isdir(source):
-        os.makedirs(target, exist_ok=True)
-    elif not os.path.exists(target):
-        os.makedirs(os.path.dirname(target), exist_ok=True)
-        Path(target).touch()
-    _mount(source, target, None, _BIND | _REC)
+    if source.is_dir():
+        place.mkdir(exist_ok=True)
+    else:
+        place.touch()
+    _mount(str(source), str(place), None, _BIND | _REC)
     if read_only:
         # Flags that the owner of the mount has set may not be taken off it.
-        kept = os.statvfs(target).f_flag & (_NODEV | _NOEXEC | _ATIME)
-        _mount("none", target, None, _REMOUNT | _BIND | _RDONLY | _NOSUID | kept)
+        kept = os.statvfs(place).f_flag & (_NODEV | _NOEXEC | _ATIME)
+        _mount("none", str(place), None, _REMOUNT | _BIND | _RDONLY | _NOSUID | kept)
 
 
 def limit(limits: dict[str, int], processes: bool) -> None:
@@ -126,16 +127,17 @@ def limit(limits: dict[str, int], processes: bool) -> None:
             resource.setrlimit(kind, (most, most))
 
 
-def give_up_rights(made_by: str) -> None:
-    """Nothing of what made the cell is left to whoever runs in it."""
+def give_up_rights(nobody: bool) -> None:
+    """Nothing of what made the cell is left to whoever runs in it. nobody: as a user that there is not."""
     for one in range(_MOST_CAPABILITIES):
         _system.prctl(_PR_CAPBSET_DROP, one, 0, 0, 0)
-    if made_by == "root":
+    if nobody:
         own = _FIRST_UID + int(os.environ["TSBENCH_CELL"])
         os.setgroups([])
         os.setresgid(own, own, own)
         os.setresuid(own, own, own)
     else:
+        # Root's own files only root may read: it keeps its name, and none of its rights.
         # Header of version 3, and no capability in any of the three sets.
         _system.capset(struct.pack("<Ii", 0x20080522, 0), bytes(24))
     _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
@@ -148,12 +150,12 @@ def tell(effects: dict[str, Any]) -> None:
 
 def inside(settings: dict[str, Any], made_by: str) -> None:
     """In the process that becomes the planner's."""
-    effects: dict[str, Any] = {"namespaces": "", "root": False, "proc": False}
+    effects: dict[str, Any] = {"namespaces": "", "files": False, "proc": False}
     if made_by:
         build_root(settings)
-        effects |= {"namespaces": made_by, "root": True}
+        effects |= {"namespaces": made_by, "files": True}
         with suppress(OSError):
-            _mount("proc", "/proc", "proc", _NOSUID | _NODEV | _NOEXEC)
+            _mount("proc", "/proc", "proc", _NOSUID | _NODEV | _NOEXEC | _RDONLY)
             effects["proc"] = True
         _call("sethostname", b"cell", ctypes.c_size_t(4))
         home = _HOME
@@ -161,10 +163,12 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
         home = settings["home"]
     os.chdir(home)
     # Counted for each namespace of users or each id of nobody; else it would count the user's own processes.
-    limit(settings["limits"], processes=bool(made_by))
-    give_up_rights(made_by)
+    nobody = made_by == "root" and settings["public"]
+    processes = made_by == "user" or nobody
+    limit(settings["limits"], processes)
+    give_up_rights(nobody)
     _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    effects["limits"] = sorted(n for n in settings["limits"] if n != "NPROC" or made_by)
+    effects["limits"] = sorted(n for n in settings["limits"] if n != "NPROC" or processes)
     effects["no_new_privs"] = True
     null = os.open("/dev/null", os.O_RDONLY)
     os.dup2(null, 0)

@@ -113,7 +113,8 @@ class Listener:
 
     def _context(self, body: bytes) -> PlannerContext:
         seed, edge, (s, dt), sign = unpack(Kind.CONTEXT, body)
-        assert self._map is not None and self._graph is not None
+        assert self._map is not None
+        assert self._graph is not None
         self._path, self._truth, self._table = None, None, ActorTable()
         roads, privilege = self._map, None
         if self._view is not None:
@@ -185,8 +186,8 @@ def _obstacles(words: str, numbers: Any) -> Iterator[Obstacle]:
     rows = numbers.reshape(-1, 5).tolist()
     k = len(rows)
     told = names(words, 3 * k)
-    for i, row in enumerate(rows):
-        yield Obstacle(told[i], told[k + i], *row, told[2 * k + i])
+    for i, (x, y, heading, length, width) in enumerate(rows):
+        yield Obstacle(told[i], told[k + i], x, y, heading, length, width, told[2 * k + i])
 
 
 def _told_sign(sign: SignInstance) -> dict[str, Any]:

@@ -52,10 +52,12 @@ def settings_of(
     """The settings of `cell`.
 
     parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has none.
-    binds: what it may read, parents first. covers: what is empty in them. hidden: more of these, such as the run.
+    binds: what it may read, parents first; public: everybody may read its sources. covers: what is empty in them.
+    hidden: more of these, such as the run.
     """
     wanted = [*_SYSTEM, sys.prefix, sys.base_prefix, str(_PACKAGE), str(data_file("sign_catalog"))]
-    wanted += map(str, source_places(spec))
+    sources = source_places(spec)
+    wanted += map(str, sources)
     covers = {str(place / name) for place in roots() if place != _PACKAGE for name in _DATA}
     covers |= {str(path.resolve()) for path in hidden}
     path = [entry for entry in sys.path if entry]
@@ -65,7 +67,8 @@ def settings_of(
         own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
     return {
         "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _outermost(wanted),
-        "covers": sorted(covers), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
+        "covers": sorted(covers),
+        "public": all(map(_is_public, sources)), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
         "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
     }  # fmt: skip
 
@@ -105,11 +108,16 @@ def module_file(name: str) -> Path | None:
     return Path(origin) if origin else None
 
 
+def _is_public(place: Path) -> bool:
+    wanted = 0o5 if place.is_dir() else 0o4
+    return place.exists() and place.stat().st_mode & wanted == wanted
+
+
 def _outermost(places: Sequence[str]) -> list[str]:
     """Each place once, parents first; a folder in another one comes with it."""
     found: list[str] = []
-    for place in sorted({os.path.abspath(place) for place in places}, key=lambda p: (p.count("/"), p)):
-        inside = any(place.startswith(f"{outer}/") for outer in found if not os.path.islink(outer))
+    for place in sorted({str(Path(place).absolute()) for place in places}, key=lambda p: (p.count("/"), p)):
+        inside = any(place.startswith(f"{outer}/") for outer in found if not Path(outer).is_symlink())
         if not inside:
             found.append(place)
     return found
