@@ -1,0 +1,39 @@
+"""`reader` and `careful`: they obey what they were told, as what they were told it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import pytest
+
+from tsbench.episode.perception_level import load_level
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.registry import resolve
+from tsbench.run.log.score import make_record
+from tsbench.scenarios.table import read_table, table_path
+
+READER, CAREFUL = (f"tsbench.planners.experts.reader:{name}" for name in ("Reader", "Careful"))
+
+
+def passed(planner: str, right: float | None, kind: str = "direction_right") -> list[bool]:
+    """SCD of the signed and the contrast half of dev's first pair of a type. right: share read; None: exact eyes."""
+    rows = [r for r in read_table(table_path("dev")) if r.pair_type == kind]
+    halves = sorted((r for r in rows if r.pair_id == rows[0].pair_id), key=lambda r: r.half, reverse=True)
+    level = None
+    if right is not None:
+        poor = load_level("poor")
+        assert poor is not None
+        level = asdict(replace(poor, right=right, misread=0.0, ceiling=1.0, false_per_km=0.0))
+    runner = EpisodeRunner(resolve(planner), perception=level)
+    found = [bool(make_record(runner.run(row), privileged=True).row["scd"]) for row in halves]
+    runner.close()
+    return found
+
+
+@pytest.mark.own_process
+def test_who_reads_passes_both_halves_and_who_does_not_never_both() -> None:
+    for planner in (READER, CAREFUL):
+        assert passed(planner, None) == [True, True]
+        assert passed(planner, 1.0) == [True, True]
+    assert passed(READER, 0.0) == [False, True]
+    assert passed(CAREFUL, 0.0) != [True, True]
