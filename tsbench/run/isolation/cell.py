@@ -70,8 +70,8 @@ def separate() -> str:
     return "user"
 
 
-def build_root(settings: dict[str, Any]) -> None:
-    """A file system of what the planner may read, and nothing else; becomes the root."""
+def build_root(settings: dict[str, Any]) -> bool:
+    """A file system of what the planner may read, and nothing else; becomes the root. Has it a /proc?"""
     root = Path(settings["root"])
     _mount("none", "/", None, _REC | _PRIVATE)
     _mount("tmpfs", str(root), "tmpfs", _NOSUID | _NODEV, "mode=755,size=16m")
@@ -90,11 +90,17 @@ def build_root(settings: dict[str, Any]) -> None:
     for name in ("null", "zero", "urandom", "random"):
         _bind(Path("/dev") / name, root, read_only=False)
     (root / "proc").mkdir()
+    proc = False
+    # As long as the old one is in sight: without it nobody but root may have a new one.
+    with suppress(OSError):
+        _mount("proc", str(root / "proc"), "proc", _NOSUID | _NODEV | _NOEXEC | _RDONLY)
+        proc = True
     os.chdir(root)
     _call("syscall", ctypes.c_long(_PIVOT_ROOT[platform.machine()]), b".", b".")
     _call("umount2", b".", _DETACH)
     os.chdir("/")
     _mount("tmpfs", "/", None, _REMOUNT | _BIND | _RDONLY | _NOSUID | _NODEV)
+    return proc
 
 
 def _bind(source: Path, root: Path, read_only: bool = True) -> None:
@@ -152,19 +158,15 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
     """In the process that becomes the planner's."""
     effects: dict[str, Any] = {"namespaces": "", "files": False, "proc": False}
     if made_by:
-        build_root(settings)
-        effects |= {"namespaces": made_by, "files": True}
-        with suppress(OSError):
-            _mount("proc", "/proc", "proc", _NOSUID | _NODEV | _NOEXEC | _RDONLY)
-            effects["proc"] = True
+        effects |= {"namespaces": made_by, "files": True, "proc": build_root(settings)}
         _call("sethostname", b"cell", ctypes.c_size_t(4))
         home = _HOME
     else:
         home = settings["home"]
     os.chdir(home)
-    # Counted for each namespace of users or each id of nobody; else it would count the user's own processes.
+    # Counted for each namespace of users or each id of nobody, and never for root.
     nobody = made_by == "root" and settings["public"]
-    processes = made_by == "user" or nobody
+    processes = nobody or (made_by == "user" and os.geteuid() != 0)
     limit(settings["limits"], processes)
     give_up_rights(nobody)
     _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
