@@ -19,7 +19,7 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 def workplace_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data root of the tests' own, so that no cache of the clone is read or written."""
     root = tmp_path_factory.mktemp("data")
-    (root / "sign_catalog").mkdir()
+    shutil.copytree(REPOSITORY / "sign_catalog", root / "sign_catalog")
     (root / "sumo_nets").mkdir()
     (root / "extracts").mkdir()
     shutil.copytree(REPOSITORY / "sumo_nets" / "netconvert", root / "sumo_nets" / "netconvert")

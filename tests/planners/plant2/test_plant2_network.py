@@ -190,4 +190,4 @@ def test_the_list_prints_counts_beside_the_published_ones() -> None:
     printed = CliRunner().invoke(planners, ["list", "--parts"]).output
     rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}
     assert rows["plant2"][-3:] == ["37,238,660", "37.2", "M"]
-    assert rows["added by plant2-ft but ways"][-2:] == ["147,976", "147,976"]
+    assert rows["added by plant2-ft but ways"][-2:] == ["335,368", "147,976"]

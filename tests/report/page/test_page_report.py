@@ -16,7 +16,7 @@ from tsbench.cli import main
 from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.pool import read_pool
 from tsbench.report.page import report as embedding
-from tsbench.report.page.content import heading
+from tsbench.report.page.content import heading, sections
 from tsbench.report.page.episode_index import index_episodes
 from tsbench.report.page.report import NAME, Written, embed, write_report
 
@@ -151,6 +151,15 @@ def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
     assert "idm, mine: 2 of 29 types" in heading(pool)["title"]
     assert (len(index.rows), len(index.traces), index.notes) == (96, 4, ())
     assert {path.parents[2].name for path in index.traces.values()} == {"idm", "mine"}
+
+
+@pytest.mark.parametrize(("planners", "there"), [(5, False), (6, True)])
+def test_what_goes_with_scd_is_said_of_six_planners(tmp_path: Path, planners: int, there: bool) -> None:
+    run = page_runs.make_run(tmp_path / "run", tuple(f"p{k}" for k in range(planners)))
+    pool = read_pool([run], False)
+    shown = {section["id"] for section in sections(pool, index_episodes(pool))}
+    assert {"summary", "types"} < shown
+    assert ("correlations" in shown) is there
 
 
 def test_what_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

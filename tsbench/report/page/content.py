@@ -10,7 +10,6 @@ from markupsafe import Markup
 from tsbench.metrics.compare import compare, shared_scenarios
 from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
-from tsbench.report.analyses.correlations import LEAST_PLANNERS
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.analyses.registry import OF_POOL
@@ -27,6 +26,9 @@ _ROOM_FOR_SHARES = ("group", "figure")
 # The episodes behind a figure, where it is not over both halves.
 _HALF_OF = {NAMES[SIGNED_ONES]: SIGNED, NAMES[CONTRASTED]: CONTRAST}
 
+# Of fewer planners a rank correlation says nothing that the table does not.
+_FOR_CORRELATIONS = 6
+
 
 def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
     def section(key: str, head: str, analysis: Analysis | None, **how: bool) -> Iterator[Section]:
@@ -38,7 +40,7 @@ def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
     yield from section("types", "By type", OF_POOL["types"](pool), heat=True, figure=False)
     yield from section("planners", "Planners compared", comparison(pool))
     yield from section("failures", "Failures", OF_POOL["failures"](pool), fold=True)
-    if len(pool.planners) >= LEAST_PLANNERS:
+    if len(pool.planners) >= _FOR_CORRELATIONS:
         yield from section("correlations", "What goes with SCD", OF_POOL["correlations"](pool), fold=True)
     yield from section("traffic", "Traffic against nuPlan", traffic(pool, index))
 
