@@ -85,7 +85,8 @@ class Collected:
 
 
 def experts() -> tuple[str, ...]:
-    return tuple(name for name in names() if entry(name).kind == "expert")
+    """Those that lead a planner; who obeys what it was told of a plate (`reader`) teaches nothing more."""
+    return tuple(name for name in names() if entry(name).kind == "expert" and name.endswith("-e"))
 
 
 def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
@@ -156,15 +157,18 @@ def first_variant(expert: str) -> int:
 
 
 def chosen(rows: Sequence[ScenarioSpec], variants: int, first: int = 0) -> list[ScenarioSpec]:
-    """Of each type and map, `variants` rows from the `first` of the shuffled ones on; fewer are a part of more."""
-    by_map: dict[tuple[str, str], list[ScenarioSpec]] = {}
+    """Of each type and map, `variants` of its variants from the `first` of the shuffled ones on, each with both halves.
+
+    Fewer are a part of more.
+    """
+    by_map: dict[tuple[str, str], set[str]] = {}
     for row in rows:
-        by_map.setdefault((row.scenario_type, row.map_id), []).append(row)
+        by_map.setdefault((row.pair_type, row.map_id), set()).add(row.pair_name)
     kept: set[str] = set()
     for group in by_map.values():
-        shuffled = sorted(group, key=lambda r: (seed_of(KIND, "variants", r.scenario_id), r.variant))
-        kept.update(r.scenario_id for r in (shuffled[first:] + shuffled[:first])[:variants])
-    return [row for row in rows if row.scenario_id in kept]
+        shuffled = sorted(group, key=lambda name: (seed_of(KIND, "variants", name), name))
+        kept.update((shuffled[first:] + shuffled[:first])[:variants])
+    return [row for row in rows if row.pair_name in kept]
 
 
 def _asked(options: CollectOptions) -> dict[str, Any]:
