@@ -47,7 +47,7 @@ SETS = {
         for city in SHIPPED_CITIES
     },
     "oracle": (
-        "the drives that plant2-ft learned from",
+        "the oracle's drives of edition 2026.1's train split",
         ("scenarios/oracle.json", "scenarios/oracle*.parquet"),
     ),
 }

@@ -1,6 +1,6 @@
-"""Drives of the released oracle, one at least of each type and expert: what was recorded is still what is driven.
+"""Drives of experts on the train split, one at least of each type and expert: what was recorded is still what is driven.
 
-`data/oracle.parquet` holds the drives of `scenarios/oracle.parquet` that come first by lot.
+`data/oracle.parquet` holds drives of `tsbench oracle collect --split train --limit 58` and `select`.
 """
 
 from __future__ import annotations
