@@ -1,4 +1,4 @@
-"""Drives of experts on the train split, one at least of each type and expert: what was recorded is still what is driven.
+"""Drives of experts on the train split, one at least of each type and expert: what was recorded is what is driven.
 
 `data/oracle.parquet` holds drives of `tsbench oracle collect --split train --limit 58` and `select`.
 """
