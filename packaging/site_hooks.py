@@ -1,11 +1,12 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
-Links to files that are no pages become the names of those files; the catalogue's plates come into the site, and so
-does a page of all commands that is made from the code.
+Links to files that are no pages become the names of those files, and have to lead to one. The catalogue's plates come
+into the site, and so do a page of all commands that is made from the code and a page of the notebook.
 """
 
 from __future__ import annotations
 
+import logging
 import re
 import sys
 from pathlib import Path, PurePosixPath
@@ -14,6 +15,8 @@ from typing import Any
 _ROOT = Path(__file__).resolve().parents[1]
 _DOCS, _PLATES = _ROOT / "docs", _ROOT / "sign_catalog" / "plates"
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
+NOTEBOOK, NOTEBOOK_PAGE = "guides/first_run.ipynb", "guides/first_run_notebook.md"
+_LOG = logging.getLogger("mkdocs.hooks.site")  # a warning here ends a strict build
 _PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
 
 
@@ -23,8 +26,11 @@ def on_files(files: Any, config: Any) -> Any:
 
     sys.path[:0] = [str(_ROOT), str(Path(__file__).parent)]  # a hook is loaded by its path alone
     from site_commands import commands_page
+    from site_notebook import notebook_page
 
     files.append(File.generated(config, "reference/commands.md", content=commands_page()))
+    cells = (_DOCS / NOTEBOOK).read_text(encoding="utf-8")
+    files.append(File.generated(config, NOTEBOOK_PAGE, content=notebook_page(cells, Path(NOTEBOOK).name)))
 
     for plate in sorted(_PLATES.glob("*.svg")):
         files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
@@ -39,11 +45,19 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def without_links_out(markdown: str, place: PurePosixPath) -> str:
-    """The text with links that leave the folder of pages as their words, and the file that they name beside them."""
+    """The text with links that leave the folder of pages as their words, and the file that they name beside them.
+
+    A link to a file that is not there is a warning. One to the notebook leads to its page.
+    """
 
     def plain(link: re.Match[str]) -> str:
         target = (_DOCS / place.parent / link[2]).resolve()
+        if target == _DOCS / NOTEBOOK and place != PurePosixPath(NOTEBOOK_PAGE):
+            return link[0].replace(Path(NOTEBOOK).name, Path(NOTEBOOK_PAGE).name)
         if target.is_relative_to(_DOCS):
+            return link[0]
+        if not target.exists() or not target.is_relative_to(_ROOT):
+            _LOG.warning("Doc file '%s' contains a link '%s', but there is no such file.", place, link[2])
             return link[0]
         path = target.relative_to(_ROOT).as_posix()
         return link[1] if path in link[1] else f"{link[1]} (`{path}`)"

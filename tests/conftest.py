@@ -1,6 +1,4 @@
-"""What holds for all tests: property tests draw the same examples everywhere, a busy machine is no failure, and a
-process of the suite stays small.
-"""
+"""Settings and fixtures of the whole suite: property tests draw the same examples everywhere and have no deadline."""
 
 from __future__ import annotations
 
@@ -14,7 +12,7 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.sim.sumo import Simulation
 
-pytest_plugins = ["memory_guard", "own_process"]
+pytest_plugins = ["browsing", "own_process"]
 
 settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")

@@ -20,6 +20,7 @@ from tsbench.adapters.metadrive import (
     WHEEL,
     WHEEL_NAME,
     MetaDriveEyes,
+    MetaDrivePolicy,
     MetaDrivePpo,
     acceleration_of,
     read_weights,
@@ -27,7 +28,7 @@ from tsbench.adapters.metadrive import (
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Observation
-from tsbench.planners.registry import LoadedPlanner
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import ActorKind
 
@@ -142,6 +143,24 @@ def test_a_file_that_is_not_that_wheel_is_refused(tmp_path: Path, monkeypatch: p
         read_weights(wrong)
 
 
+def test_a_policy_of_ones_own_is_shown_what_it_said_before() -> None:
+    """As the guide writes it: full throttle in small steps of steering, beyond what MetaDrive takes."""
+    shown: list[np.ndarray] = []
+
+    class Mine(MetaDrivePolicy):
+        make = staticmethod(lambda: lambda seen: (shown.append(seen), (0.5, 3.0))[1])
+
+    drive = record()
+    planner = Mine()
+    planner.reset(drive.context)
+    for o in drive.seen[:2]:
+        command = planner.act(o)
+        assert command.acceleration == acceleration_of(1.0, o.ego.speed)
+        assert command.steering == pytest.approx(math.radians(20.0))
+    assert shown[0][[STEERED, THROTTLE]] == pytest.approx([0.5, 0.5])
+    assert shown[1][[STEERED, THROTTLE]] == pytest.approx([0.75, 1.0])
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The public wheel: where it is already, or from the package index."""
@@ -177,7 +196,7 @@ def test_it_drives_as_published_and_the_same_again(wheel: Path) -> None:
         for row in read_table(table_path("dev"))
         if row.scenario_type in ("no_entry", "speed_limit", "yield")
     ]
-    runner = EpisodeRunner(LoadedPlanner("metadrive", MetaDrivePpo))
+    runner = EpisodeRunner(resolve("metadrive-ppo"))
     first = [runner.run(row) for row in rows[:5]]
     again = [runner.run(row) for row in rows[:5]]
     runner.close()

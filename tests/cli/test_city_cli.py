@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from odd_extracts import motorway
+from town import make_town
 from town_clone import call, town_clone
 
 import tsbench
+from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
+from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.envs.drive import DriveEnv
 from tsbench.run.edition import contract_now, edition_now, edition_of, editions
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -27,9 +34,11 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.own_process
 def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    osm = ("--osm", str(clone / "osm"), "--types", "yield,roundabout", "--workers", "1")
+    osm = ("--osm", str(clone / "osm"), "--types", "yield", "--types", "roundabout", "--workers", "1")
     built = call(capsys, "city", "build", "nowhere", *osm)
     assert "1 of 1" in built
+    assert "yield" in built, "an option that is given twice adds to what stood before"
+    assert "tsbench run --city nowhere --split dev" in built, "what has no test split is not asked for it"
     data = clone / "cities" / "data" / "nowhere"
     rows = pq.read_table(data / "scenarios" / "dev.parquet").to_pylist()
     assert {(r["split"], r["half"]) for r in rows} == {("dev", "signed"), ("dev", "contrast")}
@@ -68,6 +77,89 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
         assert edition_of("f" * 64) == f"{name}+local"
 
 
+def described(clone: Path, name: str, content: bytes, **more: str) -> None:
+    """The city of one extract, as `nowhere` is."""
+    (clone / "osm" / f"{name}.osm").write_bytes(content)
+    city = yaml.safe_load((clone / "cities" / "nowhere.yaml").read_text())
+    digest = hashlib.sha256(content).hexdigest()
+    city["extracts"][0] |= {"name": name, "code": name[:3], "sha256": digest, "bytes": len(content)}
+    (clone / "cities" / f"{name}.yaml").write_text(yaml.safe_dump(city | {"city": name} | more))
+
+
+@pytest.mark.slow
+@pytest.mark.own_process
+def test_a_town_with_traffic_on_the_left(
+    clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The image of `nowhere`, in Britain: its scenes are those of `nowhere` in a mirror."""
+    described(
+        clone,
+        "leftown",
+        make_town().xml(UtmFrame(32, mirrored=True), NORTH).encode(),
+        country="gb",
+        side="left",
+    )
+    osm = ("--osm", str(clone / "osm"), "--types", "yield", "--types", "roundabout", "--workers", "1")
+    call(capsys, "city", "build", "nowhere", *osm)
+    built = call(capsys, "city", "build", "leftown", *osm)
+    assert "tsbench run --city leftown --split dev" in built
+    theirs, ours = (
+        pq.read_table(clone / "cities" / "data" / name / "scenarios" / "dev.parquet").to_pylist()
+        for name in ("nowhere", "leftown")
+    )
+    assert [r["scenario_type"] for r in ours] == [r["scenario_type"] for r in theirs]
+    # Degrees are those of the true town, whose image `nowhere` is: about the meridian of zone 32.
+    data = clone / "cities" / "data"
+    pools = [pq.read_table(data / name / "sumo_nets" / "pool.parquet") for name in ("nowhere", "leftown")]
+    one, other = ({key: np.sort(pool[key].to_numpy()) for key in ("lat", "lon")} for pool in pools)
+    assert np.allclose(one["lat"], other["lat"], rtol=0.0, atol=3e-6)
+    assert np.allclose(18.0 - one["lon"][::-1], other["lon"], rtol=0.0, atol=3e-6)
+    shown = call(capsys, "city", "show", "leftown", "--png", str(tmp_path / "map.png"))
+    assert "traffic on the left" in shown
+    drivers = ("--planner", "idm", "--planner", "idm-e", "--workers", "1", "--trace", "all")
+    tables = [
+        call(capsys, "run", "--city", name, "--split", "dev", *drivers, "--out", str(tmp_path / name))
+        for name in ("leftown", "mirrored-nowhere")
+    ]
+    assert f"edition mirrored-leftown-{editions()[-1].name}" in tables[0]
+    columns = ["planner", "half", "outcome", "scd"]
+    ended = [
+        pq.read_table(tmp_path / name / "episodes.parquet", columns=columns).to_pylist()
+        for name in ("leftown", "mirrored-nowhere")
+    ]
+    assert ended[0] == ended[1]
+    scenarios = tsbench.load_scenarios("dev", city="leftown")
+    assert scenarios[0].network.left_hand
+    monkeypatch.setenv("TSBENCH_CITY", "leftown")
+    with pytest.raises(InputError, match="leftown: is stored in a mirror; name mirrored-leftown"):
+        tsbench.evaluate("idm", split="dev", limit=1, workers=1, out=tmp_path / "wrong")
+    with pytest.raises(InputError, match="leftown: is stored in a mirror"):
+        DriveEnv(split="dev")
+
+
+@pytest.mark.own_process
+def test_a_city_without_any_scene_says_why_in_one_line(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    described(clone, "motorway", motorway())
+    osm = ("--osm", str(clone / "osm"), "--types", "yield", "--workers", "1")
+    told = call(capsys, "city", "build", "motorway", *osm, code=2)
+    assert (
+        "motorway: its 2 maps carry no scenario: no junction of T, X in its tiles (tsbench city show" in told
+    )
+    assert not (clone / "cities" / "data" / "motorway" / "edition.yaml").exists()
+
+
+@pytest.mark.own_process
+def test_an_extract_in_the_next_zone_says_which_to_write(
+    clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    described(clone, "beyond", make_town().xml(UtmFrame(33), NORTH).encode())
+    told = call(capsys, "city", "build", "beyond", "--osm", str(clone / "osm"), code=2)
+    assert "beyond is in UTM zone 33, beyond in UTM zone 32" in told
+    assert "write `zone: 33` into cities/beyond.yaml" in told
+
+
 def test_a_city_is_shown_with_the_figures_of_its_country(
     clone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -80,16 +172,13 @@ def test_a_city_is_shown_with_the_figures_of_its_country(
     assert "country ru: no figures" in call(capsys, "city", "show", "moscow")
 
 
-def test_where_traffic_keeps_to_the_left_nothing_is_built(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Whatever the file says of its side: right-hand roads are no city of the United Kingdom."""
+def test_a_side_that_is_not_its_country_s_is_refused(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = clone / "cities" / "leeds.yaml"
     city = yaml.safe_load((clone / "cities" / "krems.yaml").read_text()) | {"city": "leeds", "country": "gb"}
     try:
-        for side, says in (("right", "country: traffic keeps to the left in 'gb'"), ("left", "side: 'left'")):
-            path.write_text(yaml.safe_dump(city | {"side": side}))
-            assert says in call(capsys, "city", "build", "leeds", "--osm", str(clone / "osm"), code=2)
+        path.write_text(yaml.safe_dump(city | {"side": "right"}))
+        told = call(capsys, "city", "build", "leeds", "--osm", str(clone / "osm"), code=2)
+        assert "side: right: traffic keeps to the left in 'gb'" in told
     finally:
         path.unlink()
 
@@ -108,10 +197,6 @@ def test_what_is_not_built_says_which_command_builds_it(
     [
         (("scenarios", "list", "--city", "../x"), "a city's name is of a-z, 0-9 and '-'"),
         (("city", "show", "atlantis"), "no such city; there are andorra, "),
-        (
-            ("city", "new", "leeds", "--bbox", "-1.6,53.7,-1.5,53.8", "--country", "gb", "--osm", "."),
-            "--country gb: traffic keeps to the left there",
-        ),
         (("city", "show", "mirrored-krems"), "no city of its own, but krems in a mirror"),
         (("city", "build", "mirrored-krems", "--osm", "."), "no city of its own, but krems in a mirror"),
         (

@@ -97,6 +97,15 @@ def test_other_contracts_are_refused_unless_forced(run, tmp_path: Path) -> None:
     assert f"A edition {LOCAL}, contract {CONTRACT}\nB edition {LOCAL}, contract {'d' * 64}\n" in out
 
 
+def test_other_eyes_are_refused_unless_forced(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "a", episodes("idm"))
+    make_run(tmp_path / "b", episodes("idm"), perception={"name": "poor", "right": 0.5})
+    told = refused(run, "a", "b")
+    assert "a is of perception exact, b of poor: tsbench analyse perception" in told
+    out, _ = run("a", "b", "--force")
+    assert out.startswith("FORCED, perception levels differ (A exact, B poor): A idm (a)")
+
+
 def test_other_scenarios_are_refused_unless_forced(run, tmp_path: Path) -> None:
     make_run(tmp_path / "a", episodes("idm", maps=6))
     make_run(tmp_path / "b", episodes("idm", maps=5), limit=40)

@@ -128,6 +128,13 @@ def test_the_floor_stands_below_the_planners(analyse, tmp_path: Path) -> None:
     assert "floor: blind read no plate." in note
 
 
+def test_whose_work_a_planner_is_stands_behind_its_name(analyse, tmp_path: Path) -> None:
+    rows = pairs("idm") + pairs("pdm") + pairs("metadrive-ppo")
+    make_run(tmp_path / "r", rows)
+    told = [row["planner"] for row in analyse("floor", "r")[:3]]
+    assert told == ["idm", "metadrive-ppo (third-party)", "pdm (reimplemented)"]
+
+
 def test_an_ablation_is_of_pairs_first(analyse, tmp_path: Path) -> None:
     make_run(tmp_path / "plain", pairs("idm-e"))
     make_run(tmp_path / "masked", pairs("idm-e", yield_m0_v0_c=lost()), mask_signs=True)

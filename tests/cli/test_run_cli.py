@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -36,10 +37,18 @@ def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subpro
     return done
 
 
-def test_help_names_all_commands() -> None:
-    done = tsbench("--help")
-    for name in ("run", "compare", "rescore", "render", "planners", "signs", "scenarios", "maps", "bench"):
-        assert f"\n  {name} " in done.stdout
+def test_help_names_all_commands_in_three_groups() -> None:
+    parts = re.split(r"^(\S[^\n]*):$", tsbench("--help").stdout, flags=re.M)[1:]
+    groups = {
+        title: re.findall(r"^  (\w+)  ", body, re.M)
+        for title, body in zip(parts[::2], parts[1::2], strict=True)
+    }
+    assert list(groups) == ["Options", "Use", "Bring a planner of your own", "Make the data"]
+    assert groups["Use"][:3] == ["run", "compare", "report"]
+    assert groups["Bring a planner of your own"] == ["planners", "train", "oracle", "bench"]
+    assert {"data", "city", "maps", "scenarios"} <= set(groups["Make the data"])
+    named = [name for names in groups.values() for name in names]
+    assert sorted(named) == sorted(cli.list_commands(click.Context(cli)))
 
 
 def _leaves(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[str, click.Command]]:
@@ -63,6 +72,52 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
     apart = {name: kinds for name, kinds in found.items() if len(set(kinds.values())) > 1}
     assert set(apart) == {"--out", "--from", "--planner"}, apart
     assert len(found) > 50
+
+
+# One spelling of what an option says; the words beside it are how other programs say it.
+SYNONYMS = {
+    "--out": (
+        "--output",
+        "--dest",
+        "--destination",
+        "--target",
+        "--to",
+        "--folder",
+        "--dir",
+        "--file",
+        "--write-to",
+    ),
+    "--planner": ("--planners", "--agent", "--policy", "--driver", "--model"),
+    "--types": ("--type", "--kind", "--kinds", "--group", "--groups", "--only"),
+    "--split": ("--splits", "--subset", "--set"),
+    "--variants": ("--variant",),
+    "--workers": ("--worker", "--jobs", "--processes", "--threads", "--cores", "--parallel", "--num-workers"),
+    "--seed": ("--seeds", "--random-seed", "--rng"),
+    "--limit": ("--max", "--most", "--count", "--number", "--first"),
+    "--drives": ("--drive", "--episodes", "--demonstrations"),
+    "--rate": ("--lr", "--learning-rate"),
+    "--city": ("--town", "--place", "--area"),
+    "--from": ("--source", "--in", "--input"),
+    "--trace": ("--traces", "--keep"),
+    "--device": ("--gpu", "--cuda", "--cpu"),
+    "--allow-partial": ("--partial", "--incomplete"),
+    "--force": ("--yes", "--overwrite", "--no-check"),
+}
+
+
+def test_what_an_option_says_has_one_spelling() -> None:
+    found: dict[str, list[str]] = {}
+    for path, command in _leaves(cli):
+        for one in command.params:
+            if isinstance(one, click.Option):
+                assert all(
+                    re.fullmatch(r"--[a-z]+(-[a-z]+)*", name) for name in (*one.opts, *one.secondary_opts)
+                ), path
+                assert len(one.opts) == 1, (path, one.opts)
+                found.setdefault(one.opts[0], []).append(path)
+    assert set(SYNONYMS) <= set(found)
+    other = {word: found[word] for words in SYNONYMS.values() for word in words if word in found}
+    assert other == {}
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import importlib
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
@@ -173,11 +174,16 @@ def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
 
 
 def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (data / "cities").mkdir()
+    (data / "cities" / "moscow.yaml").symlink_to(ROOT / "cities" / "moscow.yaml")
     told = run(capsys, "stats")
     assert "yield" in told
     assert "X 1" in told
     assert "7 the secondary arm is # m long" in told
     assert "X 3" in told
+    # Neither map's three rows differ in what they ask.
+    assert re.search(r"^yield +test( +1){8} +0 +0 *$", told, re.MULTILINE), told
+    assert "tagged in the pool" in told
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use, data_root, dataset_file, dataset_root, using_city
 from tsbench.dataset.city import cities_folder, city_names, load_city
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
-from tsbench.dataset.maps.paths import types_file
+from tsbench.dataset.maps.paths import netconvert_file, types_file
+from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.scenes.carried import carried
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.signs.catalog import load_catalog
@@ -68,7 +69,9 @@ EXTRACT = {
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"side": "left"}, "side: 'left': only cities that drive on the right"),
+        ({"side": "middle"}, "side: 'middle': expected right or left"),
+        ({"side": "left"}, "side: left: traffic keeps to the right in 'de'"),
+        ({"country": "gb"}, "side: right: traffic keeps to the left in 'gb'"),
         ({"zone": 0}, "zone: 0 is not in 1 to 60"),
         ({"zone": 61}, "zone: 61 is not in 1 to 60"),
         ({"zone": 32.0}, r"zone: 32\.0"),
@@ -105,6 +108,23 @@ def test_the_bounds_themselves_are_fine(described: Callable[..., str]) -> None:
         described({"zone": 60, "maps": {"dev": 1}, "split": {"tile_m": 500, "test_share": 0.0}})
     )
     assert (found.zone, found.maps, found.split.test_share) == (60, {"dev": 1}, 0.0)
+
+
+def test_a_town_may_have_its_country_s_speeds(described: Callable[..., str]) -> None:
+    with using_city(described({"types": "country", "country": "at"})):
+        here = class_speeds(types_file())
+        made = types_file().read_bytes()
+        assert types_file().read_bytes() == made
+    town = class_speeds(netconvert_file("town.typ.xml"))
+    changed = {road: (town[road], speed) for road, speed in here.items() if speed != town[road]}
+    assert changed == {
+        "highway.living_street": (5.56, 1.39), "highway.trunk": (22.22, 27.78), "highway.motorway": (27.78, 36.11),
+    }  # fmt: skip
+
+
+def test_speeds_of_a_country_that_has_no_file_are_not_invented(described: Callable[..., str]) -> None:
+    with pytest.raises(InputError, match="types: no speeds are known of 'xx'"):
+        load_city(described({"types": "country", "country": "xx"}))
 
 
 def test_a_city_that_nobody_described() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import get_args
 
 import gymnasium
 import numpy as np
@@ -13,7 +14,8 @@ from tsbench.core.errors import InputError
 from tsbench.envs import GROUPS
 from tsbench.envs.drive import DriveEnv
 from tsbench.envs.reward import RewardSpec
-from tsbench.envs.scene import LANE, POINTS
+from tsbench.envs.scene import LANE, POINTS, SceneSeen
+from tsbench.signs.model import Group
 
 FULL = np.array([1.0, 0.0], dtype=np.float32)
 
@@ -33,7 +35,7 @@ def fast(reward: object = None) -> tuple[list[float], list[dict[str, object]]]:
 
 @pytest.mark.filterwarnings("ignore")
 def test_the_checker_passes() -> None:
-    made = gymnasium.make("tsbench/Priority-v0", split="dev", observation="scene", action="steer")
+    made = gymnasium.make("tsbench/Priority-v1", split="dev")
     check_env(made.unwrapped, skip_render_check=True)
     made.close()
 
@@ -82,22 +84,27 @@ def test_options_narrow_the_draw() -> None:
 
 
 def test_groups_have_ids() -> None:
+    assert sorted(GROUPS.values()) == sorted(get_args(Group))
     for name, group in GROUPS.items():
         made = gymnasium.make(name, split="dev")
-        assert {row.pair_type for row in made.unwrapped._rows}  # type: ignore[attr-defined]
-        assert GROUPS[name] == group
+        rows = made.unwrapped._rows  # type: ignore[attr-defined]
+        assert {row.group for row in rows if row.half == "signed"} == {group}
+        assert made.observation_space == SceneSeen().space
+        assert made.action_space.shape == (3,)
+        before = gymnasium.make(gymnasium.spec(name.replace("v1", "v0")), split="dev")
+        assert (before.observation_space.shape, before.action_space.shape) == ((275,), (2,))
 
 
 def test_the_default_of_make_vec_is_refused_with_the_way_out() -> None:
-    envs = gymnasium.make_vec("tsbench/Speed-v0", num_envs=2, vectorization_mode="sync", split="dev")
+    envs = gymnasium.make_vec("tsbench/Speed-v1", num_envs=2, vectorization_mode="sync", split="dev")
     envs.reset(seed=1)
     with pytest.raises(gymnasium.error.ResetNeeded, match='vectorization_mode="async"'):
-        envs.step(np.zeros((2, 2), dtype=np.float32))
+        envs.step(np.zeros((2, 3), dtype=np.float32))
     envs.close()
 
 
 def test_max_episode_steps_truncates() -> None:
-    made = gymnasium.make("tsbench/Speed-v0", split="dev", max_episode_steps=3)
+    made = gymnasium.make("tsbench/Speed-v1", split="dev", max_episode_steps=3)
     made.reset(seed=1)
-    assert [made.step(np.zeros(2, dtype=np.float32))[3] for _ in range(3)] == [False, False, True]
+    assert [made.step(np.zeros(3, dtype=np.float32))[3] for _ in range(3)] == [False, False, True]
     made.close()

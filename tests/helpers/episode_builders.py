@@ -74,12 +74,14 @@ def ego(x: float, y: float = -4.8, heading: float = 0.0, speed: float = 0.0, **o
 
 
 class Track:
-    """One actor: its poses (n, 3), NaN where it is out of sight."""
+    """One actor: its poses (n, 3), NaN where it is out of sight. Its place along its lane is x + shift."""
 
     def __init__(
-        self, name: str, poses: Array, kind: ActorKind = ActorKind.CAR, size: tuple[float, float] = (4.0, 2.0)
-    ):
+        self, name: str, poses: Array, kind: ActorKind = ActorKind.CAR, size: tuple[float, float] = (4.0, 2.0),
+        route: tuple[str, ...] = ("east",), lane: int = -1, shift: float = 0.0,
+    ):  # fmt: skip
         self.name, self.poses, self.kind, self.size = name, np.asarray(poses, dtype=np.float64), kind, size
+        self.route, self.lane, self.shift = route, lane, shift
 
 
 def straight(n: int, x: float, y: float, heading: float, speed: float) -> Array:
@@ -92,7 +94,7 @@ def snapshots(egos: Sequence[EgoState], tracks: Sequence[Track] = ()) -> list[Wo
     table = ActorTable()
     tracks = sorted(tracks, key=lambda t: t.name)
     for t in tracks:
-        table.add(t.name, t.kind, *t.size, ("east",))
+        table.add(t.name, t.kind, *t.size, t.route)
     out = []
     for k, state in enumerate(egos):
         seen = [i for i, t in enumerate(tracks) if k < len(t.poses) and np.isfinite(t.poses[k, 0])]
@@ -103,9 +105,9 @@ def snapshots(egos: Sequence[EgoState], tracks: Sequence[Track] = ()) -> list[Wo
             a, b = (k, k + 1) if k + 1 < len(p) and np.isfinite(p[k + 1, 0]) else (k - 1, k)
             speeds.append(float(np.hypot(*(p[b] - p[a])[:2])) / DT_S if a >= 0 else 0.0)
         index = np.array(seen, dtype=np.int32)
-        actors = Actors(
-            table, index, pose, np.array(speeds), np.full(len(seen), -1, np.int32), pose[:, 0].copy()
-        )
+        lanes = np.array([tracks[i].lane for i in seen], dtype=np.int32)
+        along = pose[:, 0] + np.array([tracks[i].shift for i in seen])
+        actors = Actors(table, index, pose, np.array(speeds), lanes, along)
         out.append(WorldSnapshot(k, k * DT_S, state, actors))
     return out
 

@@ -1,6 +1,7 @@
 """Planners that cheat or attack. `HONEST` drives as they do where nothing comes of it.
 
-python hostile.py PLACE NAME SCENARIO...: drives them here ("here") or in a cell ("cell"), and prints what came of it.
+python hostile.py PLACE SCENARIO NAME...: drives each here ("here") or in a cell ("cell"), and prints what came of it as
+JSON. A name is one of this file, or FILE:NAME@SEED of another one beside it, which is told that seed.
 """
 
 from __future__ import annotations
@@ -151,7 +152,7 @@ class Garbage(Honest):
 
 class Oversize(Honest):
     def act(self, observation):
-        os.write(_line(), struct.pack("<II", 1 << 30, 9))
+        os.write(_line(), struct.pack("<II", 1 << 30, 12))
         return super().act(observation)
 
 
@@ -159,7 +160,7 @@ class Counts(Honest):
     """A field that says it has more items than there are."""
 
     def act(self, observation):
-        os.write(_line(), struct.pack("<IIIdd", 20, 9, 4_000_000_000, 0.0, 0.0))
+        os.write(_line(), struct.pack("<II4Idd", 32, 12, 4_000_000_000, 0, 0, 0, 0.0, 0.0))
         return super().act(observation)
 
 
@@ -167,7 +168,7 @@ class Twice(Honest):
     """An answer beside the answer, as for the next tick."""
 
     def act(self, observation):
-        from tsbench.run.isolation.moments import command_message
+        from tsbench.run.isolation.commands import command_message
 
         os.write(_line(), 2 * command_message(Control(1.0, 0.0)))
         time.sleep(60.0)
@@ -333,6 +334,56 @@ class Environment(Honest):
         return [name for name in os.environ if "SECRET" in name]
 
 
+class SignalsParent(Honest):
+    """Every signal to whoever may be the parent, by its number and by its group."""
+
+    def attack(self, context):
+        sent = []
+        for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGKILL):
+            for pid in {os.getppid(), *range(2, 300)} - {0, 1}:
+                with suppress(OSError):
+                    os.kill(pid, number)
+                    sent.append(pid)
+        return sent
+
+
+class FillsShm(Honest):
+    """More than its share of the memory that files in memory take."""
+
+    def attack(self, context):
+        written = 0
+        with suppress(OSError):
+            for number in range(10):
+                with Path(f"/dev/shm/{number}").open("wb") as file:
+                    for _ in range(60):
+                        written += file.write(bytes(1 << 20))
+        return written > 300 << 20
+
+
+class Links(Honest):
+    """Links where files of the run might be written."""
+
+    def attack(self, context):
+        made = []
+        for folder in (ROOT / "runs", ROOT, Path(sys.prefix)):
+            with suppress(OSError):
+                (folder / "stray.link").symlink_to(ROOT / "tests")
+                made.append(folder / "stray.link")
+        for link in made:
+            link.unlink()
+        return made
+
+
+class LinksAway(Honest):
+    """Links where somebody else cleans up."""
+
+    def attack(self, context):
+        # Beside the folder for temporary files, where its own is in that.
+        Path("away").symlink_to("../../../victim")
+        Path("below").mkdir()
+        Path("below/away").symlink_to("../../../../victim")
+
+
 class Hangs(Honest):
     def act(self, observation):
         while True:
@@ -345,6 +396,43 @@ class Spins(Honest):
             pass
 
 
+class Drips(Honest):
+    """An answer that never ends, byte by byte."""
+
+    def act(self, observation):
+        line = _line()
+        os.write(line, struct.pack("<II", 1 << 20, 12))
+        while True:
+            os.write(line, b"\0")
+            time.sleep(0.1)
+
+
+class Gorges(Honest):
+    """Far less than its limit, and more than the run allows a worker with all that it has started."""
+
+    def act(self, observation):
+        self.kept = np.ones(120_000_000)
+        time.sleep(600.0)
+
+
+class ChildGorges(Honest):
+    def act(self, observation):
+        for _ in range(2):
+            if os.fork() == 0:
+                kept = np.ones(60_000_000)
+                time.sleep(600.0)
+                os._exit(len(kept) > 0)
+        time.sleep(600.0)
+
+
+class Floods(Honest):
+    """A hundred megabytes to the log."""
+
+    def attack(self, context):
+        for _ in range(100):
+            os.write(2, b"z" * (1 << 20))
+
+
 class Orphans(Honest):
     """What it leaves behind goes on after it."""
 
@@ -355,33 +443,55 @@ class Orphans(Honest):
         os._exit(0)
 
 
-def main(place: str, name: str, *scenarios: str) -> None:
+def main(place: str, scenario: str, *names: str) -> None:
+    from dataclasses import replace
+
     from tsbench.episode.runner import EpisodeRunner
     from tsbench.planners.registry import resolve
-    from tsbench.run.isolation.loading import describe, load
+    from tsbench.run.isolation.loading import load
     from tsbench.run.log import score
+    from tsbench.run.planner_info import PlannerInfo
+    from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.scenarios.table import read_table, table_path
+    from tsbench.sim.sumo import Simulation
 
-    spec = f"{__file__}:{name}"
-    runner = EpisodeRunner(resolve(spec) if place == "here" else load(describe(spec).planner))
-    for row in read_table(table_path("dev")):
-        if row.scenario_id in scenarios:
-            result = runner.run(row)
-            record = score.make_record(result, False)
-            told = record.row
-            ticks = result.facts.snapshots
-            last = ticks[-1]
-            told = (
-                told["outcome"],
-                told["scd"],
-                len(ticks),
-                last.ego.x,
-                last.ego.y,
-                len(last.actors),
-                len(record.events),
-            )
-            print(json.dumps({"told": told, "error": result.error}))
-    runner.close()
+    (row,) = [row for row in read_table(table_path("dev")) if row.scenario_id == scenario]
+    simulation, loader = Simulation(), SceneLoader()
+    for name in names:
+        spec, _, seed = name.partition("@")
+        spec = f"{Path(__file__).parent}/{spec}" if ":" in spec else f"{__file__}:{spec}"
+        loaded = (
+            resolve(spec) if place == "here" else load(PlannerInfo(name, spec, False, True, (), None, None))
+        )
+        planner = Told(loaded.factory(), int(seed) if seed else None)
+        loaded = replace(loaded, factory=lambda planner=planner: planner)
+        result = EpisodeRunner(loaded, simulation=simulation, loader=loader).run(row)
+        if place == "cell":
+            planner.inner.close()
+        record = score.make_record(result, False)
+        told = record.row
+        ticks = result.facts.snapshots
+        last = ticks[-1]
+        told = (
+            told["outcome"], told["scd"], len(ticks), last.ego.x, last.ego.y, len(last.actors), len(record.events)
+        )  # fmt: skip
+        print(json.dumps({"name": name, "told": told, "error": result.error}), flush=True)
+    simulation.close()
+
+
+class Told:
+    """A planner that is told another seed than the scene's."""
+
+    def __init__(self, inner, seed):
+        self.inner, self.seed = inner, seed
+
+    def reset(self, context):
+        from dataclasses import replace
+
+        self.inner.reset(context if self.seed is None else replace(context, seed=self.seed))
+
+    def act(self, observation):
+        return self.inner.act(observation)
 
 
 if __name__ == "__main__":

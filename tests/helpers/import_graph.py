@@ -17,11 +17,11 @@ PICTURE = ROOT.parent / "docs" / "images" / "architecture.svg"
 # Each package with its place from the left in the picture.
 FLOORS: tuple[dict[str, float], ...] = (
     {"cli": 1.5, "api": 2.5},
-    {"leaderboard": 1.5},
+    {"adapters": 0.5, "leaderboard": 1.5},
     {"tools": 0.5, "envs": 1.5, "learn": 2.5, "report": 3.5},
     {"run": 1.5, "dataset": 3.5},
     {"metrics": 1.5},
-    {"adapters": 0.5, "episode": 1.5},
+    {"episode": 1.5},
     {"planners": 0.5, "rules": 2.5},
     {"scenarios": 1.5},
     {"sim": 1.5},

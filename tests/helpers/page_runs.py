@@ -18,19 +18,19 @@ from tsbench.report.page.episode import EpisodePacker
 from tsbench.roads.lane_graph import LaneGraph
 
 HOSTILE = '<img src=x onerror="document.title=1">&amp;.py:Mine'
-SENTENCE = "The ego drove <b>54.1 km/h</b> & more."
+SENTENCE = "The ego drove <b>54.1 km/h</b> beside convoy_0 & more."
 PLANNERS = ("idm", HOSTILE)
 TRACED = ("speed_limit-m0-v0", "speed_limit-m1-v0")
 
 
 def an_episode(violated: bool = True, ticks: int = 61) -> EpisodeFacts:
-    """6 s: the ego drives at 10 m/s, a car comes towards it, a bus is out of sight for a second."""
+    """6 s: the ego drives at 10 m/s, a car comes towards it, a bus that turns left is out of sight for a second."""
     egos = [made.ego(60.0 + k, speed=10.0) for k in range(ticks)]
     bus = made.straight(ticks, 80.0, -1.6, 0.0, 8.0)
     bus[20:30] = np.nan
     others = [
         made.Track("car", made.straight(ticks, 125.0, 1.6, math.pi, 5.0)),
-        made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5)),
+        made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5), ("east", "west"), lane=1, shift=400.0),
         made.Track(
             "walker", made.straight(ticks, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)
         ),

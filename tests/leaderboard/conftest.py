@@ -15,7 +15,14 @@ from tsbench.leaderboard.submission import Submission
 from tsbench.run.edition import editions
 from tsbench.run.log import read
 
-WHO = {"title": "", "authors": "somebody", "url": "", "note": "", "third_party": False}
+WHO = {
+    "title": "",
+    "authors": "somebody",
+    "url": "",
+    "note": "",
+    "third_party": False,
+    "shared_process": True,
+}
 
 
 @pytest.fixture(scope="session")

@@ -9,11 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from forgeries import slow_down
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.episode.perception_level import load_level
+from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
-from tsbench.leaderboard.submission import Submission
+from tsbench.leaderboard.submission import Episode, Submission
 from tsbench.leaderboard.verify import Difference, Verification
 
 Make = Callable[..., Submission]
@@ -28,13 +31,17 @@ def put(folder: Path, name: str, submission: Submission) -> str:
 
 def record(of: str, **changes: object) -> Verification:
     plain = Verification(
-        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, ("a", "b"), 2, (), "", (), {}, {"processor": "x"}
+        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, ("a", "b"), 2, (), (), (), {}, {"processor": "x"}
     )
     return replace(plain, **changes)  # type: ignore[arg-type]
 
 
 def order(page: str) -> list[str]:
-    return re.findall(r'<th scope="row"><a href="([a-z-]+)-[0-9a-f]{8}\.html">', page)
+    return re.findall(r'<th scope="row" class="stays"><a href="[^"]+\.html#s-[0-9a-f]{8}">([^<]+)</a>', page)
+
+
+def build(folder: Path, out: Path, players: int = 0) -> int:
+    return build_site(folder, out, players)
 
 
 def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: Path) -> None:
@@ -42,29 +49,153 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     put(base, "a/idm.json", honest("idm", note="Reads <b>nothing</b>."))
     good = put(base, "b/e.json", honest("idm-e", title="Expert", third_party=True))
     (base / "b" / "alice.json").write_text(record(good).to_json())
-    assert build_site(base, out) == 2
+    assert build(base, out) == 2
     page = (out / "index.html").read_text()
-    assert order(page) == ["expert", "idm"]
+    assert order(page) == ["Expert", "idm"]
     assert "confirmed" in page
     assert "third-party" in page
     assert "2026.2, dev split" in page
-    (own,) = out.glob("idm-*.html")
+    (own,) = set(out.glob("idm-*.html")) - set(out.glob("idm-e-*.html"))
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()
     # One who finds it otherwise is enough.
     wrong = record(good, verifier="bob", equal=1, differences=(Difference("b", "verdict is another"),))
     (base / "b" / "bob.json").write_text(wrong.to_json())
-    build_site(base, out)
+    build(base, out)
     page = (out / "index.html").read_text()
-    assert order(page) == ["idm", "expert"]
-    (theirs,) = out.glob("expert-*.html")
+    assert order(page) == ["idm", "Expert"]
+    (theirs,) = out.glob("idm-e-*.html")
     assert "Refuted" in theirs.read_text()
     assert "verdict is another" in theirs.read_text()
 
 
+def test_floors_stand_apart(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    floor = honest("idm-e", title="Ground")
+    put(base, "floor.json", replace(floor, planner=replace(floor.planner, floor=True)))
+    put(base, "idm.json", honest("idm"))
+    build(base, out)
+    page = (out / "index.html").read_text()
+    # Though its figures are the better ones.
+    assert order(page) == ["idm", "Ground"]
+    rows, floors = page.split('<tbody class="floors">')
+    assert "Ground" in floors
+    assert "Ground" not in rows.split("<tbody>")[1]
+
+
+def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    of = put(base, "idm.json", honest("idm"))
+    why = ("the arithmetic of libm is another (glibc 2.36, now glibc 2.40)", "numpy is 1.0, not 2.0")
+    few = record(of, driven=tuple("abcdefgh"), equal=7, explained=("h",), arithmetic_differences=why)
+    most = record(of, verifier="bob", equal=0, explained=("a", "b"), arithmetic_differences=why)
+    (base / "few.json").write_text(few.to_json())
+    build(base, out)
+    page = (out / "index.html").read_text()
+    assert "by alice: 8 of 108" in page
+    assert "7 to the byte, 1 by verdict only" in page
+    assert "verdicts confirmed" not in page
+    (base / "most.json").write_text(most.to_json())
+    build(base, out)
+    page = (out / "index.html").read_text()
+    assert "verdicts confirmed" in page
+    assert "0 to the byte, 2 by verdict only" in page
+    (own,) = out.glob("idm-*.html")
+    assert "; ".join(why) in own.read_text()
+    assert "only verdicts speak for this row" in own.read_text()
+
+
+def test_levels_have_tables_of_their_own_and_a_curve(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    put(base, "exact.json", honest("idm-e"))
+    for name in ("poor", "good"):
+        put(base, f"{name}.json", honest("idm-e", perception=load_level(name)))
+    fog = replace(load_level("poor"), name="fog", right=0.5)  # type: ignore[type-var]
+    put(base, "fog.json", honest("idm", perception=fog))
+    floor = honest("idm", title="Ground")
+    put(base, "floor.json", replace(floor, planner=replace(floor.planner, name="g", floor=True)))
+    build(base, out)
+    page = (out / "index.html").read_text()
+    assert re.findall("<h3>Perception: ([^<]+)</h3>", page) == ["exact", "good", "poor", "fog"]
+    (label,) = re.findall('aria-label="(paired SCD of [^"]+)"', page)
+    assert label.startswith("paired SCD of idm-e by level: exact 100.0 % (95 % interval ")
+    assert [name in label for name in ("good 100.0", "poor 100.0", "floor Ground ")] == [True] * 3
+    # A planner of one level has no curve; all of one planner stand on its page.
+    (own,) = out.glob("idm-e-*.html")
+    assert label in own.read_text()
+    assert len(set(re.findall(r'href="#(s-[0-9a-f]{8})"', own.read_text()))) == 3
+
+
+def test_a_level_under_anothers_name_is_refused(honest: Make, tmp_path: Path) -> None:
+    easy = replace(load_level("poor"), right=1.0)  # type: ignore[type-var]
+    put(tmp_path / "all", "x.json", honest("idm", perception=easy))
+    with pytest.raises(InputError, match="called poor, but is not tsbench's level of that name"):
+        build(tmp_path / "all", tmp_path / "site")
+    put(tmp_path / "all", "x.json", honest("idm", perception=replace(easy, name="exact")))
+    with pytest.raises(InputError, match="called exact, but"):
+        build(tmp_path / "all", tmp_path / "site")
+
+
+def test_a_planner_over_cities(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    put(base, "home.json", honest("idm"))
+    put(base, "away.json", honest("idm", city="elsewhere", edition="elsewhere-2026.2", contract="1" * 64))
+    build(base, out)
+    (own,) = out.glob("idm-*.html")
+    assert "paired SCD of idm by city, dev split: elsewhere " in own.read_text()
+    # Another code under the same name is another planner.
+    away = honest("idm", city="elsewhere", contract="1" * 64)
+    put(base, "away.json", replace(away, planner=replace(away.planner, code_sha256="f" * 64)))
+    build(base, out)
+    assert len(list(out.glob("idm-*.html"))) == 2
+
+
+def test_failures_are_those_of_the_submission(driven: Path, honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    put(base, "idm.json", honest("idm"))
+    copied = copy_traces(driven, honest("idm"), base / "idm.json", 3)
+    assert copied >= 3
+    assert copied == len(list((base / "idm.traces").iterdir()))
+    build(base, out, players=2)
+    (own,) = out.glob("idm-*.html")
+    assert 2 <= own.read_text().count('data-blob="episode/') <= 4
+    assert 'id="player"' in own.read_text()
+    # Another episode's trace under the name of this one.
+    one, other = sorted((base / "idm.traces").iterdir())[:2]
+    one.write_bytes(other.read_bytes())
+    with pytest.raises(InputError, match="is of another scenario than"):
+        build(base, out, players=3)
+
+
+def test_an_edited_trace_is_not_played(driven: Path, honest: Make, tmp_path: Path) -> None:
+    base = tmp_path / "all"
+    put(base, "idm.json", honest("idm"))
+    copy_traces(driven, honest("idm"), base / "idm.json", 1)
+    for path in (base / "idm.traces").iterdir():
+        slow_down(path)
+    with pytest.raises(InputError, match="idm "):
+        build(base, tmp_path / "site", players=1)
+
+
+def test_the_most_frequent_failures_come_first() -> None:
+    def one(name: str, *clauses: str, outcome: str = "arrived") -> Episode:
+        return Episode(name, outcome, not clauses and outcome == "arrived", clauses, "")
+
+    episodes = [
+        one("a", "x"),
+        one("b", "y"),
+        one("c", "y"),
+        one("d"),
+        one("e", outcome="stuck"),
+        one("f", "y"),
+    ]
+    assert [e.scenario_id for e in telling(episodes, 4)] == ["b", "e", "a", "c"]
+    assert [e.scenario_id for e in telling(episodes, 9)] == ["b", "e", "a", "c", "f"]
+
+
 def test_titles_are_no_markup(honest: Make, tmp_path: Path) -> None:
     put(tmp_path / "all", "x.json", honest("idm", title="<script>alert(1)</script>"))
-    build_site(tmp_path / "all", tmp_path / "site")
+    build(tmp_path / "all", tmp_path / "site")
     for path in (tmp_path / "site").iterdir():
         assert "<script>alert" not in path.read_text()
 
@@ -76,23 +207,23 @@ def test_what_does_not_belong_is_refused(honest: Make, tmp_path: Path) -> None:
     forged = replace(made, figures=(replace(made.figures[0], value=99.0), *made.figures[1:]))
     put(base, "forged.json", forged)
     with pytest.raises(InputError, match=r"forged\.json: its figures do not follow from its episodes"):
-        build_site(base, out)
+        build(base, out)
     (base / "forged.json").unlink()
     # A submission that was changed after somebody verified it has lost the record.
     (base / "v.json").write_text(record(digest).to_json())
     put(base, "idm.json", replace(made, note="better now"))
     with pytest.raises(InputError, match=r"v\.json: is of a submission that is not below"):
-        build_site(base, out)
+        build(base, out)
     (base / "v.json").write_text('{"kind": "else"}')
     with pytest.raises(InputError, match="neither a submission nor"):
-        build_site(base, out)
+        build(base, out)
     with pytest.raises(InputError, match="no such folder"):
-        build_site(tmp_path / "none", out)
+        build(tmp_path / "none", out)
 
 
 def test_data_that_are_not_here_are_said(honest: Make, tmp_path: Path) -> None:
     put(tmp_path / "all", "x.json", replace(honest("idm"), contract="0" * 64))
-    build_site(tmp_path / "all", tmp_path / "site")
+    build(tmp_path / "all", tmp_path / "site")
     (own,) = (tmp_path / "site").glob("idm-*.html")
     assert "The data of its contract are not here" in own.read_text()
 
@@ -112,7 +243,7 @@ def test_from_the_command_line(
             main()
         return int(ended.value.code or 0), capsys.readouterr().out
 
-    code, said = call("submit", str(run), "--planner", "idm-e", "--authors", "us")
+    code, said = call("submit", str(run), "--planner", "idm-e", "--authors", "us", "--shared-process")
     assert (code, "idm-e-dev.json: idm-e, 108 episodes" in said) == (0, True)
     draw = ("--sample", "3", "--seed", "1", "--by", "me", "--workers", "1")
     code, said = call("verify", "idm-e-dev.json", *draw, "--out", "record.json")
@@ -124,4 +255,6 @@ def test_from_the_command_line(
         (tmp_path / name).rename(tmp_path / "board" / name)
     code, said = call("leaderboard", "build", "board", "--out", "site")
     assert (code, "1 rows" in said, (tmp_path / "site/index.html").is_file()) == (0, True, True)
-    assert released in (tmp_path / "site/index.html").read_text()
+    index = (tmp_path / "site/index.html").read_text()
+    assert released in index
+    assert "shared process" in index

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from forgeries import pass_all, slow_down
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.files import sha256_of
-from tsbench.episode.trace import SCHEMA as TRACE
+from tsbench.core.parquet import OSM_LICENCE
+from tsbench.episode.perception_level import load_level
+from tsbench.leaderboard.claim import claim_of
 from tsbench.leaderboard.submission import Submission, episode_of, json_schema, read_submission
 from tsbench.leaderboard.submit import make_submission
 from tsbench.run.edition import LOCAL
@@ -75,6 +77,7 @@ def test_a_planner_is_named_where_there_are_several(make: Make) -> None:
         ("variants", "0", "variants is 0: a submission is of a whole split"),
         ("half", "signed", "half is signed"),
         ("limit", 5, "limit is 5"),
+        ("perception", {"name": "poor", "right": 0.5}, "perception: .*has the fields"),
         ("mask_signs", True, "mask_signs is True"),
     ],
 )
@@ -87,23 +90,60 @@ def test_a_part_of_a_split_is_none(run: Path, make: Make, key: str, value: objec
         make()
 
 
+def test_a_perception_level_goes_along(run: Path, make: Make, tmp_path: Path) -> None:
+    path = run / "run.json"
+    manifest = json.loads(path.read_text())
+    poor = load_level("poor")
+    assert poor is not None
+    for level, told in ((poor, None), (replace(poor, right=0.99), "called poor, but is not tsbench's")):
+        manifest["effective"]["perception"] = json.loads(json.dumps(asdict(level)))
+        path.write_text(json.dumps(manifest))
+        if told is None:
+            made = make()
+            (tmp_path / "x.json").write_text(made.to_json())
+            assert read_submission(tmp_path / "x.json").perception == poor
+            assert claim_of(tmp_path / "x.json").options == {"perception": asdict(poor)}
+            assert made.level == "poor"
+        else:
+            with pytest.raises(InputError, match=told):
+                make()
+
+
+def test_the_licence_of_the_roads_goes_along(run: Path, make: Make) -> None:
+    data = json.loads(make().to_json())
+    assert {key: data[key] for key in OSM_LICENCE} == OSM_LICENCE
+    for name in ("episodes", "violations", "timing"):
+        metadata = pq.read_schema(run / f"{name}.parquet").metadata
+        assert {key: metadata[key.encode()].decode() for key in OSM_LICENCE} == OSM_LICENCE
+
+
 def test_what_was_changed_since_the_release_is_none(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(read, "edition_of", lambda *_: f"2026.2{LOCAL}")
     with pytest.raises(InputError, match="code or data were changed since the release"):
         make_submission(run, "idm", title="", authors="us", url="", note="", third_party=False)
 
 
+def test_a_planner_that_shared_the_referees_process_is_none_unless_it_says_so(run: Path, make: Make) -> None:
+    with pytest.raises(InputError, match="idm shared the referee's process: drive it with --isolate"):
+        make(shared_process=False)
+    assert make(shared_process=True).isolation is None
+    path = run / "run.json"
+    manifest = json.loads(path.read_text())
+    path.write_text(json.dumps({**manifest, "isolation": {"idm": {"namespaces": True}}}))
+    assert make(shared_process=False).isolation == {"namespaces": True}
+    with pytest.raises(InputError, match="idm-e shared the referee's process"):
+        make("idm-e", shared_process=False)
+
+
 def test_an_edited_table_is_none(run: Path, make: Make) -> None:
-    path = run / "episodes.parquet"
-    table = pq.read_table(path)
-    passed = table.column_names.index("scd")
-    pq.write_table(table.set_column(passed, table.field("scd"), [[True] * len(table)]), path)
+    before = (run / "run.json").read_bytes()
+    pass_all(run)
+    after = (run / "run.json").read_bytes()
+    (run / "run.json").write_bytes(before)
     with pytest.raises(InputError, match="is not the file that the run wrote"):
         make()
     # Nor where the manifest was edited, too: the traces say otherwise.
-    manifest = json.loads((run / "run.json").read_text())
-    manifest["files"]["episodes.parquet"] = sha256_of(path)
-    (run / "run.json").write_text(json.dumps(manifest))
+    (run / "run.json").write_bytes(after)
     with pytest.raises(
         InputError, match=r"disagreements with its own traces: .*scd is True, by its trace False"
     ):
@@ -111,15 +151,7 @@ def test_an_edited_table_is_none(run: Path, make: Make) -> None:
 
 
 def test_an_edited_trace_is_none(run: Path, make: Make) -> None:
-    path = next((run / "traces" / "idm").glob("*.parquet"))
-    file = pq.ParquetFile(path)
-    metadata = file.metadata.metadata[b"tsbench.trace"]
-    table = file.read()
-    at = table.column_names.index("ego_speed")
-    slower = [0.5 * value for value in table["ego_speed"].to_pylist()]
-    with pq.ParquetWriter(path, TRACE, compression="zstd") as writer:
-        writer.write_table(table.set_column(at, table.field("ego_speed"), [slower]).cast(TRACE))
-        writer.add_key_value_metadata({b"tsbench.trace": metadata})
+    slow_down(next((run / "traces" / "idm").glob("*.parquet")))
     with pytest.raises(InputError, match="disagreements with its own traces"):
         make()
 
@@ -130,6 +162,9 @@ def test_an_edited_trace_is_none(run: Path, make: Make) -> None:
         (lambda d: d.pop("kind"), "no submission"),
         (lambda d: d.update(schema=2), "schema 2, this tsbench reads 1"),
         (lambda d: d.update(more=1), "malformed submission"),
+        (lambda d: d.update(licence="mine"), "malformed submission .licence"),
+        (lambda d: d["arithmetic"].pop("answers"), "malformed submission"),
+        (lambda d: d.update(perception={"name": "poor"}), "malformed submission"),
         (lambda d: d["episodes"][0].update(outcome="won"), "malformed submission .*won"),
         (lambda d: d["episodes"].append(d["episodes"][0]), "one stands twice"),
         (lambda d: d["episodes"][0].update(scd="yes"), "malformed submission"),

@@ -6,9 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import hostile
 import pytest
 
+import tsbench
 from tsbench.core.errors import InputError
+from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Episode, Submission, figures_of
 from tsbench.leaderboard.verify import Verification, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
@@ -21,7 +24,7 @@ def check(folder: Path, submission: Submission, planner: str | None = None, **mo
     path = folder / "submission.json"
     path.write_text(submission.to_json(), encoding="utf-8")
     options = {"sample": 6, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None, **more}
-    return verify(path, planner, **options)  # type: ignore[arg-type]
+    return verify(claim_of(path), planner, **options)  # type: ignore[arg-type]
 
 
 def whats(found: Verification) -> str:
@@ -37,7 +40,8 @@ def with_figures(submission: Submission) -> Submission:
 def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) -> None:
     found = check(tmp_path, honest("idm-e"))
     assert (found.confirmed, found.equal, len(found.driven), found.explained) == (True, 6, 6, ())
-    assert found.arithmetic_difference == ""
+    assert found.arithmetic_differences == ()
+    assert not found.mostly_explained
     (tmp_path / "record.json").write_text(found.to_json())
     assert read_verification(tmp_path / "record.json") == found
     # The draw is the verifier's: by the seed, and nothing else.
@@ -65,6 +69,20 @@ def test_a_figure_without_its_episodes_is_found(honest: Make, tmp_path: Path) ->
     assert "paired_scd of all is missing" in whats(found)
 
 
+def test_who_changed_the_referee_in_a_shared_process_is_found(tmp_path: Path) -> None:
+    """The verifier isolates it, and there is no referee to change."""
+    cheat = f"{hostile.__file__}:PatchesEnding"
+    tsbench.evaluate(cheat, split="dev", types=["main_road"], limit=4, workers=1, out=tmp_path / "run")
+    (claim,) = claims_of(tmp_path / "run")
+    assert {episode.outcome for episode in claim.episodes} == {"arrived"}
+    told = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "told": lambda *_: None}
+    beside = verify(claim, None, shared_process=True, **told)  # type: ignore[arg-type]
+    assert (beside.confirmed, beside.isolated) == (True, False), "else this cheat proves nothing"
+    found = verify(claim, None, **told)  # type: ignore[arg-type]
+    assert (found.confirmed, found.isolated, found.equal) == (False, True, 0)
+    assert "verdict is arrived" in whats(found)
+
+
 def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Path) -> None:
     found = check(tmp_path, honest("idm"), "blind", sample=2)
     assert "the planner's code_sha256 is" in whats(found)
@@ -86,7 +104,10 @@ def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Ma
     elsewhere = replace(made, arithmetic={**made.arithmetic, "answers": answers})
     found = check(tmp_path, replace(elsewhere, episodes=others))
     assert (found.confirmed, found.equal, found.explained) == (True, 0, found.driven)
-    assert found.arithmetic_difference.startswith("the arithmetic of libm is another")
+    (why,) = found.arithmetic_differences
+    assert why.startswith("the arithmetic of libm is another")
+    # Its own word is all that explains so much: that is said.
+    assert found.mostly_explained
     turned = tuple(replace(e, scd=not e.scd) for e in others)
     found = check(tmp_path, with_figures(replace(elsewhere, episodes=turned)))
     assert (found.confirmed, len(found.differences), found.explained) == (False, 6, ())
@@ -99,3 +120,18 @@ def test_another_contract_and_a_record_that_contradicts_itself(honest: Make, tmp
     (tmp_path / "record.json").write_text(text.replace('"confirmed": true', '"confirmed": false'))
     with pytest.raises(InputError, match="says confirmed: False, which its differences do not"):
         read_verification(tmp_path / "record.json")
+
+
+def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> None:
+    """With its planners, masked plates and perception level."""
+    run = tmp_path / "run"
+    options = {"split": "dev", "types": ["speed"], "out": run, "workers": 2, "perception": "poor"}
+    tsbench.evaluate(["idm", "reader"], **options)  # type: ignore[arg-type]
+    idm, reader = claims_of(run)
+    told = {"sample": 99, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None}
+    for claim in (idm, reader):
+        found = verify(claim, None, **told)  # type: ignore[arg-type]
+        assert (found.confirmed, found.equal, found.explained) == (True, len(claim.episodes), ())
+    # Other eyes read other plates: who leaves the level out does not find what the run says.
+    for other in (replace(reader, perception=None), replace(reader, mask_signs=True)):
+        assert not verify(other, None, **told).confirmed  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from table_builders import GROUPS, pair, records, row
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.aggregate import PlannerSummary, summarise
+from tsbench.metrics.aggregate import FLOOR, PlannerSummary, summarise
 from tsbench.metrics.compare import compare
 
 Rows = list[dict[str, Any]]
@@ -157,7 +157,7 @@ def test_places_are_the_clusters_where_they_are_known() -> None:
 
 
 def test_floors_are_marked() -> None:
-    p = only(four(), floors={"idm"})
+    p = only(four(), marks={"idm": FLOOR})
     assert (p.floor, p.label) == (True, "idm (floor)")
     assert only(four()).label == "idm"
 

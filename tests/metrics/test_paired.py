@@ -83,6 +83,15 @@ def test_detectable_where_nothing_flipped_is_six_flips() -> None:
     assert binom.sf(5, 200, effect) == pytest.approx(0.8, abs=1e-3)
 
 
+def test_the_same_counts_are_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables ask for them again and again."""
+    effect, p = detectable(311, 5, 9, 0.05), mcnemar_p(5, 9)
+    monkeypatch.setattr("scipy.optimize.brentq", None)
+    monkeypatch.setattr("statsmodels.stats.contingency_tables.mcnemar", None)
+    assert detectable(311, 9, 5, 0.05) == effect
+    assert mcnemar_p(9, 5) == p
+
+
 def test_detectable_is_near_the_formula_for_large_samples() -> None:
     n, lost = 2000, 100
     effect = detectable(n, 120, lost, 0.05)

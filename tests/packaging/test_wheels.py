@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -45,6 +46,13 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def megabytes(what: str) -> float:
+    """What docs/install.md says of a size."""
+    page = (ROOT / "docs/install.md").read_text(encoding="utf-8")
+    (size,) = re.findall(rf"^\| {re.escape(what)} \| ([\d.]+) MB \|", page, re.M)
+    return float(size)
+
+
 def names_in(wheels: Path, pattern: str) -> list[str]:
     (wheel,) = wheels.glob(pattern)
     return [name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name]
@@ -58,7 +66,7 @@ def test_the_code_comes_with_catalogue_and_weights_and_nothing_else(wheels: Path
     ).stdout.splitlines()  # fmt: skip
     assert inside == {f"tsbench/{name}" if name.startswith("sign_catalog") else name for name in tracked}
     (wheel,) = wheels.glob("tsbench-*.whl")
-    assert 14 * MEGABYTE < wheel.stat().st_size < 24 * MEGABYTE
+    assert wheel.stat().st_size / MEGABYTE == pytest.approx(megabytes("wheel `tsbench`"), rel=0.03)
 
 
 def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
@@ -74,7 +82,7 @@ def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     }  # fmt: skip
     assert "tsbench_data/sumo_nets/ATTRIBUTION.md" in inside
     (wheel,) = wheels.glob("tsbench_data-*.whl")
-    assert 5 * MEGABYTE < wheel.stat().st_size < 13 * MEGABYTE
+    assert wheel.stat().st_size / MEGABYTE == pytest.approx(megabytes("wheel `tsbench_data`"), rel=0.03)
 
 
 def test_data_that_are_not_the_manifests_are_not_packed(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.planners import registry
 from tsbench.planners.base import Planner
+from tsbench.planners.builtin import REIMPLEMENTED, THIRD_PARTY, origin
 from tsbench.planners.experts.expert import Expert
 
 GOOD = """
@@ -49,12 +50,39 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", registry.names())
+# Made of what tsbench does not bring: one line says how to get it.
+FOREIGN = {
+    "metadrive-ppo": r"pip download --no-deps metadrive-simulator==0\.4\.3",
+    "commonroad-reactive": r"It needs the extra `commonroad` in an environment of its own",
+}
+OWN = [name for name in registry.names() if name not in FOREIGN]
+
+
+@pytest.mark.parametrize("name", OWN)
 def test_every_registered_planner_loads(name: str) -> None:
     loaded = registry.resolve(name)
     assert loaded.name == loaded.spec == name
     assert isinstance(loaded.factory(), Planner)
     assert loaded.privileged is (name.endswith("-e") or name in ("reader", "careful"))
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_who_lacks_what_others_made_is_told_how_to_get_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TSBENCH_METADRIVE", raising=False)
+    monkeypatch.setitem(sys.modules, "commonroad_rp", None)
+    for module in [one for one in sys.modules if one.startswith("tsbench.adapters.commonroad")]:
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(InputError, match=FOREIGN[name]) as caught:
+        registry.resolve(name).factory()
+    assert "\n" not in str(caught.value)
+
+
+def test_whose_work_a_planner_is_stands_in_its_entry() -> None:
+    kinds = {name: registry.entry(name).kind for name in registry.names()}
+    others = {name: kind for name, kind in kinds.items() if kind in (THIRD_PARTY, REIMPLEMENTED)}
+    assert others == {"metadrive-ppo": THIRD_PARTY, "commonroad-reactive": THIRD_PARTY, "pdm": REIMPLEMENTED}
+    assert {name: origin(name) for name in kinds} == {name: others.get(name, "") for name in kinds}
+    assert origin("mine.py:pdm") == ""
 
 
 EXPERTS = """
@@ -87,9 +115,10 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "blind", "careful", "carl", "carl-e", "coin",
+        "blind", "careful", "carl", "carl-e", "coin", "commonroad-reactive",
         "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
-        "idm-s4", "idm-s4-e", "plant2", "plant2-blind", "plant2-e", "plant2-ft", "ppo", "ppo-e", "reader",
+        "idm-s4", "idm-s4-e", "metadrive-ppo", "pdm", "plant2", "plant2-blind", "plant2-e", "plant2-ft",
+        "plant2-ft-seed1", "ppo", "ppo-e", "reader",
     )  # fmt: skip
     assert registry.resolve("carl-e").batched is registry.resolve("carl").batched
 
@@ -115,7 +144,7 @@ def test_who_can_have_no_expert_says_why(
 
 
 def test_what_the_entry_says_is_what_the_class_says() -> None:
-    for name in registry.names():
+    for name in OWN:
         made = registry.resolve(name).factory()
         assert getattr(made, "privileged", False) == registry.entry(name).privileged
         assert getattr(made, "sign_access", True) == registry.entry(name).sign_access
@@ -135,7 +164,13 @@ def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.M
     ("spec", "words"),
     [
         ("idn", ["no such planner", "did you mean", "idm"]),
-        ("zzzz", ["no such planner", "registered are blind, careful, carl, carl-e, coin, idm, idm-e"]),
+        (
+            "zzzz",
+            [
+                "no such planner",
+                "registered are blind, careful, carl, carl-e, coin, commonroad-reactive, idm,",
+            ],
+        ),
         ("no_such_package.thing:Class", ["there is no module no_such_package"]),
         ("tsbench.planners.idm:Nope", ["has no Nope", "Idm"]),
         ("missing.py:Mine", ["there is no file missing.py"]),

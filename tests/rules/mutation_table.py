@@ -10,7 +10,7 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 
-LEAST_SHARE = 0.85
+LEAST_SHARE = 0.90
 # Of a single file: in a small one, a few mutants that change nothing weigh much.
 LEAST_SHARE_OF_A_FILE = 0.75
 CAUGHT = ("killed", "timeout")

@@ -144,6 +144,20 @@ def test_who_may_go_on(part: str, name: str, ours: bool, theirs: bool) -> None:
     assert arithmetic.difference(here, here, THEIRS, "cuda") is None
 
 
+def test_all_differences_are_told() -> None:
+    here, there = arithmetic.facts(), changed("answers", "libm")
+    there["answers"]["blas"] = there["versions"]["numpy"] = "another"
+    told = arithmetic.differences(there, here, THEIRS, "cpu")
+    assert [line.split(" is ")[0] for line in told] == [
+        "numpy",
+        "the arithmetic of libm",
+        "the arithmetic of blas",
+    ]
+    assert arithmetic.difference(there, here, THEIRS, "cpu") == told[0]
+    assert len(arithmetic.differences(there, here, OURS, "cpu")) == 2
+    assert arithmetic.differences(here, here, THEIRS, "cuda") == ()
+
+
 def test_a_run_says_with_what_it_was_made() -> None:
     new = new_manifest(
         "c", {}, {"device": "cpu"}, [PlannerInfo(p, p, False, True, (), None, None) for p in THEIRS]

@@ -80,8 +80,11 @@ def test_a_plate_is_the_country_s_where_that_has_a_drawing() -> None:
     assert np.array_equal(plate_rgba("2.3.2", None, 96, de), plate_rgba("2.3.1", None, 96))
     assert np.array_equal(plate_rgba("3.24", 50.0, 96, de), plate_rgba("3.24", 50.0, 96))
     assert not np.array_equal(plate_rgba("3.24", 50.0, 96, gb), plate_rgba("3.24", 50.0, 96))
-    assert [gb.posted(kmh) for kmh in (30.0, 50.0, 70.0)] == [19.0, 31.0, 43.0]
-    assert shown_value(50.0, gb) == "31 mph"
+    assert [gb.posted(kmh) for kmh in (10.0, 20.0, 30.0, 50.0, 60.0, 110.0)] == [10, 10, 20, 30, 40, 70]
+    assert gb.posted(1.0) == 10.0, "there is no plate of 0"
+    assert shown_value(50.0, gb) == "30 mph for 50 km/h"
+    assert gb.traffic is not None
+    assert (gb.traffic.speeds_mps["residential"], gb.traffic.speeds_mps["motorway"]) == (13.41, 31.29)
     assert shown_value(50.0, de) == shown_value(50.0, None) == "50"
 
 

@@ -1,7 +1,7 @@
-"""MetaDrive's PPO expert: the network of the wheel metadrive-simulator 0.4.3, shown what it is shown there. Sign-blind.
+"""Policies of MetaDrive, shown what they are shown there; its PPO expert, from metadrive-simulator 0.4.3. Sign-blind.
 
-Nobody trained it for tsbench. Source: MetaDrive (Li et al., arXiv 2109.12674), Apache 2.0. Its weights stay in that
-wheel: `TSBENCH_METADRIVE` names the file, and the one member that is read is checked by its hash (docs/adapters.md).
+Nobody trained the expert for tsbench. Source: MetaDrive (Li et al., arXiv 2109.12674), Apache 2.0. Its weights stay in
+that wheel: `TSBENCH_METADRIVE` names it, and the one member that is read is checked by its hash (docs/adapters.md).
 Units: m, s, rad; what the network sees is between 0 and 1.
 """
 
@@ -12,8 +12,10 @@ import io
 import math
 import os
 import zipfile
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -50,31 +52,61 @@ _FULL_MPS2, _ROLLING_MPS2, _BRAKE_MPS2, _GRIP_MPS2 = 2.9, 0.36, 27.3, 8.8
 _STRAIGHT_RAD = math.radians(5.0)
 
 
-class MetaDrivePpo:
-    """The planner. It draws from its Gaussian as it does in MetaDrive; draws come from the episode's seed."""
+Seen = npt.NDArray[np.float32]
+Policy = Callable[[Seen], Sequence[float]]
+
+
+class MetaDrivePolicy:
+    """A policy that was trained in MetaDrive, in its default observation and action, as a planner.
+
+    make: makes the policy, once per worker and without arguments. The policy takes (275,) numbers between 0 and 1 and
+    answers steering (1 = 40° to the left) and throttle, both in -1..1; what is beyond is cut.
+    """
 
     sign_access = False
+    make: ClassVar[Callable[[], Policy]]
 
     def __init__(self) -> None:
-        self._first, self._second, self._out = _network(wheel())
+        self._policy = type(self).make()
         self._eyes: MetaDriveEyes
-        self._rng: np.random.Generator
         self._last = (0.0, 0.0)
 
     def reset(self, context: PlannerContext) -> None:
+        """Start an episode."""
         self._eyes = MetaDriveEyes(context.network)
-        self._rng = np.random.default_rng(np.random.SeedSequence(context.seed))
         self._last = (0.0, 0.0)
 
     def act(self, observation: Observation) -> Control:
-        """Steering and throttle as the network draws them, as MetaDrive's car would turn them into motion."""
-        seen = self._eyes.see(observation, self._last)
-        found = self._out(tanh(self._second(tanh(self._first(snap(seen[None].astype(np.float64)))))))[0]
-        drawn = found[:2] + exp(found[2:]) * normal_quantile(self._rng.random(2))
-        steering, throttle = (min(max(value, -1.0), 1.0) for value in drawn.tolist())
+        """Steering and throttle, as MetaDrive's car would turn them into motion."""
+        first, second = self._policy(self._eyes.see(observation, self._last))
+        steering, throttle = (min(max(float(value), -1.0), 1.0) for value in (first, second))
         self._last = (steering, throttle)
         angle = min(max(steering * _STEER_RAD, -MAX_STEER_RAD), MAX_STEER_RAD)
         return Control(acceleration_of(throttle, observation.ego.speed), angle)
+
+
+class _Expert:
+    """The network of the wheel. It draws from its Gaussian as it does in MetaDrive."""
+
+    def __init__(self) -> None:
+        self._first, self._second, self._out = _network(wheel())
+        self.rng: np.random.Generator
+
+    def __call__(self, seen: Seen) -> Sequence[float]:
+        found = self._out(tanh(self._second(tanh(self._first(snap(seen[None].astype(np.float64)))))))[0]
+        drawn: list[float] = (found[:2] + exp(found[2:]) * normal_quantile(self.rng.random(2))).tolist()
+        return drawn
+
+
+class MetaDrivePpo(MetaDrivePolicy):
+    """`metadrive-ppo`. Draws come from the episode's seed. Raises InputError where the wheel is not there."""
+
+    make = _Expert
+    _policy: _Expert
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._policy.rng = np.random.default_rng(np.random.SeedSequence(context.seed))
 
 
 def acceleration_of(throttle: float, speed: float) -> float:
@@ -98,7 +130,7 @@ class MetaDriveEyes:
         self._network = network
         self._lidar = Lidar(np.zeros((0, 4)))
 
-    def see(self, o: Observation, last: tuple[float, float]) -> npt.NDArray[np.float32]:
+    def see(self, o: Observation, last: tuple[float, float]) -> Seen:
         """(275,). last: steering and throttle of the tick before, as the network gave them."""
         cloud = self._lidar.scan(o) / REACH_M
         numbers = [*self._state(o, last), *self._navigation(o), *_others(o)]

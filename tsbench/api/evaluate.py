@@ -15,6 +15,7 @@ from tsbench.api.run import Run
 from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
+from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
 from tsbench.run.listener import Listener
@@ -45,6 +46,7 @@ def evaluate(
     mask_signs: bool = False,
     perception: str | Path = EXACT,
     isolate: bool = False,
+    image: str | None = None,
     allow_partial: bool = False,
     listeners: Sequence[Listener] = (),
 ) -> Run:
@@ -61,10 +63,11 @@ def evaluate(
     request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
     options = Options(
         request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
-        device=device, mask_signs=mask_signs, perception=str(perception), isolate=isolate,
+        device=device, mask_signs=mask_signs, perception=str(perception), isolate=isolate, image=image,
         allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
     )  # fmt: skip
-    with nullcontext() if city is None else using_city(city):
+    with nullcontext() if city is None else using_city(driven_city(city)):
+        check_driven()
         return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)
 
 

@@ -11,7 +11,7 @@ from tsbench.api.frames import comparison_frame, flips_frame, frame_of, summary_
 from tsbench.core.extras import load
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
-from tsbench.run.log.manifest import floors_of
+from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
 from tsbench.run.log.tables import read_table
 
@@ -98,7 +98,7 @@ class Run:
         return summary_frame(
             summarise(
                 stored.episodes, contract_hash=stored.contract, edition=stored.edition, asked=stored.asked,
-                floors=floors_of(stored.manifest), allow_partial=allow_partial,
+                marks=marks_of(stored.manifest), allow_partial=allow_partial,
             )
         )  # fmt: skip
 

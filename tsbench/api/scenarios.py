@@ -10,6 +10,7 @@ from functools import cached_property
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import dataset_file, using_city
+from tsbench.data.cities import driven_city
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
@@ -47,7 +48,9 @@ class Scenario:
 
     def _repr_png_(self) -> bytes:
         paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.video.render")
-        picture: bytes = paint.png_bytes(render.scene_picture(self.scene, self.scenario_id))
+        picture: bytes = paint.png_bytes(
+            render.scene_picture(self.scene, self.scenario_id, map_id=self.row.map_id)
+        )
         return picture
 
 
@@ -61,7 +64,7 @@ def load_scenarios(
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
     wanted = choose_types(words_of(types), load_catalog())
-    with nullcontext() if city is None else using_city(city):
+    with nullcontext() if city is None else using_city(driven_city(city)):
         loader = SceneLoader(SceneStore(dataset_file("scenarios")))
         return tuple(
             Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted

@@ -26,7 +26,7 @@ SECTIONS = {
         "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
         "export": ("tsbench.cli.episodes:export", "Write episodes as CommonRoad XML or MCAP."),
         "submit": ("tsbench.cli.leaderboard:submit", "Make one file of a run, for the leaderboard."),
-        "verify": ("tsbench.cli.leaderboard:verify", "Drive a submission's episodes again and compare."),
+        "verify": ("tsbench.cli.leaderboard:verify", "Drive a claim's episodes again and compare."),
         "leaderboard": ("tsbench.cli.leaderboard:leaderboard", "A site of submissions."),
         "signs": ("tsbench.cli.signs:signs", "Look at the sign catalogue."),
         "doctor": ("tsbench.cli.doctor:doctor", "Check the installation, the data and this machine."),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import click
 from rich.console import Console
 
+from tsbench.cli import options
 from tsbench.cli.console import print_table
 from tsbench.cli.options import FILE, POSITIVE
+from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
 
 
@@ -23,12 +26,18 @@ from tsbench.core.files import write_json
 @click.option(
     "--isolation", is_flag=True, help="What a planner's own process costs a tick, and nothing else."
 )
+@options.planners("With --isolation: planner to measure (default: idm and idm-e)")
 def bench(
-    limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool
-) -> None:
+    limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool,
+    planners: tuple[str, ...],
+) -> None:  # fmt: skip
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
+    if planners and not isolation:
+        raise InputError(
+            "--planner: only what an own process costs is measured planner by planner: add --isolation"
+        )
     if isolation:
-        _isolation(limit, rounds, json_path)
+        _isolation(planners, limit, rounds, json_path)
         return
     if env:
         _environment(rounds, json_path)
@@ -57,40 +66,59 @@ def bench(
         write_json(json_path, result.to_dict())
 
 
-def _isolation(limit: int, rounds: int, json_path: Path | None) -> None:
-    from tsbench.tools.bench_isolation import bench_isolation
+def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Path | None) -> None:
+    from tsbench.tools.bench_isolation import GOAL_US, PLANNERS, bench_isolation
 
-    found = bench_isolation(limit, rounds)
-    rows = [(name, f"{here:.0f}", f"{apart:.0f}", f"{apart - here:.0f}") for name, here, apart in found]
-    print_table(
-        ("planner", "µs together", "µs isolated", "difference"), rows, title="median time of an answer"
+    found = bench_isolation(planners or PLANNERS, limit, rounds)
+    rows = []
+    for one in found:
+        more = one.difference_us
+        told = ("-", "-", "-") if more is None else (
+            f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met"
+        )  # fmt: skip
+        rows.append((one.planner, told[0], f"{one.isolated_us:.0f}", *told[1:], f"{one.apart_us:.0f}"))
+    heads = (
+        "planner",
+        "µs together",
+        "µs isolated",
+        "difference",
+        f"goal: {GOAL_US:.0f}",
+        "µs on another processor",
     )
+    print_table(heads, rows, title="median time of an answer")
     if json_path is not None:
-        write_json(json_path, {name: {"together_us": a, "isolated_us": b} for name, a, b in found})
+        write_json(json_path, {one.planner: asdict(one) for one in found})
 
 
 def _networks(json_path: Path | None) -> None:
-    from tsbench.tools.bench_networks import bench_networks
+    from tsbench.tools.bench_networks import WHOLE, bench_networks, bench_whole
 
     found = list(bench_networks())
     rows = [(name, f"{alone:.2f}", f"{together:.2f}") for name, alone, together in found]
     print_table(("network", "ms alone", "ms each of eight"), rows, title="CPU time of an answer")
+    whole = bench_whole()
+    Console().print(f"a tick of {WHOLE}'s whole episodes: {whole:.2f} ms of CPU")
     figures = {name: {"alone_ms": round(a, 4), "of_eight_ms": round(b, 4)} for name, a, b in found}
+    figures[WHOLE]["tick_ms"] = round(whole, 4)
     if json_path is not None:
         write_json(json_path, figures)
 
 
 def _environment(rounds: int, json_path: Path | None) -> None:
-    from tsbench.envs.speed import BLOCK, rates_of
+    from tsbench.envs.speed import BLOCK, rates_of, vectorised
 
     goals = {"vector": 1500, "scene": 800}
-    figures = {kind: rates_of(kind, rounds * BLOCK) for kind in goals}
+    figures = {kind: (*rates_of(kind, rounds * BLOCK), vectorised(kind, rounds * BLOCK)) for kind in goals}
     rows = [
-        (kind, f"{alone:,.0f}", f"{whole:,.0f}", f"{goals[kind]:,}")
-        for kind, (alone, whole) in figures.items()
+        (kind, *(f"{rate:,.0f}" for rate in rates), f"{goals[kind]:,}") for kind, rates in figures.items()
     ]
-    print_table(("observation", "steps/s per core", "with episode starts", "goal"), rows, title="environment")
+    heads = ("observation", "steps/s per core", "with episode starts", "two in AsyncVectorEnv", "goal")
+    print_table(heads, rows, title="environment")
     if json_path is not None:
         write_json(
-            json_path, {kind: {"steps_per_s": a, "with_starts": b} for kind, (a, b) in figures.items()}
+            json_path,
+            {
+                kind: {"steps_per_s": a, "with_starts": b, "vectorised": c}
+                for kind, (a, b, c) in figures.items()
+            },
         )

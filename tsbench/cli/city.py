@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 @click.group()
 def city() -> None:
-    """Data sets of other cities, made from their OpenStreetMap extracts (docs/city.md)."""
+    """Data sets of other cities, made from their OpenStreetMap extracts (docs/guides/city.md)."""
 
 
 @city.command("list")
 def list_() -> None:
     """The cities that are described, and what was built of them."""
-    from tsbench.dataset.city import SIDE, city_names, load_city
+    from tsbench.dataset.city import city_names, load_city
     from tsbench.scenarios.table import read_table, splits_there, table_path
 
     rows = []
@@ -35,10 +35,18 @@ def list_() -> None:
             built = [f"{split} {len(read_table(table_path(split))):,}" for split in splits_there()]
         dates = ", ".join(sorted({extract.date for extract in found.extracts}))
         rows.append(
-            (name, found.title, found.country, SIDE, str(found.frame), dates, ", ".join(built) or "nothing")
+            (
+                name,
+                found.title,
+                found.country,
+                found.side,
+                str(found.frame),
+                dates,
+                ", ".join(built) or "nothing",
+            )
         )
     print_table(("city", "what", "country", "side", "frame", "extracts of", "rows built"), rows, left=7)
-    click.echo(f"--city {MIRRORED}NAME: the data set of NAME in a mirror, with traffic on the left")
+    click.echo(f"--city {MIRRORED}NAME: the data set of NAME in a mirror, with traffic on the other side")
 
 
 @city.command()
@@ -86,6 +94,7 @@ def _show_country(code: str, country: Country | None) -> None:
 @options.box
 @click.option("--country", required=True, metavar="CODE", help="Two letters, such as de.")
 @click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
+@click.option("--ground", is_flag=True, help="Also fetch buildings, greenery and water, for pictures.")
 @options.osm
 def new(
     name: str,
@@ -94,6 +103,7 @@ def new(
     server: str | None,
     country: str,
     title: str | None,
+    ground: bool,
     osm_dir: Path | None,
 ) -> None:
     """Fetch the roads of a box and describe them as the city NAME in cities/NAME.yaml."""
@@ -101,9 +111,9 @@ def new(
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.paths import sources_dir
 
-    file, box = new_city_file(name, country), overpass.parse_box(bbox)
+    file, box = new_city_file(name), overpass.parse_box(bbox)
     day = date or f"{datetime.now(UTC):%Y-%m-%d}"
-    address = overpass.address(box, day, server or overpass.SERVER)
+    address = overpass.address(box, day, server or overpass.SERVER, ground)
     path = (osm_dir or sources_dir()) / f"{name}.osm.gz"
     digest = overpass.fetch_extract(path, address)
     facts = {"date": day, "address": address, "sha256": digest, "bytes": path.stat().st_size}
@@ -135,13 +145,30 @@ def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int)
     from tsbench.dataset.scenes.city_build import build_city
     from tsbench.run.edition import edition_now
     from tsbench.scenarios.map_pool import pool_file, read_pool
+    from tsbench.scenarios.table import read_table, splits_there, table_path
 
     chosen = options.types_of(types)
     with using_city(name):
         with bars() as show:
             build_city(chosen, osm_dir or sources_dir(), workers, show)
         _show_types(name, read_pool(pool_file()), chosen)
-        click.echo(f"{edition_now()}: tsbench run --city {name} --split test --planner idm")
+        there = [split for split in splits_there() if read_table(table_path(split))]
+        split = "test" if "test" in there else there[0]
+        click.echo(f"{edition_now()}: tsbench run --city {name} --split {split} --planner idm")
+
+
+@city.command("ground")
+@click.argument("name")
+@options.osm
+def write_surfaces(name: str, osm_dir: Path | None) -> None:
+    """Write what lies around a built city's roads, for pictures: buildings, greenery, water of its extracts."""
+    from tsbench.dataset.maps.ground import write_ground
+    from tsbench.dataset.maps.paths import sources_dir
+
+    with using_city(name):
+        path, maps = write_ground(osm_dir or sources_dir())
+    told = ", ".join(f"{kind} on {count:,}" for kind, count in maps.items())
+    click.echo(f"{path}: {path.stat().st_size:,} bytes; maps: {told}")
 
 
 def _show_types(name: str, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:

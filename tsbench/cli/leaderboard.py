@@ -5,14 +5,20 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 import click
 from rich.console import Console
 from rich.progress import Progress
 
 from tsbench.cli import EXIT_FAILED, options
+from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
+
+if TYPE_CHECKING:
+    from tsbench.leaderboard.verify import Verification
 
 
 @click.command()
@@ -23,69 +29,126 @@ from tsbench.core.paths import using_city
 @click.option("--url", default="", metavar="URL", help="Where code and weights are.")
 @click.option("--note", default="", metavar="TEXT", help="What a reader of the row has to know.")
 @click.option("--third-party", is_flag=True, help="The planner is of other people than tsbench's.")
-@options.out("JSON file to write.  [default: <planner>-<split>.json]", type=options.FILE)
+@click.option(
+    "--shared-process", is_flag=True, help="Take a run without --isolate; the row is then marked so."
+)
+@click.option(
+    "--copy-traces", "traces", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+    help="Failures whose traces are copied beside the file, for the site to play.",
+)  # fmt: skip
+@options.out("JSON file to write.  [default: <planner>-<split>[-<level>].json]", type=options.FILE)
 def submit(
     folder: Path, planner: str | None, title: str, authors: str, url: str, note: str, third_party: bool,
-    out: Path | None,
+    shared_process: bool, traces: int, out: Path | None,
 ) -> None:  # fmt: skip
     """Check a RUN of a whole split and write its submission: figures, hashes, and a digest of each episode.
 
     The run is judged again from its traces. docs/leaderboard.md says where the file goes.
     """
+    from tsbench.core.extras import load
     from tsbench.leaderboard.submit import make_submission
 
     made = make_submission(
-        folder, planner, title=title, authors=authors, url=url, note=note, third_party=third_party
-    )
-    path = out or Path(f"{made.planner.name}-{made.split}.json")
+        folder, planner, title=title, authors=authors, url=url, note=note, third_party=third_party,
+        shared_process=shared_process,
+    )  # fmt: skip
+    level = "" if made.perception is None else f"-{quote(made.level, safe='')}"
+    path = out or Path(f"{made.planner.name}-{made.split}{level}.json")
     with io_errors_as_input_errors(path):
         write_atomic(path, made.to_json().encode())
     click.echo(
         f"{path}: {made.title}, {len(made.episodes)} episodes of {made.edition} ({made.split}), "
         f"{made.rescored} judged again from their traces"
     )
+    if traces:
+        players = load("tsbench.leaderboard.players")
+        count = players.copy_traces(folder, made, path, traces)
+        click.echo(f"{players.traces_beside(path)}: {count} traces")
 
 
 @click.command()
-@click.argument("submission", type=options.FILE)
-@click.option("--planner", metavar="SPEC", help="What to drive, as for tsbench run.  [default: as submitted]")
+@click.argument("claimed", metavar="SUBMISSION|RUN", type=click.Path(path_type=Path))
 @click.option(
-    "--sample", type=options.POSITIVE, default=100, show_default=True, metavar="N", help="Episodes to drive."
+    "--planner", metavar="SPEC", help="What to drive, as for tsbench run.  [default: as the claim says]"
+)
+@options.image
+@click.option(
+    "--of", "name", metavar="NAME", help="Of a run: this planner's episodes only.  [default: of each]"
+)
+@click.option(
+    "--sample",
+    type=options.POSITIVE,
+    default=100,
+    show_default=True,
+    metavar="N",
+    help="Episodes to drive, of each planner.",
 )
 @click.option(
     "--seed", type=click.IntRange(min=0), required=True, metavar="N",
     help="Of the draw: your own choice, made after the submission.",
 )  # fmt: skip
+@click.option(
+    "--shared-process", is_flag=True,
+    help="Drive what was driven without --isolate so again: for a planner whose code you trust.",
+)  # fmt: skip
 @click.option("--by", "verifier", default="", metavar="TEXT", help="Who verifies.")
 @options.run_workers
 @options.out("JSON file to write the record to.", type=options.FILE)
 def verify(
-    submission: Path, planner: str | None, sample: int, seed: int, verifier: str, workers: int | None, out: Path | None
+    claimed: Path, planner: str | None, image: str | None, name: str | None, sample: int, seed: int, verifier: str,
+    workers: int | None, shared_process: bool, out: Path | None,
 ) -> None:  # fmt: skip
-    """Drive a sample of a SUBMISSION's episodes again and compare; exit status 1 where it is refuted."""
-    from tsbench.leaderboard.submission import read_submission
+    """Drive a sample of a SUBMISSION's or a RUN's episodes again and compare; exit status 1 where it is refuted."""
+    from tsbench.leaderboard.claim import claim_of, claims_of
     from tsbench.leaderboard.verify import verify as run_verify
+    from tsbench.run.isolation.image import image_of, in_image
 
-    console = Console(stderr=True)
-    with using_city(read_submission(submission).city), Progress(console=console, transient=True) as bar:
-        task = bar.add_task("driving again", total=None)
-        found = run_verify(
-            submission, planner, sample=sample, seed=seed, verifier=verifier, workers=workers,
-            told=lambda done, of: bar.update(task, completed=done, total=of),
-        )  # fmt: skip
-    if out is not None:
-        with io_errors_as_input_errors(out):
-            write_atomic(out, found.to_json().encode())
+    claims = claims_of(claimed) if claimed.is_dir() else [claim_of(claimed)]
+    if name is not None:
+        names = ", ".join(claim.planner.name for claim in claims)
+        claims = [claim for claim in claims if claim.planner.name == name]
+        if not claims:
+            raise InputError(f"{claimed}: no planner {name}; there are {names}")
+    if len(claims) > 1 and (planner, out) != (None, None):
+        raise InputError(f"{claimed}: several planners: with --planner or --out, name one by --of")
+    console, confirmed = Console(stderr=True), True
+    for claim in claims:
+        driven = planner
+        if image is not None:
+            driven = in_image(planner or image_of(claim.planner.spec)[1], image)
+        with using_city(claim.city), Progress(console=console, transient=True) as bar:
+            task = bar.add_task(f"driving {claim.title} again", total=None)
+            found = run_verify(
+                claim, driven, sample=sample, seed=seed, verifier=verifier, workers=workers,
+                shared_process=shared_process,
+                told=lambda done, of, bar=bar, task=task: bar.update(task, completed=done, total=of),  # type: ignore[misc]
+            )  # fmt: skip
+        if out is not None:
+            with io_errors_as_input_errors(out):
+                write_atomic(out, found.to_json().encode())
+        _say(found)
+        confirmed = confirmed and found.confirmed
+    if not confirmed:
+        sys.exit(EXIT_FAILED)
+
+
+def _say(found: Verification) -> None:
     click.echo(f"{found.title}: {found.equal} of {len(found.driven)} episodes as submitted, byte for byte")
     if found.explained:
         click.echo(
-            f"{len(found.explained)} have the same verdict and other bytes: {found.arithmetic_difference}"
+            f"{len(found.explained)} have the same verdict and other bytes: {'; '.join(found.arithmetic_differences)}"
         )
     for difference in found.differences:
         click.echo(" ".join(filter(None, (difference.scenario_id, difference.what))))
+    if found.mostly_explained:
+        click.echo(
+            "most bytes are others: only verdicts were compared. Verify it on the arithmetic that it names"
+        )
+    if not found.isolated:
+        click.echo(
+            "driven beside the referee: what a planner changes of it in its own favour is not found so"
+        )
     click.echo("confirmed" if found.confirmed else "refuted")
-    if not found.confirmed:
-        sys.exit(EXIT_FAILED)
 
 
 @click.group()
@@ -96,11 +159,18 @@ def leaderboard() -> None:
 @leaderboard.command()
 @click.argument("folder", metavar="DIR", type=options.FOLDER)
 @options.out("Folder of the site.", default="build/leaderboard", type=options.FOLDER)
-def build(folder: Path, out: Path) -> None:
-    """Render the site from the JSON files below DIR; they may lie in any folders there."""
+@click.option(
+    "--players", type=click.IntRange(min=0), default=12, show_default=True, metavar="N",
+    help="Failures to watch, of each submission that has traces beside it.",
+)  # fmt: skip
+def build(folder: Path, out: Path, players: int) -> None:
+    """Render the site from the JSON files below DIR; they may lie in any folders there.
+
+    Traces of NAME.json lie in NAME.traces beside it.
+    """
     from tsbench.core.extras import load
 
-    pages = load("tsbench.leaderboard.site").build_site(folder, out)
+    pages = load("tsbench.leaderboard.site").build_site(folder, out, players)
     click.echo(f"{out / 'index.html'}: {pages} rows")
 
 

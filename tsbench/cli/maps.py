@@ -33,7 +33,7 @@ def convert(extract: Path, out: Path) -> None:
 
 
 @maps.command()
-@options.city
+@options.made_city
 @options.osm
 @options.out("Pool index to write.  [default: sumo_nets/pool.parquet]", type=options.FILE)
 @options.workers
@@ -62,7 +62,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     metavar="FILE",
     help="Pool index.  [default: sumo_nets/pool.parquet]",
 )
-@options.city
+@options.made_city
 @options.png("Draw a map with every crop as a dot.")
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
@@ -93,7 +93,7 @@ def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path 
 
 @maps.command()
 @click.argument("map_ids", nargs=-1, required=True)
-@options.city
+@options.made_city
 @options.osm
 @options.out("PNG file to draw.", type=options.FILE, required=True)
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:

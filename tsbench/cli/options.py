@@ -30,8 +30,8 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
-def _words(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[str, ...]:
-    return words_of(text)
+def _words(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    return words_of(",".join(texts))
 
 
 def _country(_context: click.Context, _parameter: click.Parameter, code: str | None) -> Country | None:
@@ -39,6 +39,13 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 
 
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
+    if name is not None:
+        from tsbench.data.cities import driven_city
+
+        context.with_resource(using_city(driven_city(name)))
+
+
+def _made_city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
         context.with_resource(using_city(name))
 
@@ -57,7 +64,7 @@ def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any
 
 
 def words(name: str, help: str) -> Option:
-    return click.option(name, default="", metavar="TYPE,GROUP,…", callback=_words, help=help)
+    return click.option(name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help)
 
 
 def country(help: str) -> Option:
@@ -71,13 +78,19 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
     )  # fmt: skip
 
 
-def split(default: str | None = None, *, required: bool = False) -> Option:
-    """`--split`, and of which city."""
+image = click.option(
+    "--image", metavar="IMAGE",
+    help="Run isolated planners in containers of this image, by Docker or Podman: docs/isolation.md.",
+)  # fmt: skip
+
+
+def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
+    """`--split`, and of which city; made: for what is made of it."""
     table = click.option(
         "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
         show_default=not required and (default or "all that are there"),
     )  # fmt: skip
-    return several(table, city)
+    return several(table, made_city if made else city)
 
 
 def out(help: str, default: str | None = None, *, type: click.Path = PATH, required: bool = False) -> Option:
@@ -97,6 +110,11 @@ def limit(help: str) -> Option:
 
 city = click.option(
     "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
+    help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
+)  # fmt: skip
+# The same for commands that make data, which are of the city as it is stored.
+made_city = click.option(
+    "--city", metavar="NAME", callback=_made_city, expose_value=False, is_eager=True,
     help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
 )  # fmt: skip
 # What Overpass is asked for.

@@ -126,13 +126,26 @@ def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
 @click.option(
     "--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all."
 )
-@options.out("The Parquet file to write.", "oracle-ticks.parquet", type=options.FILE)
-def export(split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
-    """Drive chosen drives again and write a row per tick: state, plates, lanes, action, reward terms."""
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(("parquet", "lerobot", "webdataset")),
+    default="parquet",
+    show_default=True,
+    help="One Parquet file, a LeRobotDataset 3.0, or tar shards of WebDataset.",
+)
+@options.out("File (parquet) or new folder to write.  [default: oracle-ticks…]")
+def export(
+    split: str, trajectories: Path | None, limit: int | None, rank: int, form: str, out: Path | None
+) -> None:
+    """Drive chosen drives again and write their ticks: state, plates, lanes, action, reward terms."""
     from tsbench.learn.oracle.export import export as export_drives
 
-    drives, ticks = export_drives(trajectories or trajectories_path(), split, out, rank, limit)
-    click.echo(f"{drives} drives, {ticks} ticks in {out} ({out.stat().st_size / 1e6:.2f} MB)")
+    place = out or Path("oracle-ticks.parquet" if form == "parquet" else f"oracle-ticks-{form}")
+    drives, ticks = export_drives(trajectories or trajectories_path(), split, place, rank, limit, form)
+    files = [place] if place.is_file() else [path for path in place.rglob("*") if path.is_file()]
+    size = sum(path.stat().st_size for path in files) / 1e6
+    click.echo(f"{drives} drives, {ticks} ticks in {place} ({size:.2f} MB)")
 
 
 def _tell(found: Collected, tries: int) -> None:

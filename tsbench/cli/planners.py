@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -9,7 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tsbench.cli import options
 from tsbench.cli.console import print_table
+from tsbench.core.errors import InputError
+from tsbench.core.extras import load
 from tsbench.planners import registry
 
 if TYPE_CHECKING:
@@ -70,10 +74,13 @@ def _print_parts() -> None:
     is_flag=True,
     help="Drive it isolated, on dev scenes, and say what `tsbench submit` would refuse.",
 )
-def check(planner: str, limit: int, submission: bool) -> int:
+@options.image
+def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
     if submission:
-        return _check_submission(planner, limit)
+        return _check_submission(planner, limit, image)
+    if image is not None:
+        raise InputError(f"--image {image}: a planner runs in an image isolated only: add --submission")
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
     from tsbench.scenarios.table import read_table, table_path
@@ -89,12 +96,13 @@ def check(planner: str, limit: int, submission: bool) -> int:
     return _tell(planner, found, console)
 
 
-def _check_submission(planner: str, limit: int) -> int:
+def _check_submission(planner: str, limit: int, image: str | None) -> int:
+    from tsbench.run.isolation.image import in_image
     from tsbench.tools.check_submission import check_submission  # brings SUMO
 
     console = Console()
     with console.status("") as status:
-        found = check_submission(planner, limit, "test", status.update)
+        found = check_submission(in_image(planner, image), limit, "test", status.update)
     return _tell(planner, found, console)
 
 
@@ -109,3 +117,38 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
     problems = sum(f.level is Level.PROBLEM for f in found)
     console.print(f"{planner}: {'no problems' if not problems else f'{problems} problem(s)'}")
     return 1 if problems else 0
+
+
+@planners.command("from-sb3")
+@click.argument("model", metavar="MODEL.zip", type=options.FILE)
+@click.option(
+    "--action", type=click.Choice(("aim", "steer", "exit")), help="As in training.  [default: aim, exit]"
+)
+@click.option(
+    "--hold",
+    type=options.POSITIVE,
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Ticks per step, as in training.",
+)
+@click.option(
+    "--draws", is_flag=True, help="Draw actions from the policy's density, as in training; else its mean."
+)
+@click.option("--name", default="Policy", show_default=True, metavar="CLASS", help="Name of the planner.")
+@options.out("Folder to write the planner to.  [default: MODEL]", type=options.FOLDER)
+def from_sb3(model: Path, action: str | None, hold: int, draws: bool, name: str, out: Path | None) -> None:
+    """Make a planner of a policy of Stable-Baselines3 that was trained in tsbench's environment.
+
+    It takes MLP policies of PPO, A2C, SAC, TD3 and DDPG. Nothing is unpickled.
+    """
+    folder = out or model.with_suffix("")
+    made = load("tsbench.adapters.sb3.convert").convert(
+        model, folder, action=action, hold=hold, draws=draws, name=name
+    )
+    facts = made.training
+    click.echo(
+        f"{folder}: {facts['from']}, {made.parameters:,} parameters, sees {facts['observation']}, acts by "
+        f"{facts['action']}, a decision each {facts['hold']} ticks"
+    )
+    click.echo(f"tsbench run --planner {folder / 'planner.py'}:{name} --split dev")

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
+from tsbench.data.cities import check_driven
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import EXECUTORS
@@ -63,6 +64,7 @@ which_half = click.option(
     is_flag=True,
     help="Run planners in processes of their own, out of reach of data, run and referee.",
 )
+@options.image
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @click.option(
     "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
@@ -86,6 +88,7 @@ def run(
         Limits(most_memory=float(memory_limit)),
     )
     asked = Options(request=request, limits=limits, **others)
+    check_driven()
     told = [make_listener(name) for name in listeners]
     ended = run_session(asked, ProgressWatcher(Console(stderr=True)), told)
     _tell(ended, table_console())

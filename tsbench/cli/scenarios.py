@@ -43,7 +43,7 @@ def scenarios() -> None:
 @scenarios.command()
 @options.types
 @click.option("--split", "splits", type=click.Choice(SPLITS), multiple=True, help="Default: all.")
-@options.city
+@options.made_city
 @options.osm
 @options.workers
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
@@ -75,7 +75,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 
 @scenarios.command()
 @options.types
-@options.split()
+@options.split(made=True)
 @click.option(
     "--each",
     type=options.POSITIVE,
@@ -125,7 +125,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     if png is not None:
         from tsbench.report.video.render import render_scene_png
 
-        render_scene_png(scene, png, scenario_id, country)
+        render_scene_png(scene, png, scenario_id, country, spec.map_id)
         click.echo(f"picture: {png}")
 
 
@@ -163,7 +163,7 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 
 
 @scenarios.command()
-@options.split()
+@options.split(made=True)
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
     from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
@@ -183,11 +183,17 @@ def verify(split: str | None) -> None:
 @options.city
 @click.option("--markdown", type=options.FILE, metavar="FILE", help="Write the tables there too.")
 def stats(markdown: Path | None) -> None:
-    """Rows, maps, unique places, certificates and quotas per type and split."""
+    """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
+    from tsbench.dataset.scenes.axes import type_axes
     from tsbench.dataset.scenes.overview import build_report, type_stats
-    from tsbench.report.tables.dataset import dataset_page, dataset_tables
+    from tsbench.dataset.scenes.tagging import tagging
+    from tsbench.report.tables.dataset import axes_table, dataset_page, dataset_tables, tagging_table
 
-    tables = dataset_tables(type_stats(options.rows_of(None)), build_report())
+    rows = options.rows_of(None)
+    counted, quotas = dataset_tables(type_stats(rows), build_report())
+    with bars() as show:
+        axes = type_axes(rows, lambda done, of: show("scenes", done, of))
+    tables = (counted, axes_table(axes), tagging_table(tagging(rows)), quotas)
     for table in tables:
         show_analysis(table, None)
     if markdown is not None:

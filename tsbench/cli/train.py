@@ -12,6 +12,7 @@ from tsbench.cli.console import table_console
 from tsbench.cli.options import POSITIVE, Option, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
+from tsbench.episode.perception_level import EXACT, load_level
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune.recipe import FineTuning
@@ -90,7 +91,14 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
 @click.option("--size", type=click.Choice(("mini", "medium")), default="mini", show_default=True)
-@_count("--episodes", 4000, "Drives to learn from.")
+@click.option(
+    "--drives",
+    "episodes",
+    default=4000,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="To learn from, types in turn.",
+)
 @_count("--epochs", 12, "Passes over their frames.")
 @options.planners("Who is imitated, in turn", default=("idm",))
 @_count("--batch", 256)
@@ -131,6 +139,13 @@ def _lessons(drives: int, out: str) -> Option:
             "--mask-signs", is_flag=True,
             help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
             "meant then wherever plant2-ft's are.",
+        ),
+        click.option(
+            "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
+            help="Level of the eyes through which a share of the drives is seen.",
+        ),
+        click.option(
+            "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
         options.types, options.seed, options.workers, _cache_gb, _out(out),
     )  # fmt: skip
@@ -174,13 +189,21 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 
 
 def _recipe(
-    planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None, **figures: Any
+    planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None,
+    perception: str, **figures: Any,
 ) -> tuple[FineTuning, list[ScenarioSpec]]:  # fmt: skip
     from tsbench.learn.finetune.recipe import FineTuning
     from tsbench.learn.oracle.trajectories import trajectories_path
 
     path, often = trajectories or trajectories_path(), options.types_of(more)
-    recipe = FineTuning(trajectories=path, drivers=planners, types=types, more=often, **figures)
+    recipe = FineTuning(
+        trajectories=path,
+        drivers=planners,
+        types=types,
+        more=often,
+        perception=load_level(perception),
+        **figures,
+    )
     return recipe, _train_rows(types)
 
 

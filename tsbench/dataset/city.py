@@ -14,8 +14,9 @@ import yaml
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import MIRRORED, city_in_use, data_file, using_city
+from tsbench.core.paths import MIRRORED, city_in_use, using_city
 from tsbench.core.textfile import read_yaml
+from tsbench.data.cities import LEFT, RIGHT, cities_folder, driven_as
 from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country
@@ -23,8 +24,8 @@ from tsbench.signs.countries import country_codes, load_country
 SCHEMA_VERSION = 1
 # A country's extract has less.
 _MOST_BYTES = 1 << 34
-# What traffic keeps to the left on is not built yet: placements, experts and rules know the right side only.
-SIDE = "right"
+# What a city's `types` may say besides the name of a type map: the town's, with its country's speeds.
+COUNTRY_TYPES, TOWN_TYPES = "country", "town.typ.xml"
 _KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
 _MAY = {"maps"}
 _SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
@@ -70,13 +71,15 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map, in `sumo_nets/netconvert/`.
+    side: that traffic keeps to. zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map,
+    in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
     maps: of each type at most, by the splits that it has.
     """
 
     name: str
     title: str
     country: str
+    side: str
     zone: int
     types: str
     split: SplitPlan
@@ -85,11 +88,12 @@ class City:
 
     @property
     def frame(self) -> UtmFrame:
-        return UtmFrame(self.zone)
+        return UtmFrame(self.zone, mirrored=self.side == LEFT)
 
-
-def cities_folder() -> Path:
-    return data_file("cities")
+    @property
+    def driven(self) -> str:
+        """What `--city` has to name for roads to be as they are."""
+        return driven_as(self.name, self.side)
 
 
 def city_names() -> tuple[str, ...]:
@@ -107,11 +111,11 @@ def load_city(name: str) -> City:
     path = cities_folder() / f"{name}.yaml"
     if name.startswith(MIRRORED):
         raise InputError(
-            f"{name}: no city of its own, but {name.removeprefix(MIRRORED)} in a mirror (docs/city.md)"
+            f"{name}: no city of its own, but {name.removeprefix(MIRRORED)} in a mirror (docs/guides/city.md)"
         )
     if not path.is_file():
         raise InputError(
-            f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/city.md)"
+            f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/guides/city.md)"
         )
     return _read(path, name)
 
@@ -125,13 +129,16 @@ def _read(path: Path, name: str) -> City:
     for key in ("title", "country", "types"):
         if not isinstance(data[key], str):
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
-    if data["side"] != SIDE:
+    if data["side"] not in (RIGHT, LEFT):
+        raise InputError(f"{path}: side: {data['side']!r:.80}: expected {RIGHT} or {LEFT}")
+    if side_of(data["country"]) not in (None, data["side"]):
         raise InputError(
-            f"{path}: side: {data['side']!r:.80}: only cities that drive on the {SIDE} can be built"
+            f"{path}: side: {data['side']}: traffic keeps to the {side_of(data['country'])} in {data['country']!r:.80}"
         )
-    if side_of(data["country"]) != SIDE:
+    if data["types"] == COUNTRY_TYPES and not has_speeds(data["country"]):
         raise InputError(
-            f"{path}: country: traffic keeps to the left in {data['country']!r:.80}: it cannot be built"
+            f"{path}: types: no speeds are known of {data['country']!r:.80}: write {TOWN_TYPES}, "
+            "or the country's file (docs/signs.md)"
         )
     _number(path, "zone", data["zone"], 1, 60, int)
     maps = data.get("maps", MAPS)
@@ -140,15 +147,21 @@ def _read(path: Path, name: str) -> City:
     for split, count in maps.items():
         _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
     return City(
-        name, data["title"], data["country"], data["zone"], data["types"], _split(path, data["split"]), maps,
-        _extracts(path, data["extracts"]),
+        name, data["title"], data["country"], data["side"], data["zone"], data["types"],
+        _split(path, data["split"]), maps, _extracts(path, data["extracts"]),
     )  # fmt: skip
 
 
-def side_of(country: str) -> str:
-    """The side that traffic keeps to in a country, by its code; SIDE where no file says another."""
-    known = country in country_codes() and load_country(country).traffic
-    return known.side if known else SIDE
+def side_of(country: str) -> str | None:
+    """The side that traffic keeps to in a country, by its code; None where no file says it."""
+    traffic = load_country(country).traffic if country in country_codes() else None
+    return traffic.side if traffic else None
+
+
+def has_speeds(country: str) -> bool:
+    """Does the file of a country, by its code, say how fast roads are?"""
+    traffic = load_country(country).traffic if country in country_codes() else None
+    return traffic is not None and bool(traffic.speeds)
 
 
 def _split(path: Path, data: Any) -> SplitPlan:
@@ -194,15 +207,8 @@ def check_extract(extract: Extract, path: Path) -> None:
         )
 
 
-def new_city_file(name: str, country: str) -> Path:
-    """Where a city is to be described. Raises InputError for a name that cannot be one or is taken, or for a country
-    whose cities cannot be built.
-    """
-    if side_of(country) != SIDE:
-        raise InputError(
-            f"--country {country}: traffic keeps to the {side_of(country)} there: only cities that drive on the {SIDE} "
-            "can be built"
-        )
+def new_city_file(name: str) -> Path:
+    """Where a city is to be described. Raises InputError for a name that cannot be one or is taken."""
     with using_city(name):
         path = cities_folder() / f"{city_in_use()}.yaml"
     if path.exists():
@@ -218,6 +224,7 @@ def zone_of(box: tuple[float, float, float, float]) -> int:
 def describe_city(path: Path, title: str, country: str, zone: int, facts: Mapping[str, Any]) -> City:
     """Write the description of a city of one extract. facts: its date, address, sha256 and bytes."""
     name = path.stem
+    types = COUNTRY_TYPES if has_speeds(country) else TOWN_TYPES
     extract = {
         "name": name,
         "code": name.replace("-", "")[:6],
@@ -226,9 +233,9 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
         "licence": "ODbL-1.0",
     }
     data = {
-        "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country, "side": SIDE, "zone": zone,
-        "types": "town.typ.xml", "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1},
-        "extracts": [extract],
+        "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country,
+        "side": side_of(country) or RIGHT, "zone": zone, "types": types,
+        "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1}, "extracts": [extract],
     }  # fmt: skip
     write_atomic(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())
     return load_city(name)

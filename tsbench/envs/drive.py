@@ -1,4 +1,4 @@
-"""`tsbench/Drive-v0`: scenarios as a Gymnasium environment, driven by the code of `tsbench run`.
+"""`tsbench/Drive-v1`: scenarios as a Gymnasium environment, driven by the code of `tsbench run`.
 
 libsumo holds one simulation per process, so one environment per process drives at a time: use AsyncVectorEnv or
 Stable-Baselines3's SubprocVecEnv for several.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -16,21 +16,27 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError, SimulationError
+from tsbench.data.cities import check_driven
+from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.seen import KINDS
 from tsbench.envs.stepped_episode import Judged, Step, process_episode
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.episode import passed
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Observation
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.rl.actions import ACTIONS
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
+
+if TYPE_CHECKING:
+    from tsbench.envs.view import View
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -49,13 +55,15 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     split: train | dev | test. types: type ids and groups (a sequence, or words between commas), empty = all.
     observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action:
-    aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1. hold:
-    ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity (of `objects` and
-    `scene`). reward: figures of the reward, or a callable that is given a step's terms. half: both | signed |
-    contrast. more: types and groups whose scenarios are drawn three times as often.
+    aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1 | exit (as
+    aim, and the turn to take at the next junction, (3,)). hold: ticks of 0.1 s per step. variants: as in
+    `tsbench run`. mask_signs: remove sign identity (of `objects` and `scene`). reward: figures of the reward, or a
+    callable that is given a step's terms. half: both | signed | contrast. more: types and groups whose scenarios are
+    drawn three times as often. perception: a level's name or file, as in `tsbench run`. render_mode: rgb_array |
+    human (a window) | None.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (as Gymnasium declares it)
 
     def __init__(
         self,
@@ -69,10 +77,16 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         reward: RewardSpec | Reward | None = None,
         more: str | Sequence[str] = (),
         half: str = BOTH,
+        perception: str = EXACT,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode is not None:
+            _known("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        check_driven()
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
-        _known("action", action, ACTIONS)
+        _known("action", action, (*ACTIONS, EXIT))
         _known("variants", variants, VARIANTS)
         if hold < 1:
             raise InputError(f"hold {hold}: expected at least 1 tick")
@@ -87,8 +101,11 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             kinds = choose_types(often, load_catalog())
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._seen = KINDS[observation]()
-        self._act = ACTIONS[action]
-        self._hold, self._mask = hold, mask_signs
+        self._exit = ExitAction() if action == EXIT else None
+        self._act = ACTIONS.get(action)
+        self._hold, self._mask, self._level = hold, mask_signs, load_level(perception)
+        self._view: View | None = None
+        self._context: PlannerContext
         self._weigh: Reward | None = None
         if reward is None or isinstance(reward, RewardSpec):
             self._reward_spec = RewardSpec() if reward is None else reward
@@ -96,8 +113,9 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._reward_spec, self._weigh = _COUNTED, reward
         self._reward: RouteReward
         self._turn: Step | None = None
+        self._last: Observation | None = None
         self.observation_space = self._seen.space
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -109,15 +127,20 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
-        turn = process_episode().begin(row, self, self._mask)
+        turn = process_episode().begin(row, self, self._mask, self._level)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)
+        if self._exit is not None:
+            self._exit.reset(turn.context)
+        self._view, self._context = None, turn.context
+        self._last = turn.observation
         self._turn = turn
         self._reward = RouteReward(turn.observation, self._reward_spec)
         self._counts = (0, 0)
         info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type, "half": row.half}
         info |= _so_far(process_episode().judged())
+        self._show()
         return self._seen.encode(turn.observation), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -128,19 +151,47 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 'process may have taken; make_vec(…, vectorization_mode="async"), '
                 "AsyncVectorEnv and SubprocVecEnv give each its own)"
             )
-        first, second = (float(value) for value in action)
-        if not (math.isfinite(first) and math.isfinite(second)):
-            raise ValueError(f"action {first}, {second} is not finite")
+        numbers = [float(value) for value in action]
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"action {', '.join(map(str, numbers))} is not finite")
         earned = dict.fromkeys(_TERMS, 0.0)
         for _ in range(self._hold):
-            turn = process_episode().drive(self._act(first, second, self._turn.observation))
+            turn = process_episode().drive(self._command(numbers, self._turn.observation))
             if isinstance(turn, EpisodeResult):
                 return self._over(turn, self._turn.observation, earned)
             self._turn = turn
             earned["progress"] += self._reward.tick(turn.observation)
+        self._last = self._turn.observation
+        self._show()
         judged = process_episode().judged()
         reward, info = self._told(earned, judged)
         return self._seen.encode(self._turn.observation), reward, False, False, info
+
+    def _command(self, numbers: list[float], observation: Observation) -> Control:
+        if self._exit is not None:
+            first, second, third = numbers
+            return self._exit(first, second, third, observation)
+        first, second = numbers
+        assert self._act is not None
+        return self._act(first, second, observation)
+
+    def render(self) -> Any:
+        """(512, 512, 3) uint8 RGB with `rgb_array`; nothing with `human`, whose window follows by itself."""
+        if self.render_mode is None or self._last is None:
+            raise gymnasium.error.ResetNeeded("nothing to render: give render_mode, and reset first")
+        return self._drawn().draw(self._last) if self.render_mode == "rgb_array" else None
+
+    def _show(self) -> None:
+        if self.render_mode == "human" and self._last is not None:
+            self._drawn().show(self._last)
+
+    def _drawn(self) -> View:
+        """Made when the first picture is asked for: who asks for none pays nothing."""
+        if self._view is None:
+            from tsbench.envs.view import View
+
+            self._view = View(self._context)
+        return self._view
 
     def _asked(self, options: Mapping[str, Any]) -> list[ScenarioSpec]:
         """The rows that `reset`'s options leave to draw from."""
@@ -189,6 +240,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         earned["end"] = self._reward.end(result.outcome)
         reward, told = self._told(earned, self._final(result))
         ended = result.outcome in _ENDS
+        self._last = last
+        self._show()
         return self._seen.encode(last), reward, ended, not ended, info | told
 
     def _final(self, result: EpisodeResult) -> Judged:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from tsbench.core.errors import InputError
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.signs.catalog import load_catalog
@@ -117,6 +118,10 @@ class SceneSeen:
         for k, plate in enumerate(o.signs):
             if plate.value is not None:
                 rows[k, :2] = 1.0, plate.value / LIMIT_KMH
+            if plate.code not in self._column:
+                raise InputError(
+                    f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it"
+                )
             rows[k, 2 + self._column[plate.code]] = 1.0
         return rows
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, Moments
 from tsbench.planners.base import Control, Observation, PlannerContext
@@ -44,22 +45,26 @@ class SteppedEpisode:
     """The one simulation of this process: one episode at a time, and a new one ends the one before."""
 
     def __init__(self) -> None:
-        self.simulation, loader = Simulation(), SceneLoader()
-        self._loops = {
-            mask: EpisodeLoop(mask_signs=mask, simulation=self.simulation, loader=loader)
-            for mask in (False, True)
-        }
+        self.simulation, self._loader = Simulation(), SceneLoader()
+        self._loops: dict[tuple[bool, PerceptionLevel | None], EpisodeLoop] = {}
+        self._loop: EpisodeLoop
         self._moments: Moments | None = None
         self._context: PlannerContext
-        self._mask = False
         self.driver: object = None
 
-    def begin(self, spec: ScenarioSpec, driver: object, mask_signs: bool) -> Step | EpisodeResult:
+    def begin(
+        self, spec: ScenarioSpec, driver: object, mask_signs: bool, level: PerceptionLevel | None = None
+    ) -> Step | EpisodeResult:
         """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load."""
         self.end()
         self.driver = driver
-        self._mask = mask_signs
-        self._moments = self._loops[mask_signs].play(spec, "env")
+        key = (mask_signs, level)
+        if key not in self._loops:
+            self._loops[key] = EpisodeLoop(
+                mask_signs=mask_signs, simulation=self.simulation, loader=self._loader, perception=level
+            )
+        self._loop = self._loops[key]
+        self._moments = self._loop.play(spec, "env")
         return self._next(None)
 
     def drive(self, control: Control) -> Step | EpisodeResult:
@@ -81,13 +86,13 @@ class SteppedEpisode:
 
     def last_view(self) -> Observation:
         """The tick that ended the episode, which no planner is shown."""
-        episode = self._loops[self._mask].episode
+        episode = self._loop.episode
         assert episode is not None
         return episode.look()
 
     def judged(self) -> Judged:
         """What the monitors say so far; an excursion that goes on counts."""
-        episode = self._loops[self._mask].episode
+        episode = self._loop.episode
         assert episode is not None
         m = episode.monitors
         return Judged(

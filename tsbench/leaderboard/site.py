@@ -1,93 +1,49 @@
-"""The leaderboard as a static site: an index of rows by contract, and a page for each submission."""
+"""The leaderboard as a static site: an index of rows by data set and perception level, and a page for each planner."""
 
 from __future__ import annotations
 
-import hashlib
-import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.errors import InputError
+from markupsafe import Markup
+
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import using_city
-from tsbench.core.textfile import read_json
-from tsbench.leaderboard.submission import KIND as SUBMISSION
-from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
-from tsbench.leaderboard.verify import KIND as VERIFICATION
-from tsbench.leaderboard.verify import Verification, read_verification
-from tsbench.metrics.records import CONTRASTED, PAIRED, SIGNED_ONES
+from tsbench.episode.perception_level import EXACT
+from tsbench.leaderboard import curves
+from tsbench.leaderboard.players import show_failures
+from tsbench.leaderboard.rows import Row, latest, read_rows
+from tsbench.leaderboard.submission import Figure, Submission
+from tsbench.metrics.records import PAIRED, PARTS, SIGNED_ONES
+from tsbench.report.page.report import PLAYER_SCRIPTS
 from tsbench.report.page.shell import render_page
-from tsbench.run.contract import contract_hash
-from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 _INDEX = "index.html"
-_HALVES = (SIGNED_ONES, CONTRASTED)
 _SCRIPTS = ("leaderboard.js",)
+DataSet = tuple[str, str, str]
 
 
-@dataclass(frozen=True)
-class Row:
-    """A submission as the site shows it. page: file name; checked: its figures were computed again here."""
-
-    submission: Submission
-    page: str
-    sha256: str
-    checked: bool
-    verifications: list[Verification] = field(default_factory=list)
-
-    @property
-    def refuted(self) -> bool:
-        return any(not found.confirmed for found in self.verifications)
-
-    @property
-    def flags(self) -> list[str]:
-        s = self.submission
-        told = {
-            "floor": s.planner.floor,
-            "third-party": s.third_party,
-            "isolated": s.isolation is not None and bool(s.isolation.get("namespaces")),
-            "privileged": s.planner.privileged,
-            "reads no plates": not s.planner.sign_access and not s.planner.floor,
-        }
-        return [name for name, holds in told.items() if holds]
-
-    def figure(self, name: str, over: str = "all") -> Figure | None:
-        return next((f for f in self.submission.figures if (f.figure, f.over) == (name, over)), None)
-
-    @property
-    def rank_by(self) -> tuple[bool, float, str]:
-        """Refuted rows last, then by paired SCD; of a data set without pairs by signed SCD."""
-        first = self.figure(PAIRED) or self.figure(_HALVES[0])
-        value = -1.0 if first is None or first.value is None else first.value
-        return self.refuted, -value, self.submission.title
-
-
-def build_site(folder: Path, out: Path) -> int:
+def build_site(folder: Path, out: Path, players: int) -> int:
     """Write the site of all submissions and verifications below a folder; how many rows it has.
 
-    Raises InputError: a JSON file of another kind, a verification of no submission that is there, or a submission whose
-    figures do not follow from its episodes (where its data are here).
+    players: failures that can be watched, for each submission beside which its traces lie. Raises InputError as
+    `read_rows` and `show_failures` do.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder of submissions")
-    rows = _rows(folder)
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in sorted(rows, key=lambda row: row.rank_by):
-        s = row.submission
-        groups.setdefault((s.edition, s.split, s.contract), []).append(row)
-    shown = [_group(key, groups[key]) for key in sorted(groups, key=lambda k: (-len(groups[k]), k))]
-    pages = {
-        _INDEX: render_page("leaderboard.html", title="tsbench leaderboard", scripts=_SCRIPTS, groups=shown)
-    }
+    rows = sorted(read_rows(folder), key=lambda row: row.rank_by)
+    sets: dict[DataSet, list[Row]] = {}
+    planners: dict[str, list[Row]] = {}
     for row in rows:
-        pages[row.page] = render_page(
-            "leaderboard_row.html", title=row.submission.title, scripts=_SCRIPTS, row=row, types=_types(row),
-            failures=_failures(row.submission), short=_short,
-        )  # fmt: skip
+        sets.setdefault(row.data_set, []).append(row)
+        planners.setdefault(row.page, []).append(row)
+    shown = [_data_set(sets[key]) for key in sorted(sets, key=lambda key: (-len(sets[key]), key))]
+    pages = {
+        _INDEX: render_page("leaderboard.html", title="tsbench leaderboard", scripts=_SCRIPTS, sets=shown)
+    }
+    for name, own in planners.items():
+        pages[name] = _planner_page(own, sets, players)
     with io_errors_as_input_errors(out):
         out.mkdir(parents=True, exist_ok=True)
         for name, text in pages.items():
@@ -95,65 +51,119 @@ def build_site(folder: Path, out: Path) -> int:
     return len(rows)
 
 
-def _rows(folder: Path) -> list[Row]:
-    rows: dict[str, Row] = {}
-    records: list[tuple[Path, Verification]] = []
-    for path in sorted(folder.rglob("*.json")):
-        data = read_json(path, "submission or record of a verification")
-        kind = data.get("kind") if isinstance(data, dict) else None
-        if kind == SUBMISSION:
-            submission = read_submission(path)
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            name = re.sub(r"[^A-Za-z0-9]+", "-", submission.title).strip("-").lower() or "row"
-            rows[digest] = Row(submission, f"{name}-{digest[:8]}.html", digest, _check(path, submission))
-        elif kind == VERIFICATION:
-            records.append((path, read_verification(path)))
-        else:
-            raise InputError(f"{path}: neither a submission nor the record of a verification")
-    for path, record in records:
-        if record.submission_sha256 not in rows:
-            raise InputError(f"{path}: is of a submission that is not below {folder}, or was changed since")
-        rows[record.submission_sha256].verifications.append(record)
-    return list(rows.values())
-
-
-def _check(path: Path, submission: Submission) -> bool:
-    """Do the figures follow from the episodes? False where the data of its contract are not here."""
-    with using_city(submission.city):
-        if submission.split not in splits_there():
-            return False
-        table = read_table(table_path(submission.split))
-        if contract_hash(table, load_catalog()) != submission.contract:
-            return False
-        found = figures_of(submission.episodes, table, submission.planner, submission.contract)
-    if found != submission.figures:
-        wrong = next(
-            (f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number"
-        )
-        raise InputError(
-            f"{path}: its figures do not follow from its episodes ({wrong}): it is no submission of tsbench"
-        )
-    return True
-
-
-def _group(key: tuple[str, str, str], rows: Sequence[Row]) -> dict[str, Any]:
-    """The rows of one contract with the panels that any of them has."""
-    edition, split, contract = key
-    primary = PAIRED if any(row.figure(PAIRED) for row in rows) else _HALVES[0]
+def _data_set(rows: Sequence[Row]) -> dict[str, Any]:
+    """The rows of one contract by level, with the panels that any of them has, and the curves of their planners."""
+    edition, split, contract = rows[0].data_set
+    primary = PAIRED if any(row.figure(PAIRED) for row in rows) else SIGNED_ONES
     groups = dict.fromkeys(kind.group for kind in load_catalog().types)
-    panels = [g for g in groups if any(row.figure(primary, g) for row in rows)]
-    figures = [name for name in (PAIRED, *_HALVES) if any(row.figure(name) for row in rows)]
+    by_level = groupby(sorted(rows, key=lambda row: row.level_rank), key=lambda row: row.level_rank)
+    drawn = [(own[0], _curve(own, rows)) for own in _by_planner(rows)]
     return {
-        "title": f"{edition}, {split} split", "contract": contract, "figures": figures, "primary": primary,
-        "panels": panels, "rows": rows,
+        "title": f"{edition}, {split} split", "contract": contract, "id": f"set-{contract[:8]}",
+        "figures": [name for name in PARTS if any(row.figure(name) for row in rows)], "primary": primary,
+        "panels": [g for g in groups if any(row.figure(primary, g) for row in rows)],
+        "levels": [_level(sorted(some, key=lambda row: row.rank_by)) for _, some in by_level],
+        "curves": [(row, svg) for row, svg in drawn if svg is not None],
     }  # fmt: skip
 
 
+def _level(rows: list[Row]) -> dict[str, Any]:
+    return {
+        "name": rows[0].submission.level,
+        "rows": [row for row in rows if not row.submission.planner.floor],
+        "floors": [row for row in rows if row.submission.planner.floor],
+    }
+
+
+def _by_planner(rows: Sequence[Row]) -> list[list[Row]]:
+    found: dict[str, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.planner_id, []).append(row)
+    return list(found.values())
+
+
+def _curve(own: Sequence[Row], rows: Sequence[Row]) -> Markup | None:
+    """A planner's curve over the levels of one data set, None where there is but one; rows: all of the data set."""
+    levels: dict[tuple[float, str, str], list[Row]] = {}
+    for row in own:
+        if not row.refuted:
+            levels.setdefault(row.level_rank, []).append(row)
+    best = [latest(levels[rank]) for rank in sorted(levels)]
+    points = [(row.submission.level, row.primary) for row in best]
+    known = [(level, figure) for level, figure in points if figure is not None]
+    if len(known) < 2:
+        return None
+    first = own[0]
+    name = f"curve-{first.planner_id}-{first.submission.contract[:8]}"
+    return curves.curve(
+        known, _floor(rows), name, f"{_primary_name(best)} of {first.submission.title} by level"
+    )
+
+
+def _floor(rows: Sequence[Row]) -> tuple[str, Figure] | None:
+    """The best floor of a data set under exact perception: plates are nothing to it, however they are told."""
+    floors = [
+        (row.submission.title, row.primary)
+        for row in rows
+        if row.submission.planner.floor and not row.refuted and row.submission.level == EXACT
+    ]
+    known = [(title, f) for title, f in floors if f is not None and f.value is not None]
+    return max(known, key=lambda one: one[1].value or 0.0, default=None)
+
+
+def _cities(own: Sequence[Row]) -> list[tuple[str, Markup]]:
+    """By split a planner's figure over the cities that it drove, where these are several."""
+    found: dict[str, dict[str, list[Row]]] = {}
+    for row in own:
+        if row.submission.level == EXACT and not row.refuted and row.primary is not None:
+            found.setdefault(row.submission.split, {}).setdefault(row.submission.city, []).append(row)
+    drawn = []
+    for split, by_city in sorted(found.items()):
+        best = {city: latest(rows) for city, rows in sorted(by_city.items())}
+        points = [(city, row.primary) for city, row in best.items() if row.primary is not None]
+        if len(points) > 1:
+            title = (
+                f"{_primary_name(list(best.values()))} of {own[0].submission.title} by city, {split} split"
+            )
+            drawn.append((split, curves.cities(points, f"cities-{split}", title)))
+    return drawn
+
+
+def _primary_name(rows: Sequence[Row]) -> str:
+    return "paired SCD" if all(row.figure(PAIRED) for row in rows) else "signed SCD"
+
+
+def _planner_page(own: Sequence[Row], sets: dict[DataSet, list[Row]], players: int) -> str:
+    """A planner: all its submissions, its curves, its failures, and what can be watched of them."""
+    rows = sorted(own, key=lambda row: (row.refuted, row.data_set, row.level_rank, row.rank_by))
+    labels = _labels(rows)
+    shown = show_failures(rows, labels, players)
+    drawn = []
+    for data_set in dict.fromkeys(row.data_set for row in rows):
+        svg = _curve([row for row in rows if row.data_set == data_set], sets[data_set])
+        if svg is not None:
+            drawn.append((f"{data_set[0]}, {data_set[1]} split", svg))
+    return render_page(
+        "leaderboard_planner.html", title=rows[0].submission.title, blobs=shown.blobs,
+        scripts=(*_SCRIPTS, *(PLAYER_SCRIPTS if shown.count else ())), rows=list(zip(rows, labels, strict=True)),
+        curves=drawn, cities=_cities(rows), players=shown.count, types=_types, failures=_failures, short=_short,
+        figures=[name for name in PARTS if any(row.figure(name) for row in rows)],
+    )  # fmt: skip
+
+
+def _labels(rows: Sequence[Row]) -> list[str]:
+    """Names for submissions of one planner, each another one."""
+    plain = [f"{s.edition}, {s.split}, {s.level}" for s in (row.submission for row in rows)]
+    return [
+        name if plain.count(name) == 1 else f"{name} ({row.sha256[:8]})"
+        for name, row in zip(plain, rows, strict=True)
+    ]
+
+
 def _types(row: Row) -> list[tuple[str, list[Figure | None]]]:
-    """Each type with its figures: paired, signed, contrast."""
-    catalog = load_catalog()
-    names = (PAIRED, *_HALVES)
-    return [(kind.id, [row.figure(name, kind.id) for name in names]) for kind in catalog.types]
+    """Each type that has figures, with them: paired, signed, contrast."""
+    found = [(kind.id, [row.figure(name, kind.id) for name in PARTS]) for kind in load_catalog().types]
+    return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 
 def _failures(submission: Submission) -> list[tuple[str, int]]:

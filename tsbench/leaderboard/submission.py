@@ -16,9 +16,11 @@ from typing import Any, get_args, get_origin, get_type_hints
 import pyarrow as pa
 
 from tsbench.core.errors import InputError
+from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.plain import from_plain
-from tsbench.core.textfile import read_json
+from tsbench.core.textfile import read_json, read_yaml
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode import EPISODE_METRICS, SCD
 from tsbench.run.log.record import Row, head_row
@@ -27,6 +29,8 @@ from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 
 KIND, SCHEMA_VERSION = "tsbench-submission", 1
+# What stands before the fields. The rows are of OpenStreetMap's roads.
+_HEAD = {"kind": KIND, "schema": SCHEMA_VERSION, **OSM_LICENCE}
 _DIGEST_HEX = 32
 _JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
 # Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
@@ -62,12 +66,32 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Arithmetic:
+    """What `tsbench.run.arithmetic.facts` says, as a file may say it."""
+
+    simd: tuple[str, ...]
+    blas: str
+    libc: str
+    versions: dict[str, Any]
+    answers: Answers
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Hashes, one for each kind of function."""
+
+    libm: str
+    numpy: str
+    blas: str
+
+
+@dataclass(frozen=True)
 class Submission:
     """title, authors, url, note: as the submitter gave them. third_party: of people other than tsbench's.
 
     arithmetic, versions, machine, git: of the run. isolation: what of the planner's cell took effect in it, None where
     it shared the referee's process. rescored: episodes that were judged again from their traces.
-    episodes: sorted by scenario_id.
+    episodes: sorted by scenario_id. perception: how plates reached the planner; None: exactly.
     """
 
     title: str
@@ -91,15 +115,21 @@ class Submission:
     figures: tuple[Figure, ...]
     episodes: tuple[Episode, ...]
     isolation: dict[str, Any] | None = None
+    perception: PerceptionLevel | None = None
+
+    @property
+    def level(self) -> str:
+        """The name of its perception level."""
+        return EXACT if self.perception is None else self.perception.name
 
     def to_json(self) -> str:
-        content = {"kind": KIND, "schema": SCHEMA_VERSION, **asdict(self)}
+        content = {**_HEAD, **asdict(self)}
         return json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a submission, from its own fields."""
-    head = {"kind": {"const": KIND}, "schema": {"const": SCHEMA_VERSION}}
+    head = {key: {"const": value} for key, value in _HEAD.items()}
     own = _schema_of(Submission)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema", "title": KIND, **own,
@@ -130,8 +160,11 @@ def read_submission(path: Path) -> Submission:
         raise InputError(f"{path}: no submission (expected `kind: {KIND}`)")
     if (version := data.pop("schema", None)) != SCHEMA_VERSION:
         raise InputError(f"{path}: schema {version!r:.20}, this tsbench reads {SCHEMA_VERSION}")
+    if {key: data.pop(key, None) for key in OSM_LICENCE} != OSM_LICENCE:
+        raise InputError(f"{path}: malformed submission (licence: expected {OSM_LICENCE['licence']!r})")
     try:
         found = from_plain(Submission, data)
+        from_plain(Arithmetic, found.arithmetic)
         for episode in found.episodes:
             Outcome(episode.outcome)
     except (ValueError, TypeError) as problem:
@@ -140,6 +173,18 @@ def read_submission(path: Path) -> Submission:
     if ids != sorted(set(ids)):
         raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
     return found
+
+
+def problem_of_level(level: PerceptionLevel | None) -> str | None:
+    """Why a level is not what its name says to readers, None where it is.
+
+    The names of tsbench's own levels are for these: levels with other values need other names.
+    """
+    if level is None or (level.name != EXACT and level.name not in read_yaml(PATH, "levels")["levels"]):
+        return None
+    if load_level(level.name) == level:
+        return None
+    return f"its perception level is called {level.name}, but is not tsbench's level of that name"
 
 
 def episode_of(row: Row, events: Iterable[Row]) -> Episode:

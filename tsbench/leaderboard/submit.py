@@ -6,12 +6,13 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import city_in_use
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.trace import trace_path
-from tsbench.leaderboard.submission import Submission, episode_of, figures_of
+from tsbench.leaderboard.claim import episodes_of, events_of, level_of
+from tsbench.leaderboard.submission import Submission, figures_of, problem_of_level
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import StoredRun, read_run
-from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import read_table as read_scenarios
@@ -19,21 +20,28 @@ from tsbench.scenarios.table import table_path
 from tsbench.tools.rescore import rescore
 
 # What a row of the leaderboard is of: everything, as the planner is.
-_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False, "perception": None}
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False}
 _SHOWN = 3
 
 
 def make_submission(
-    folder: Path, planner: str | None, *, title: str, authors: str, url: str, note: str, third_party: bool
-) -> Submission:
+    folder: Path, planner: str | None, *, title: str, authors: str, url: str, note: str, third_party: bool,
+    shared_process: bool = False,
+) -> Submission:  # fmt: skip
     """The submission of a planner's run. planner: its name in the records, None where the run has one only.
+    shared_process: take a run whose planner shared the referee's process, which the row then says.
 
-    Raises InputError: the run is not complete or not of a whole split, was changed, is of no released contract, or does
-    not agree with its traces.
+    Raises InputError: the run is not complete or not of a whole split, was changed, was not isolated, is of no released
+    contract, or does not agree with its traces.
     """
     run = read_run(folder)
     info = _planner(run, planner)
     _check(run, info)
+    if not shared_process and run.manifest.get("isolation", {}).get(info.name) is None:
+        raise InputError(
+            f"{folder}: {info.name} shared the referee's process: drive it with --isolate (or submit it with "
+            "--shared-process: its row says so)"
+        )
     split = str(run.manifest["effective"]["split"])
     table = read_scenarios(table_path(split))
     judged = rescore(folder)
@@ -42,22 +50,25 @@ def make_submission(
     if judged.disagreements:
         shown = "; ".join(judged.disagreements[:_SHOWN])
         raise InputError(f"{folder}: {len(judged.disagreements)} disagreements with its own traces: {shown}")
-    events: dict[str, list[dict[str, object]]] = {}
-    for event in read_table(folder / "violations.parquet").to_pylist():
-        if event["planner"] == info.name:
-            events.setdefault(event["scenario_id"], []).append(event)
-    rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
-    episodes = tuple(episode_of(row, events.get(row["scenario_id"], ())) for row in rows)
+    episodes = episodes_of(run, info, events_of(folder))
     m = run.manifest
     return Submission(
         title=title or info.name, authors=authors, url=url, note=note, third_party=third_party,
         tsbench=str(m["versions"]["tsbench"]), edition=run.edition, contract=run.contract, city=city_in_use(),
         split=split, planner=info, device=str(m["effective"]["device"]), finished=str(m["finished"]),
         arithmetic=m["arithmetic"], versions=m["versions"], machine=m["machine"], git=m["git"],
-        rescored=sum(trace_path(folder, info.name, row["scenario_id"]).is_file() for row in rows),
-        isolation=m.get("isolation", {}).get(info.name),
+        rescored=sum(trace_path(folder, info.name, one.scenario_id).is_file() for one in episodes),
+        isolation=m.get("isolation", {}).get(info.name), perception=_level(run),
         figures=figures_of(episodes, table, info, run.contract), episodes=episodes,
     )  # fmt: skip
+
+
+def _level(run: StoredRun) -> PerceptionLevel | None:
+    """How plates reached its planners. Raises InputError for a level under the name of one of tsbench's."""
+    level = level_of(run)
+    if problem := problem_of_level(level):
+        raise InputError(f"{run.path}: {problem}: drive it with a file of another name")
+    return level
 
 
 def _planner(run: StoredRun, name: str | None) -> PlannerInfo:

@@ -9,7 +9,7 @@ half has no record is in no figure of pairs.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -24,19 +24,21 @@ from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by
 from tsbench.metrics.records import Records, split_records
 from tsbench.signs.catalog import load_catalog
 
-SUMMARY_SCHEMA = 3
+SUMMARY_SCHEMA = 4
+# Of a driver that reads no plate and is there to show how far that leads.
+FLOOR = "floor"
 
 
 @dataclass(frozen=True)
 class PlannerSummary:
     """Everything about one planner, the figures as in `Breakdown`. Shares are in %.
 
-    floor: a driver that reads no plate. placed: places are known, otherwise each map counts as one. outcomes: episodes
-    by outcome.
+    mark: what stands behind its name, FLOOR or where it is from ("third-party"), "" for none. placed: places are known,
+    otherwise each map counts as one. outcomes: episodes by outcome.
     """
 
     planner: str
-    floor: bool
+    mark: str
     asked: int
     recorded: int
     completed: int
@@ -47,7 +49,11 @@ class PlannerSummary:
 
     @property
     def label(self) -> str:
-        return label(self.planner, self.floor)
+        return label(self.planner, self.mark)
+
+    @property
+    def floor(self) -> bool:
+        return self.mark == FLOOR
 
     @property
     def primary(self) -> Scores[Estimate]:
@@ -60,9 +66,9 @@ class PlannerSummary:
         return frozenset(kind for scores in self.scores.values() for kind in scores.types)
 
 
-def label(planner: str, floor: bool) -> str:
+def label(planner: str, mark: str) -> str:
     """A planner's name as tables show it."""
-    return f"{planner} (floor)" if floor else planner
+    return f"{planner} ({mark})" if mark else planner
 
 
 @dataclass(frozen=True)
@@ -90,12 +96,12 @@ def summarise(
     contract_hash: str,
     asked: Mapping[str, int],
     edition: str = "",
-    floors: Collection[str] = (),
+    marks: Mapping[str, str] | None = None,
     allow_partial: bool = False,
 ) -> Summary:
     """Aggregate the records of a run.
 
-    asked: scenarios asked of each planner. edition: as in `Summary`. floors: planners that read no plate. Raises
+    asked: scenarios asked of each planner. edition: as in `Summary`. marks: by planner, as in `PlannerSummary`. Raises
     InputError for holes (asked without a record) unless partial figures are allowed, for records never asked for, and
     for malformed ones.
     """
@@ -104,7 +110,7 @@ def summarise(
     name_holes(holes, asked, allow_partial)
     bootstrap = ClusterBootstrap(contract_hash)
     planners = tuple(
-        _planner(name, name in floors, records[name], n, bootstrap)
+        _planner(name, (marks or {}).get(name, ""), records[name], n, bootstrap)
         for name, n in sorted(asked.items())
         if name in records
     )
@@ -142,7 +148,7 @@ def _title(planners: tuple[PlannerSummary, ...], asked: Mapping[str, int], holes
 
 
 def _planner(
-    name: str, floor: bool, records: Records, asked: int, bootstrap: ClusterBootstrap
+    name: str, mark: str, records: Records, asked: int, bootstrap: ClusterBootstrap
 ) -> PlannerSummary:
     def measure(
         metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
@@ -154,4 +160,4 @@ def _planner(
     outcomes = {outcome.value: records.outcomes.count(outcome.value) for outcome in Outcome}
     whole = int(np.count_nonzero(~records.error))
     figures = break_down([records], measure)
-    return PlannerSummary(name, floor, asked, len(records), whole, records.placed, outcomes, *figures)
+    return PlannerSummary(name, mark, asked, len(records), whole, records.placed, outcomes, *figures)

@@ -21,6 +21,8 @@ ALPHA = 1 - LEVEL
 POWER = 0.8
 _ALIKE = 1e-12
 _DIGITS = 9
+# Tables ask for the same counts again and again, and a power takes a root finder.
+_KEPT = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,11 @@ def adjust(types: Mapping[str, Difference], scale: float) -> dict[str, Differenc
 
 def mcnemar_p(won: int, lost: int) -> float:
     """Two-sided exact (binomial) McNemar test of the pairs that differ, from statsmodels."""
+    return _mcnemar_p(max(won, lost), min(won, lost))
+
+
+@lru_cache(maxsize=_KEPT)
+def _mcnemar_p(won: int, lost: int) -> float:
     from statsmodels.stats.contingency_tables import mcnemar  # brings pandas: late
 
     return float(mcnemar([[0, won], [lost, 0]], exact=True).pvalue)
@@ -137,9 +144,14 @@ def detectable(n: int, won: int, lost: int, alpha: float) -> float | None:
     The rarer of the two kinds of flips keeps the rate that was observed (as far as there is room for it beside the
     effect); the other makes the difference.
     """
+    return _detectable(n, min(won, lost), alpha)
+
+
+@lru_cache(maxsize=_KEPT)
+def _detectable(n: int, rarer: int, alpha: float) -> float | None:
     from scipy.optimize import brentq
 
-    rare = min(won, lost) / n
+    rare = rarer / n
 
     def beyond(effect: float) -> float:
         return mcnemar_power(n, min(rare, (1.0 - effect) / 2), effect, alpha) - POWER
@@ -154,10 +166,11 @@ def mcnemar_power(n: int, rare: float, effect: float, alpha: float) -> float:
     both = min(2.0 * rare + effect, 1.0)
     if both <= 0.0:
         return 0.0
-    # So many flips as there can well be: beyond, all together are less likely than rounding shows.
-    mean, spread = n * both, 40.0 * np.sqrt(n * both * (1.0 - both)) + 40.0
+    # So many flips as there can well be: beyond, all together are less likely than 1e-20 (Bernstein's inequality).
+    mean, spread = n * both, 10.0 * np.sqrt(n * both * (1.0 - both)) + 40.0
     flips = np.arange(max(int(mean - spread), 0), min(int(mean + spread), n) + 1)
-    edge = _edges(n, alpha)[flips]
+    # No row of the table knows n: one of rounded length serves many.
+    edge = _edges(1 << n.bit_length(), alpha)[flips]
     found = binom.cdf(edge, flips, rare / both)
     return float(binom.pmf(flips, n, both) @ np.where(edge < 0, 0.0, found))
 

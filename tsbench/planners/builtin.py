@@ -5,6 +5,9 @@ from __future__ import annotations
 from tsbench.planners.registry import PlannerEntry
 from tsbench.planners.weights import learned
 
+# Kinds that tables show: whose work it is.
+THIRD_PARTY, REIMPLEMENTED = "third-party", "reimplemented"
+
 IDM = PlannerEntry("tsbench.planners.idm:Idm", kind="rules", sign_access=False)
 IDM_S1, IDM_S2, IDM_S3, IDM_S4 = (
     PlannerEntry(f"tsbench.planners.styles:IdmS{style}", kind="rules", sign_access=False)
@@ -25,7 +28,24 @@ BLIND, COIN = (
 PLANT2_BLIND = learned(
     "plant2-blind", "tsbench.planners.plant2.planner_blind:Plant2Blind", chooses_route=True, floor=True
 )
+PLANT2_FT_SEED1 = learned(
+    "plant2-ft-seed1", "tsbench.planners.plant2.seeds:SecondSeed", sign_access=True, chooses_route=True
+)
+# Planners that others made. An expert would put tsbench's own hand over what is measured, so none is made of them.
+METADRIVE_PPO = PlannerEntry(
+    "tsbench.adapters.metadrive:MetaDrivePpo", THIRD_PARTY, sign_access=False, chooses_route=True
+)
+COMMONROAD_REACTIVE = PlannerEntry(
+    "tsbench.adapters.commonroad:Reactive", THIRD_PARTY, sign_access=True, chooses_route=True
+)
+PDM = PlannerEntry("tsbench.adapters.pdm:Pdm", REIMPLEMENTED, sign_access=False, chooses_route=True)
 READER, CAREFUL = (
     PlannerEntry(f"tsbench.planners.experts.reader:{name}", "expert", privileged=True)
     for name in ("Reader", "Careful")
 )
+
+
+def origin(spec: str) -> str:
+    """Whose work the planner behind `--planner` is where it is not tsbench's nor the user's; else ""."""
+    named = {"metadrive-ppo": METADRIVE_PPO, "commonroad-reactive": COMMONROAD_REACTIVE, "pdm": PDM}
+    return named[spec].kind if spec in named else ""

@@ -123,7 +123,7 @@ def save_weights(
 def _content(name: str, folder: Path | None) -> tuple[Path, bytes]:
     """A network's file and what is in it, checked."""
     facts = network(name, folder)
-    path = _place(facts.weights, folder)
+    path = file_of(facts.weights, folder)
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -132,8 +132,8 @@ def _content(name: str, folder: Path | None) -> tuple[Path, bytes]:
     return path, content
 
 
-def _place(weights: Weights, folder: Path | None) -> Path:
-    """Where the file is; fetched first where it is of another place and not in the cache."""
+def file_of(weights: Weights, folder: Path | None = None) -> Path:
+    """Where the file of a network below `folder` (None: tsbench's own) is; fetched where it is not in the cache yet."""
     beside = (folder or _FOLDER) / weights.file
     if beside.is_file() or weights.source == PACKAGED:
         return beside

@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import re
+from types import MappingProxyType
+
 from tsbench.episode.trace import Trace
 from tsbench.signs.countries import Country, shown_code, shown_value
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
+_UNITS = MappingProxyType({"m/s2": "m/s²", "deg": "°"})
+
 
 def sign_words(code: str, value: float | None, country: Country | None = None) -> str:
     return shown_code(code, country) + ("" if value is None else f" ({shown_value(value, country)})")
+
+
+def unit_words(unit: str) -> str:
+    """A unit of the catalogue as it is written in print."""
+    return _UNITS.get(unit, unit)
+
+
+def readable(sentence: str) -> str:
+    """A sentence of the catalogue with such units, and no sign before a turn by nothing."""
+    for unit, word in _UNITS.items():
+        gap = r"\s" if word == "°" else ""
+        sentence = re.sub(rf"(?<=\d){gap}{re.escape(unit)}\b|(?<=\d ){re.escape(unit)}\b", word, sentence)
+    return re.sub(r"[+-]0°", "0°", sentence)
 
 
 def episode_title(trace: Trace) -> str:

@@ -16,7 +16,7 @@ from tsbench.dataset.maps.source import SourceNetwork, load_source
 from tsbench.geometry.overlap import strip
 from tsbench.report.drawing.camera import Image, camera_over
 from tsbench.report.drawing.paint import paint, save_png, sheet
-from tsbench.report.drawing.roads import road_shapes
+from tsbench.report.drawing.roads import mark_shapes, road_shapes
 from tsbench.report.drawing.shapes import Area
 from tsbench.report.drawing.style import STYLE
 from tsbench.roads.network import RoadNetwork, read_network
@@ -57,7 +57,7 @@ def _picture(row: PoolRow, network: RoadNetwork) -> Image:
     lines = np.concatenate([lane.line.points for lane in network.lanes])
     camera = camera_over(lines, _WIDTH_PX, _HEIGHT_PX, 6.0, (0.1, 12.0))
     image = np.full((_HEIGHT_PX, _WIDTH_PX, 3), STYLE.ground, dtype=np.uint8)
-    paint(image, camera, (*road_shapes(network), *_marks(row, network)))
+    paint(image, camera, (*road_shapes(network), *mark_shapes(network), *_marks(row, network)))
     return image
 
 

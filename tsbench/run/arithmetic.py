@@ -49,22 +49,30 @@ def facts() -> Facts:
 
 
 def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> str | None:
-    """In what two arithmetics differ that can change an episode, as "WHAT is A, not B"; None where none does.
+    """The first of `differences`, None where there is none."""
+    return next(iter(differences(old, new, planners, device)), None)
+
+
+def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> tuple[str, ...]:
+    """In what two arithmetics differ that can change an episode, each as "WHAT is A, not B".
 
     planners: their specs. tsbench's own hang on the CPU by libm alone; of others, and of a GPU, nothing is known.
     """
     if old is None:
-        return "the arithmetic is not recorded"
+        return ("the arithmetic is not recorded",)
     known = device == "cpu" and all(map(is_own, planners))
+    found = []
     for name, was in old["versions"].items():
         now = new["versions"].get(name)
         if was != now and not (known and name in _THEIRS):
-            return f"{name} is {was}, not {now}"
+            found.append(f"{name} is {was}, not {now}")
     for name, was in old["answers"].items():
         if was != new["answers"][name] and (name == "libm" or not known):
             said = {"libm": "libc", "numpy": "simd", "blas": "blas"}[name]
-            return f"the arithmetic of {name} is another ({_words(old[said])}, now {_words(new[said])})"
-    return None
+            found.append(
+                f"the arithmetic of {name} is another ({_words(old[said])}, now {_words(new[said])})"
+            )
+    return tuple(found)
 
 
 def is_own(spec: str) -> bool:

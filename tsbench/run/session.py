@@ -7,7 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -29,7 +29,7 @@ from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
-from tsbench.run.log.manifest import floors_of, new_manifest
+from tsbench.run.log.manifest import marks_of, new_manifest
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.plan import BOTH, TRACES, Plan, Request, make_plan
@@ -51,7 +51,7 @@ class Options:
     `runs/`. executor: one of `executor.EXECUTORS`.
 
     perception: a level's name or file.
-    isolate: planners in processes of their own.
+    isolate: planners in processes of their own; image: in containers of this image.
 
     allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
@@ -66,6 +66,7 @@ class Options:
     mask_signs: bool = False
     perception: str = EXACT
     isolate: bool = False
+    image: str | None = None
     allow_partial: bool = False
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
@@ -109,6 +110,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
     """
     _check(options)
+    options = _in_image(options)
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
     level = load_level(options.perception)
@@ -178,6 +180,18 @@ def _check(options: Options) -> None:
         raise InputError(
             "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
         )
+
+
+def _in_image(options: Options) -> Options:
+    """Planners' specifications with their image, so that whoever reads the run can drive them there again."""
+    if options.image is None:
+        return options
+    if not options.isolate:
+        raise InputError(f"--image {options.image}: planners run in an image isolated only: add --isolate")
+    from tsbench.run.isolation.image import in_image
+
+    planners = tuple(in_image(spec, options.image) for spec in options.request.planners)
+    return replace(options, request=replace(options.request, planners=planners))
 
 
 def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
@@ -253,7 +267,7 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: O
     if not holes or options.allow_partial:
         summary = summarise(
             episodes, contract_hash=contract, edition=folder.manifest["edition"], asked=asked,
-            floors=floors_of(folder.manifest), allow_partial=options.allow_partial,
+            marks=marks_of(folder.manifest), allow_partial=options.allow_partial,
         )  # fmt: skip
     return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary

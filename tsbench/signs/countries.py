@@ -81,6 +81,12 @@ class Traffic:
             if not 0.0 < speed <= _FASTEST:
                 raise ValueError(f"speeds: {road}: {speed:g} is no speed limit")
 
+    @property
+    def speeds_mps(self) -> Mapping[str, float]:
+        """`speeds` in m/s, to the cm as type maps have them."""
+        unit = _KM_PER_MILE if self.unit == "mph" else 1.0
+        return {road: round(speed * unit / 3.6, 2) for road, speed in self.speeds.items()}
+
 
 @dataclass(frozen=True)
 class Country:
@@ -127,8 +133,8 @@ class Country:
         return "km/h" if self.traffic is None else self.traffic.unit
 
     def posted(self, kmh: float) -> float:
-        """A speed as its plates show it, in whole units; 50 km/h are 31 mph."""
-        return float(round(kmh / _KM_PER_MILE)) if self.unit == "mph" else kmh
+        """A speed as its plates show it: with miles the nearest one there is, a multiple of ten; 50 km/h are 30 mph."""
+        return max(10.0, 10.0 * round(kmh / _KM_PER_MILE / 10.0)) if self.unit == "mph" else kmh
 
     def drawing(self, sign: Sign, plates: Path) -> str:
         """The file below `plates` with its drawing of a sign."""
@@ -210,11 +216,11 @@ def shown_code(sign: str, country: Country | None) -> str:
 
 
 def shown_value(value: float, country: Country | None) -> str:
-    """A posted speed (km/h) in words: its number alone, but where plates count in other units."""
+    """A posted speed (km/h) in words: its number alone, but where plates count in other units both."""
     shown = country or country_in_use()
     if shown is None or shown.unit == "km/h":
         return f"{value:g}"
-    return f"{shown.posted(value):g} {shown.unit}"
+    return f"{shown.posted(value):g} {shown.unit} for {value:g} km/h"
 
 
 def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> None:

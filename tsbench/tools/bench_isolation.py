@@ -2,38 +2,80 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.registry import resolve
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.isolation.loading import describe, load
+from tsbench.run.isolation.places import EXECUTABLE
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.tools.check import choose
 
-PLANNERS = ("idm", "idm-e")
+PLANNERS: Final = ("idm", "idm-e")
+GOAL_US: Final = 150.0
 
 
-def bench_isolation(scenes: int, rounds: int) -> list[tuple[str, float, float]]:
-    """Of each planner: median time of an answer by the clock, µs, in the referee's process and isolated.
+@dataclass(frozen=True)
+class Price:
+    """Median times of a planner's answer by the clock, µs: of the best of the rounds, as others use the machine, too.
 
-    Of the best of the rounds, as others use the machine, too.
+    together: in the referee's process; None for a program. isolated: on the referee's processor, as where workers use
+    all of them. apart: on any processor, which may have to be woken up for each answer.
     """
+
+    planner: str
+    together_us: float | None
+    isolated_us: float
+    apart_us: float
+
+    @property
+    def difference_us(self) -> float | None:
+        return None if self.together_us is None else self.isolated_us - self.together_us
+
+
+def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:
+    """Raises InputError for a planner that does not come up."""
     rows = choose(read_table(table_path("dev")), scenes)
-    simulation, loader = Simulation(), SceneLoader()
-    found = []
-    for name in PLANNERS:
-        runners = [
-            EpisodeRunner(planner, simulation=simulation, loader=loader)
-            for planner in (resolve(name), load(describe(name).planner))
-        ]
-        took: tuple[list[float], list[float]] = ([], [])
-        for _ in range(rounds):
-            for runner, kept in zip(runners, took, strict=True):
-                kept.append(
-                    1e6 * float(np.median(np.concatenate([runner.run(row).planner_s for row in rows])))
-                )
-        found.append((name, min(took[0]), min(took[1])))
-    simulation.close()
+    loader = SceneLoader()
+    with closing(Simulation()) as simulation:
+
+        def took(runner: EpisodeRunner) -> float:
+            return 1e6 * float(np.median(np.concatenate([runner.run(row).planner_s for row in rows])))
+
+        def runner_of(planner: LoadedPlanner) -> EpisodeRunner:
+            return EpisodeRunner(planner, simulation=simulation, loader=loader)
+
+        found = []
+        for name in planners:
+            here = None if name.startswith(EXECUTABLE) else runner_of(resolve(name))
+            info = describe(name).planner
+            beside, free = runner_of(load(info)), runner_of(load(info))
+            together, isolated, apart = [], [], []
+            for _ in range(rounds):
+                if here is not None:
+                    together.append(took(here))
+                # Where the planner's process is started is where it stays.
+                with _one_processor():
+                    isolated.append(took(beside))
+                apart.append(took(free))
+            found.append(Price(info.name, min(together, default=None), min(isolated), min(apart)))
     return found
+
+
+@contextmanager
+def _one_processor() -> Iterator[None]:
+    """This process, and what it starts, on the first of its processors."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)

@@ -30,13 +30,9 @@ from tsbench.tools.check import choose, of_results
 def check_submission(spec: str, count: int, split: str, told: Callable[[str], None]) -> list[Finding]:
     """Findings. split: that a submission would be of."""
     told("starting the planner in its cell")
-    found = [_contract(split)]
-    try:
-        probed = describe(spec)
-    except InputError as problem:
-        return [*found, Finding(Level.PROBLEM, "start", str(problem))]
-    info = probed.planner
-    found += [_cell(bool(probed.effects["namespaces"])), *_hashes(info)]
+    found, info = standing(spec, split)
+    if info is None:
+        return found
     scenes = choose(read_table(table_path("dev")), count)
     simulation, loader = Simulation(), SceneLoader()
     with closing(simulation):
@@ -52,6 +48,16 @@ def check_submission(spec: str, count: int, split: str, told: Callable[[str], No
         results = drive([*scenes, scenes[0]])
         found.append(_repeats([results[0], results[-1], *drive(scenes[:1])]))
     return [*found, *of_results(results[:-1])]
+
+
+def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
+    """What can be said before it drives, and what it is; None where it does not come up."""
+    found = [_contract(split)]
+    try:
+        probed = describe(spec)
+    except InputError as problem:
+        return [*found, Finding(Level.PROBLEM, "start", str(problem))], None
+    return [*found, _cell(bool(probed.effects["namespaces"])), *_hashes(probed.planner)], probed.planner
 
 
 def _contract(split: str) -> Finding:

@@ -18,7 +18,7 @@ from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
-from tsbench.run.log.manifest import Manifest, floors_of, planners_of, read_manifest
+from tsbench.run.log.manifest import Manifest, marks_of, planners_of, read_manifest
 from tsbench.run.log.record import Row
 from tsbench.run.log.score import score
 from tsbench.run.log.tables import read_table
@@ -137,6 +137,20 @@ class Judge:
                 if not _same(old[name], new[name]):
                     yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
 
+    def record(self, trace: Trace, privileged: bool) -> tuple[Row, list[Row]]:
+        """The row and the events that follow from a trace.
+
+        Raises InputError where what it shows is not how things move, or does not end as it says.
+        """
+        scene, roads = self._loader.load(trace.spec)
+        facts = self._facts(trace, scene, roads)
+        problem = next(iter(replay(trace, scene, roads)), None)
+        if problem is None and facts.outcome is not trace.outcome:
+            problem = f"its outcome is {trace.outcome}, judged again {facts.outcome}"
+        if problem is not None:
+            raise InputError(f"{trace.planner} {trace.spec.scenario_id}: {problem}")
+        return score(trace.spec, trace.planner, privileged, facts)
+
     def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
         monitors = make_monitors(self._catalog, scene)
         ending = TerminationCheck(scene, monitors.target)
@@ -178,7 +192,7 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
         contract_hash=manifest["contract"],
         edition=str(manifest.get("edition", "")),
         asked=asked,
-        floors=floors_of(manifest),
+        marks=marks_of(manifest),
         allow_partial=holes,
     )
     with io_errors_as_input_errors(path):

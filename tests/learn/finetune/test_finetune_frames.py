@@ -12,6 +12,7 @@ from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
@@ -175,3 +176,28 @@ def test_the_expert_takes_over_from_where_the_student_got_to(
     assert first.since == 8
     late = TakeoverDrive(row, "idm-e", 10_000, student, "0").run(drivers)
     assert late is None
+
+
+def test_of_perceived_frames_only_what_was_read_is_shown(drivers: Drivers) -> None:
+    level = load_level("poor")
+    assert level is not None
+    driven = half(drivers, "no_turn_left", HALVES[0], "idm-e")
+    seen = SOURCE.frames(driven, drivers, np.random.default_rng(0))
+    never, always = (replace(SOURCE, perception=level, perceived=share) for share in (0.0, 1.0))
+    # A share of nobody: the same luck is drawn, and everything is seen.
+    shown = ("signs", "sign_classes", "held", "held_classes")
+    alike = [n for n in seen.dtype.names or () if n not in shown]
+    lucks = [always.frames(driven, drivers, np.random.default_rng(k)) for k in range(12)]
+    again = always.frames(driven, drivers, np.random.default_rng(3))
+    assert np.array_equal(again, lucks[3])
+    whole = never.frames(driven, drivers, np.random.default_rng(3))
+    for frames in lucks:
+        # The targets stay the drive's, whatever was read.
+        assert np.array_equal(frames["speed"][::2], seen["speed"][::2])
+        assert all(np.array_equal(frames[n][::2], seen[n][::2]) for n in alike)
+    assert np.array_equal(whole["held_classes"], seen["held_classes"])
+    read = [int(np.count_nonzero(frames["held_classes"][::2, 0])) for frames in lucks]
+    assert max(read) <= np.count_nonzero(seen["held_classes"][::2, 0])
+    # Late always, never by some.
+    assert min(read) < max(read)
+    assert plan_hash([], always, 0) != plan_hash([], SOURCE, 0)

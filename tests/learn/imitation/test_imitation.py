@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from tsbench.learn.imitation.recipe import Recipe, drives_of, in_turn, kept_for_
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import rate_at, train, trimmed
+from tsbench.learn.rows import read_rows
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.weights import load_weights
@@ -159,9 +162,52 @@ def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     task = imitation(recipe, rows)
     break_off(monkeypatch, lambda: train(task, place, said.append))
     again = train(task, place, said.append)
-    ours, theirs = (load_weights("plant2", tmp_path / name) for name in ("broken", "whole"))
-    assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
+    same(tmp_path / "broken", tmp_path / "whole")
     assert again.training["sessions"] == 2
+    assert (tmp_path / "whole" / "curve.png").read_bytes() == (tmp_path / "broken" / "curve.png").read_bytes()
+
+
+def same(ours: Path, theirs: Path) -> None:
+    """The same weights and the same curve."""
+    mine, others = load_weights("plant2", ours), load_weights("plant2", theirs)
+    assert all(np.array_equal(mine[name], others[name]) for name in others)
+    first, second = (read_rows(at / "curve.jsonl") for at in (ours, theirs))
+    assert [{**row, "seconds": 0} for row in first] == [{**row, "seconds": 0} for row in second]
+
+
+def breaking(subject: Callable[..., Any], call: int) -> Callable[..., Any]:
+    """The function, interrupted when it is called for the `call`-th time."""
+    calls: list[tuple[Any, ...]] = []
+
+    def breaks(*arguments: Any) -> Any:
+        calls.append(arguments)
+        if len(calls) == call:
+            raise KeyboardInterrupt
+        return subject(*arguments)
+
+    return breaks
+
+
+@pytest.mark.own_process
+def test_it_goes_on_within_a_window_and_after_a_broken_validation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
+) -> None:
+    recipe, place = prepared(tmp_path / "whole", monkeypatch, rows)
+    train(imitation(recipe, rows), place, lambda _: None)
+
+    recipe, place = prepared(tmp_path / "broken", monkeypatch, rows)
+    monkeypatch.setattr(trainer, "_KEEP_EVERY_S", 0.0)
+    said: list[str] = []
+    for name, call in (("losses", 7), ("measure", 2)):
+        with monkeypatch.context() as patch:
+            patch.setattr(trainer, name, breaking(getattr(trainer, name), call))
+            with pytest.raises(KeyboardInterrupt):
+                train(imitation(recipe, rows), place, said.append)
+    train(imitation(recipe, rows), place, said.append)
+    assert [line.split()[3] for line in said if "continues in epoch" in line] == ["1", "2"]
+    same(tmp_path / "broken", tmp_path / "whole")
+    # A line a batch here, a minute in use.
+    assert sum("batch" in line for line in said) == 24
 
 
 @pytest.mark.own_process

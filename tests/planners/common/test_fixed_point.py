@@ -10,7 +10,17 @@ import torch
 from scipy.special import betaincinv, erf, ndtri
 
 from tsbench.planners.common.convolution import Convolution, GroupNorm
-from tsbench.planners.common.fixed_point import BITS, LayerNorm, Linear, gelu, snap, softmax, tanh, tree_sum
+from tsbench.planners.common.fixed_point import (
+    BITS,
+    LayerNorm,
+    Linear,
+    column_sums,
+    gelu,
+    snap,
+    softmax,
+    tanh,
+    tree_sum,
+)
 from tsbench.planners.common.quantiles import beta_quantile, normal_quantile
 
 RNG = np.random.default_rng(7)
@@ -67,8 +77,8 @@ def test_curves() -> None:
     assert np.abs(gelu(12)(x.copy()) - 0.5 * x * (1.0 + erf(x / np.sqrt(2.0)))).max() < 1e-6
     assert np.abs(tanh(3.0 * x) - np.tanh(3.0 * x)).max() < 1e-6
     scores = RNG.normal(scale=4.0, size=(3, 5, 40))
-    wanted = np.exp(scores - scores.max(-1, keepdims=True))
-    wanted /= wanted.sum(-1, keepdims=True)
+    wanted = np.exp(scores - scores.max(-2, keepdims=True))
+    wanted /= wanted.sum(-2, keepdims=True)
     assert np.abs(softmax(scores, 24) - wanted).max() < 3e-7
 
 
@@ -78,7 +88,7 @@ def test_normalisations_are_those_of_torch() -> None:
     wanted = torch.nn.functional.layer_norm(
         torch.from_numpy(x), (128,), torch.from_numpy(weight).double(), torch.from_numpy(bias).double()
     )
-    found = LayerNorm(weight, bias)(x.copy())
+    found = LayerNorm(weight, bias)(np.ascontiguousarray(x.T)).T
     assert np.abs(found - wanted.numpy()).max() < 1e-6
     assert np.sqrt(np.square(found).sum(axis=1)).max() <= LayerNorm(weight, bias).norm
     pictures = RNG.normal(size=(2, 16, 8, 128))
@@ -92,6 +102,18 @@ def test_normalisations_are_those_of_torch() -> None:
 def test_a_sum_by_halves() -> None:
     x = RNG.normal(size=(3, 64))
     assert np.allclose(tree_sum(x)[:, 0], x.sum(axis=1))
+    assert column_sums(np.ascontiguousarray(x.T)).tobytes() == tree_sum(x).tobytes()
+
+
+def test_columns_give_the_bits_of_rows() -> None:
+    """Also where a product is done in several parts, and of some of the outputs alone."""
+    snapped = np.repeat([12.0, 20.0], 300)
+    linear = Linear(RNG.normal(scale=0.1, size=(600, 128)), RNG.normal(size=600), bound=8.0, snapped=snapped)
+    x = snap(RNG.uniform(-8.0, 8.0, (40, 128)))
+    rows, columns = linear(x), np.ascontiguousarray(x.T)
+    assert np.ascontiguousarray(linear.columns(columns).T).tobytes() == rows.tobytes()
+    some = linear.part(slice(250, 400)).columns(columns)
+    assert np.ascontiguousarray(some.T).tobytes() == np.ascontiguousarray(rows[:, 250:400]).tobytes()
 
 
 @pytest.mark.parametrize(

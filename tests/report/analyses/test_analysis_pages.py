@@ -62,6 +62,14 @@ def test_some_rows_of_a_table(tmp_path: Path, folder: Path) -> None:
     ]  # fmt: skip
 
 
+def test_some_planners_rows(tmp_path: Path, folder: Path) -> None:
+    path = page(tmp_path, "<!-- analysis main | planners a\\_b | columns planner, DS % -->\n<!-- end -->")
+    refresh(path, folder)
+    assert path.read_text(encoding="utf-8").splitlines()[1:-1] == [
+        "| planner | DS % |", "|---|---:|", "| a\\_b | – |",
+    ]  # fmt: skip
+
+
 def test_a_figure_is_copied_to_where_the_page_shows_it(tmp_path: Path, folder: Path) -> None:
     path = page(tmp_path, "<!-- figure main -->\n![All](images/all.png)\n")
     assert refresh(path, folder) == [path, tmp_path / "images" / "all.png"]
@@ -84,6 +92,7 @@ def test_a_contract_that_is_not_named_is_refused(tmp_path: Path, folder: Path) -
         ("<!-- analysis types -->\n<!-- end -->", "types.md"),
         ("<!-- analysis main | columns speed -->\n<!-- end -->", "'speed'"),
         ("<!-- analysis main | where speed = 1 -->\n<!-- end -->", "'speed'"),
+        ("<!-- analysis main | planners idm, ghost -->\n<!-- end -->", "no row of planner ghost"),
         ("<!-- analysis main | short -->\n<!-- end -->", "'short'"),
         ("<!-- figure types -->\n![x](x.png)", "types.png"),
     ],

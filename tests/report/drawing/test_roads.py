@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import episode_builders as made
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing.curves import lane_area, rounded
+from tsbench.report.drawing.curves import lane_area, rounded, rounded_along
 from tsbench.report.drawing.hud import _plain
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import tick_shapes
@@ -60,7 +61,31 @@ def test_lanes_before_a_fork_say_where_they_lead() -> None:
 
     assert len(heads("yield")) >= 4
     assert heads("crosswalk") == []
-    assert any(isinstance(s, Line) for s in road_shapes(loader.load(rows["crosswalk"])[0].network))
+    crossed, _ = loader.load(rows["crosswalk"])
+    assert any(isinstance(s, Line) for s in road_shapes(crossed.network))
+
+
+def test_a_one_way_road_says_again_and_again_which_way_it_goes() -> None:
+    """The made road has two directions; without the other one its two lanes of 500 m are one-way."""
+    road = made.road()
+    alone = replace(road, edges={"east": road.edges["east"]})
+
+    def fronts(length: float) -> list[float]:
+        lanes = tuple(replace(one, line=one.line.slice(0.0, length), length=length) for one in road.lanes[:2])
+        heads = [
+            s.polygon.exterior.coords[0]
+            for s in road_shapes(replace(alone, lanes=(*lanes, *road.lanes[2:])))
+            if isinstance(s, Area) and s.colour == "marking"
+        ]
+        return sorted(x for x, y in heads if y < -3.2)
+
+    long = fronts(500.0)
+    assert len(long) == 14
+    assert 30.0 < min(np.diff(long)) <= max(np.diff(long)) < 40.0
+    assert len(fronts(12.0)) == 1
+    assert fronts(8.0) == []
+    # Whatever their nodes are called: beside them runs a road back.
+    assert not any(isinstance(s, Area) and s.colour == "marking" for s in road_shapes(road))
 
 
 def test_brake_lights_are_on_while_somebody_slows_down() -> None:
@@ -82,3 +107,16 @@ def test_brake_lights_are_on_while_somebody_slows_down() -> None:
 
 def test_what_rounds_to_nothing_has_no_sign() -> None:
     assert (_plain(-0.04), _plain(-0.06), _plain(2.25)) == ("0.0", "-0.1", "2.2")
+
+
+def test_places_along_a_rounded_line_are_those_of_the_line_where_it_is_straight() -> None:
+    line = Polyline(np.array([(0.0, 0.0), (40.0, 0.0), (40.0, 40.0)]))
+    s, points = rounded_along(line, 1.0)
+    assert s[0] == 0.0
+    assert s[-1] == line.length
+    away = [
+        float(np.hypot(*(np.array(line.point_at(at)) - point))) for at, point in zip(s, points, strict=True)
+    ]
+    straight = np.abs(s - 40.0) > 8.0
+    assert max(np.array(away)[straight]) == pytest.approx(0.0, abs=1e-9)
+    assert 0.5 < max(away) < 3.0

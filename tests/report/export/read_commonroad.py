@@ -26,6 +26,35 @@ def seen(path: str) -> dict[str, object]:
             for other in lanelet.successor + lanelet.predecessor
             if roads.find_lanelet_by_id(other) is None
         ],
+        "opposite": [
+            [lanelet.lanelet_id, lanelet.adj_left]
+            for lanelet in roads.lanelets
+            if lanelet.adj_left is not None and not lanelet.adj_left_same_direction
+        ],
+        "stops": [
+            [
+                lanelet.lanelet_id,
+                lanelet.stop_line.line_marking.value,
+                [
+                    roads.find_traffic_sign_by_id(ref).traffic_sign_elements[0].traffic_sign_element_id.name
+                    for ref in lanelet.stop_line.traffic_sign_ref or ()
+                ],
+            ]
+            for lanelet in roads.lanelets
+            if lanelet.stop_line is not None
+        ],
+        "intersections": [
+            [
+                [
+                    sorted(arm.incoming_lanelets),
+                    sorted(arm.successors_right),
+                    sorted(arm.successors_straight),
+                    sorted(arm.successors_left),
+                ]
+                for arm in crossing.incomings
+            ]
+            for crossing in roads.intersections
+        ],
         "types": sorted({kind.value for lanelet in roads.lanelets for kind in lanelet.lanelet_type}),
         "signs": [
             [e.traffic_sign_element_id.name, e.additional_values, sign.position.tolist()]

@@ -24,17 +24,17 @@ from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.episode_files import WRITERS, export_kind, make_one
-from tsbench.report.export.lanelets import SIGN_NUMBERS
 from tsbench.report.export.tracks import actor_tracks
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import SIGNED
 from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.commonroad import SIGN_NUMBERS
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
-# By type: a driver who violates a sign, or who meets a closed road or a crosswalk.
-DRIVEN = (("speed_limit", "idm"), ("detour_right", "idm-e"), ("crosswalk", "idm-e"))
+# By type: a driver who violates a sign, or who meets a closed road, a crosswalk or a junction.
+DRIVEN = (("speed_limit", "idm"), ("detour_right", "idm-e"), ("crosswalk", "idm-e"), ("yield", "idm-e"))
 COMMONROAD = Path(sys.prefix) / "commonroad"
 
 
@@ -107,7 +107,7 @@ def test_commonroad_reads_the_road_the_drive_and_the_goal(
 
 
 def test_commonroad_takes_plates_for_what_they_are(commonroad: dict[str, Any]) -> None:
-    speed, detour, crosswalk = commonroad["files"]
+    speed, detour, crosswalk, _ = commonroad["files"]
     names = [name for name, _, _ in speed["signs"]]
     assert names == ["MAX_SPEED", "MAX_SPEED_END"]
     assert 5.0 <= float(speed["signs"][0][1][0]) <= 25.0  # m/s
@@ -124,6 +124,41 @@ def test_commonroad_takes_plates_for_what_they_are(commonroad: dict[str, Any]) -
     assert means["5.7.1"] == "ONEWAY_RIGHT"
     assert means["5.7.2"] == "ONEWAY_LEFT"
     assert means["5.32"] == "MAX_SPEED_ZONE_END"
+
+
+def test_commonroad_knows_junctions_lines_and_the_other_direction(
+    commonroad: dict[str, Any], traces: list[tuple[Trace, Scene]]
+) -> None:
+    for seen, (_, scene) in zip(commonroad["files"][:3], traces, strict=False):
+        assert seen["intersections"] == []
+        assert seen["stops"] == []
+        roads = scene.network.edges.values()
+        two_way = {(e.source, e.target) for e in roads} & {(e.target, e.source) for e in roads}
+        assert bool(seen["opposite"]) <= bool(two_way)
+    seen, (_, scene) = commonroad["files"][3], traces[3]
+    network, sign = scene.network, scene.target_sign
+    junction = network.edges[sign.edge].target
+    inward = [e for e in network.edges.values() if not e.internal and e.target == junction]
+    (arms,) = seen["intersections"]
+    assert sorted(i for arm in arms for i in arm[0]) == sorted(i + 1 for e in inward for i in e.lanes)
+    # A lanelet follows on the arm's where the turn leads, and every turn but back is one of the three.
+    ahead = {c.via[0] + 1: c.direction for e in inward for i in e.lanes for c in network.outgoing[i] if c.via}
+    turns = {way: {i for arm in arms for i in arm[k]} for k, way in ((1, "rR"), (2, "s"), (3, "lL"))}
+    for way, found in turns.items():
+        assert found == {i for i, direction in ahead.items() if direction in way}
+    own = {i + 1 for i in network.edges[sign.edge].lanes}
+    lines = {lanelet: (marking, plates) for lanelet, marking, plates in seen["stops"]}
+    assert {lines[lanelet] == ("broad_dashed", ["YIELD"]) for lanelet in own} == {True}
+    main = {i + 1 for s in scene.signs if s.code == "2.1" for i in network.edges[s.edge].lanes}
+    assert main
+    assert not main & set(lines)
+    # Who is opposite is so in turn, and drives the other way.
+    pairs = dict(seen["opposite"])
+    assert pairs
+    for one, other in pairs.items():
+        assert pairs[other] == one
+        a, b = (network.edges[network.lanes[i - 1].edge] for i in (one, other))
+        assert (a.source, a.target) == (b.target, b.source)
 
 
 def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> None:

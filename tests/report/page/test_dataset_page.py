@@ -73,12 +73,27 @@ def test_each_scene_is_there_with_its_certificate(page: Path, rows: list[Scenari
     for kind in TYPES:
         row = next(row for row in rows if row.scenario_type == kind)
         scene = unpacked(text, f"scene/{kind}/{row.map_id}")
-        assert set(scene["scenes"]) == {"0", "2", "5"}
-        assert scene["roads"]["areas"]
+        assert set(scene["scenes"]) == {r.scenario_id for r in rows if r.scenario_type == kind}
         for drawing in scene["scenes"].values():
+            assert scene["roads"][drawing["net"]]["areas"]
             assert [body["c"] for body in drawing["bodies"]].count("ego") == 1
             assert {plate["plate"] for plate in drawing["plates"]} <= set(plates)
             assert any(plate["target"] for plate in drawing["plates"])
+
+
+def test_both_halves_of_a_pair_are_there(tmp_path: Path) -> None:
+    """The halves of `bus_lane` have one type, one map and one variant; only the plate's lane tells them apart."""
+    pair = [r for r in read_table(table_path("dev")) if r.pair_type == "bus_lane" and r.variant == 0]
+    write_dataset_page(pair, tmp_path / "pair.html", 1, lambda *at: None)
+    text = (tmp_path / "pair.html").read_text(encoding="utf-8")
+    packed = unpacked(text, f"scene/bus_lane/{pair[0].map_id}")
+    signed, contrast = (
+        packed["scenes"][r.scenario_id] for r in sorted(pair, key=lambda r: r.half == "contrast")
+    )
+    lanes = [[a["r"] for a in drawing["areas"] if a["c"] == "reserved"] for drawing in (signed, contrast)]
+    assert all(lanes)
+    assert lanes[0] != lanes[1]
+    assert {signed["net"], contrast["net"]} == set(packed["roads"])
 
 
 def test_the_map_has_the_pool_and_what_is_used(page: Path, rows: list[ScenarioSpec]) -> None:

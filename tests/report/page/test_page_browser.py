@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+import browsing
 import page_runs
 import pytest
+from browsing import DESKTOP, PHONE, until
 from page_runs import HOSTILE, SENTENCE, TRACED
 from patience import HANG_S
 
@@ -21,8 +22,6 @@ from tsbench.report.page.server import make_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
-
-DESKTOP, PHONE = (1400, 900), (390, 844)
 
 
 @pytest.fixture(scope="module")
@@ -39,36 +38,7 @@ def report(run: Path) -> Path:
         ).path
 
 
-@contextmanager
-def opened(
-    browser: Browser, url: str, size: tuple[int, int] = DESKTOP, scheme: str = "light"
-) -> Iterator[Page]:
-    """A page that may ask only for itself and its own server; errors in it fail the test."""
-    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
-    page = context.new_page()
-    page.set_default_timeout(1_000 * HANG_S)
-    problems: list[str] = []
-    asked: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(url)
-    page.wait_for_selector("#episode-table tbody tr")
-    yield page
-    context.close()
-    assert problems == []
-    home = url.split("#")[0]
-    allowed = ("data:", home if home.startswith("file:") else "http://127.0.0.1")
-    assert [u for u in asked if not u.startswith(allowed)] == []
-
-
-def until(page: Page, expression: str) -> None:
-    """Wait for an expression; Playwright's own way needs eval, which the page's policy forbids."""
-    for _ in range(int(HANG_S / 0.1)):
-        if page.evaluate(expression):
-            return
-        page.wait_for_timeout(100)
-    pytest.fail(f"never: {expression}")
+opened = partial(browsing.opened, ready="#episode-table tbody tr")
 
 
 # All colours of a canvas, as "r,g,b".
@@ -120,6 +90,24 @@ def test_it_opens_from_disk_and_names_are_text(chromium: Browser, report: Path) 
         assert "over_limit" in page.inner_text("#episode-table tbody tr:first-child")
 
 
+# Of all texts of charts that are shown: the least height, px, and the greatest right end.
+TEXTS = """() => {
+  const texts = [...document.querySelectorAll("figure svg text")];
+  const boxes = texts.map((text) => text.getBoundingClientRect()).filter((box) => box.width);
+  return [Math.min(...boxes.map((box) => box.height)), Math.max(...boxes.map((box) => box.right))];
+}"""
+
+
+def test_charts_are_legible_on_a_phone(chromium: Browser, report: Path) -> None:
+    for size, shown, hidden in ((PHONE, "stacked", "wide"), (DESKTOP, "wide", "stacked")):
+        with opened(chromium, report.as_uri(), size=size) as page:
+            assert page.locator(f"#intervals figure.{shown} svg").is_visible()
+            assert page.locator(f"#intervals figure.{hidden} svg").is_hidden()
+            least, right = page.evaluate(TEXTS)
+            assert least >= 9.0
+            assert right <= size[0]
+
+
 def test_a_cell_of_the_heat_map_filters(chromium: Browser, report: Path) -> None:
     with opened(chromium, report.as_uri()) as page:
         page.click("#types td.share a >> nth=0")
@@ -169,9 +157,54 @@ def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: P
         until_drawn(page, "player-line", {"192,21,37"})  # the violation on the time line
 
 
+def test_lights_and_names_of_others(chromium: Browser, report: Path) -> None:
+    """The bus turns left: an amber lamp; from 3.0 s on a sentence names it."""
+    for start, named in ((2.9, False), (3.1, True)):
+        link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t={start}"
+        with opened(chromium, report.as_uri() + link) as page:
+            until(page, "tsb.player.episode !== null")
+            lamp, ink = "255,190,40", "240,242,245"
+            if named:
+                until_drawn(page, "player-view", {lamp, ink})
+            else:
+                # Out of sight until the moment of the violation.
+                until_drawn(page, "player-view", {"255,112,32"})
+                assert not {lamp, ink} & set(page.evaluate(COLOURS, "player-view"))
+
+
+def test_the_legend_is_open_where_there_is_room(chromium: Browser, report: Path) -> None:
+    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}"
+    for size, shown in ((DESKTOP, True), (PHONE, False)):
+        with opened(chromium, report.as_uri() + link, size) as page:
+            until(page, "tsb.player.episode !== null")
+            assert page.is_visible("#player-legend") is shown
+            told = page.text_content("#player-legend") or ""
+            assert "indicator" in told
+            assert "brakes" in told
+
+
+def test_curves_beside_the_speed_where_there_is_room(chromium: Browser, report: Path) -> None:
+    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
+    for size, shown in ((DESKTOP, True), (PHONE, False)):
+        with opened(chromium, report.as_uri() + link, size=size) as page:
+            until(page, "tsb.player.episode !== null")
+            assert page.is_checked("#player-curves") is shown
+            heights = []
+            for wanted in (True, False):
+                page.set_checked("#player-curves", wanted)
+                until_drawn(page, "player-line", {"192,21,37"})
+                box = page.locator("#player-line").bounding_box()
+                assert box is not None
+                heights.append(box["height"])
+            assert heights[0] > 2 * heights[1]
+            # The ego keeps its speed, and nobody is in its way.
+            for name, value in (("a", 0), ("steer", 0), ("ttc", None)):
+                assert page.evaluate(f"tsb.player.episode.track.{name}") == [value] * 61
+
+
 def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
     link = f"#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
-    with opened(chromium, report.as_uri() + link, PHONE, "dark") as page:
+    with opened(chromium, report.as_uri() + link, size=PHONE, scheme="dark") as page:
         until(page, "tsb.player.episode !== null")
         assert HOSTILE in page.inner_text("#player-title")
         box = page.locator("#player").bounding_box()

@@ -14,9 +14,10 @@ from page_runs import HOSTILE, TRACED
 
 from tsbench.cli import main
 from tsbench.episode.trace import trace_path
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import read_pool
 from tsbench.report.page import report as embedding
-from tsbench.report.page.content import heading, sections
+from tsbench.report.page.content import heading, sections, show
 from tsbench.report.page.episode_index import index_episodes
 from tsbench.report.page.report import NAME, Written, embed, write_report
 
@@ -181,3 +182,17 @@ def test_what_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert name in refused(capsys, torn)
     (tmp_path / "file").write_text("")
     assert "file" in refused(capsys, run, "--out", tmp_path / "file" / "x.html")
+
+
+def test_a_figure_without_an_interval_says_why() -> None:
+    columns = (Column("planner", "planner", Kind.TEXT), Column("scd", "SCD\n%"))
+    sure = Row(("a", Value(50.0, 40.0, 60.0, 30)))
+    unsure = Row(("b", Value(50.0, None, None, 4, "only 4 places, fewer than 5")))
+    for rows, notes in (
+        ((sure,), ("a note",)),
+        (
+            (sure, unsure, unsure),
+            ("a note", "why some figures have no interval: only 4 places, fewer than 5"),
+        ),
+    ):
+        assert show(Analysis("one", "One", "", Table(columns, rows, 1), ("a note",)))["notes"] == notes

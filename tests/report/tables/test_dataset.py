@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from tsbench.dataset.scenes.axes import TypeAxes
 from tsbench.dataset.scenes.overview import TypeStats
+from tsbench.dataset.scenes.tagging import Tagging
 from tsbench.report.analyses.model import Analysis
-from tsbench.report.tables.dataset import dataset_page, dataset_tables
+from tsbench.report.tables.dataset import axes_table, dataset_page, dataset_tables, tagging_table
 
 STOP = TypeStats(
     "stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25,
@@ -55,3 +57,19 @@ def test_the_page_counts_rows_by_split() -> None:
     page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT))
     assert "1,200 rows (test 400, train 800)" in page
     assert "others &#124; go first" in page
+
+
+def test_in_what_rows_differ() -> None:
+    found = TypeAxes("stop", "test", 1, 3, 4, 7.9, 1.0, 2.4, 1.0, 2.4, 0.795, 0.015)
+    row = cells(axes_table([found]))
+    assert (row["plates and values"], row["densities"], row["destinations"]) == (1, 4, 2.4)
+    assert (row["apart"], row["apart without distractors"]) == ("79.5", "1.5")
+
+
+def test_generalised_maps_and_the_goal_for_routing_types() -> None:
+    within = Tagging("no_entry", "test", True, 20, 6, 30)
+    over = Tagging("direction_left", "test", True, 20, 7, 13)
+    table = tagging_table([within, over, Tagging("stop", "test", False, 20, 20, 0)])
+    assert cells(table)["generalised"] == "30.0"
+    (note,) = table.notes
+    assert "test: 32.5 % generalised, 1 of 2 types above the goal" in note

@@ -18,8 +18,9 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.report import episode_files as module
-from tsbench.report.drawing.bev import BirdsEye, PageSize
+from tsbench.report.drawing.bev import BirdsEye
 from tsbench.report.drawing.camera import camera_at, camera_over
+from tsbench.report.drawing.layout import PageSize
 from tsbench.report.drawing.paint import paint
 from tsbench.report.drawing.scene import staged_bodies, start_shapes
 from tsbench.report.drawing.style import STYLE, VIOLATION_SHADE
@@ -157,7 +158,7 @@ def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) ->
         frames.append(frame[..., ::-1])
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(10.0)
     assert len(frames) == 61 + 15
-    assert frames[0].shape == (600, 800, 3)
+    assert frames[0].shape == (680, 800, 3)
     assert np.abs(frames[0][5, 400].astype(int) - STYLE.panel).max() < 12
     # The ego moves to the right of the picture or the world to its left: frames differ.
     assert np.abs(frames[0].astype(int) - frames[60]).mean() > 1.0

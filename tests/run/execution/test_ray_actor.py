@@ -55,7 +55,7 @@ def refusal(actor: RayActor, setup: Setup) -> str:
 def test_an_episode_and_its_trace(actor: RayActor, setup: Setup, tmp_path: Path) -> None:
     assert actor.configure(encode(setup)) == b""
     spec = specs()[0]
-    line, trace = actor.run(encode(Task(1, 0, spec)))
+    ((line, trace),) = actor.run([encode(Task(1, 0, spec))])
     finished = decode(line, (Finished,))
     assert finished.task == 1
     assert finished.record.row["scenario_id"] == spec.scenario_id
@@ -63,6 +63,14 @@ def test_an_episode_and_its_trace(actor: RayActor, setup: Setup, tmp_path: Path)
     assert finished.record.trace_sha256 == hashlib.sha256(trace).hexdigest()
     (tmp_path / "trace.parquet").write_bytes(trace)
     assert pq.ParquetFile(tmp_path / "trace.parquet").metadata.num_rows == 31
+
+
+def test_episodes_come_back_in_the_order_in_which_they_were_asked_for(actor: RayActor, setup: Setup) -> None:
+    assert actor.configure(encode(setup)) == b""
+    asked = [Task(number, 0, spec) for number, spec in enumerate(specs()[:3], start=1)]
+    told = actor.run([encode(task) for task in asked])
+    assert [decode(line, (Finished,)).task for line, _ in told] == [1, 2, 3]
+    assert len({trace for _, trace in told}) == 3
 
 
 def test_a_node_with_other_data_takes_no_part(actor: RayActor, setup: Setup) -> None:

@@ -13,10 +13,12 @@ import pytest
 
 import tsbench
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 from tsbench.leaderboard.submission import Episode, episode_of
-from tsbench.run.isolation import protocol
+from tsbench.planners import registry
+from tsbench.run.isolation import loading, protocol
+from tsbench.run.isolation.commands import command_message, read_command
 from tsbench.run.isolation.loading import code_hash, describe
-from tsbench.run.isolation.moments import command_message, read_command
 from tsbench.run.isolation.protocol import HEAD, Kind, ProtocolError
 from tsbench.run.log.tables import read_table
 from tsbench.run.planner_info import describe as describe_here
@@ -65,6 +67,40 @@ def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:
     before = code_hash(f"{file}:P")
     file.write_text(file.read_text() + "import tsbench.core.provenance as p\np.digest = lambda _: '0' * 64\n")
     assert describe(f"{file}:P").planner.code_sha256 not in (before, "0" * 64)
+
+
+def test_a_planner_cannot_say_what_its_weights_are(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "import json, os, tsbench.run.isolation.client as c\n"
+        "told = json.dumps\n"
+        "c.json.dumps = lambda facts: told({**facts, 'weights_file': 'mine.py', 'weights_sha256': 'f' * 64})\n"
+        "class P:\n    def reset(self, c): pass\n    def act(self, o): pass\n"
+    )
+    assert describe(f"{file}:P").planner.weights_sha256 is None
+
+
+def test_weights_are_hashed_in_their_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = registry.entry("ppo")
+    assert entry.weights is not None
+    file = tmp_path / entry.weights.file
+    file.write_bytes(b"others")
+    monkeypatch.setattr(loading, "file_of", lambda _: file)
+    assert loading.weights_hash("ppo", None) == loading.weights_hash("ppo-e", "odd") == sha256_of(file)
+    assert loading.weights_hash("idm", "odd") is None
+    # One that another package registers says which file; whether it is there, and what is in it, is seen from here.
+    monkeypatch.setattr(loading, "source_of", lambda _: "other.planners")
+    monkeypatch.setattr(loading, "source_places", lambda _: [tmp_path])
+    assert loading.weights_hash("theirs", entry.weights.file) == sha256_of(file)
+    assert loading.weights_hash("theirs", "none.pt") is loading.weights_hash("theirs", None) is None
+
+
+def test_a_program_is_hashed_as_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "program"
+    file.write_bytes(b"1")
+    before = code_hash(f"exe:{file}")
+    file.write_bytes(b"2")
+    assert before != code_hash(f"exe:{file}") == sha256_of(file)
 
 
 def test_what_does_not_come_up_says_why(tmp_path: Path) -> None:

@@ -7,14 +7,18 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import hostile
 import pytest
 from patience import HANG_S
+from rich.console import Console
 
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.base import Limits
+from tsbench.run.isolation.loading import describe
 from tsbench.run.log.tables import read_table
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
@@ -28,9 +32,15 @@ CHEATS = (
 # Nothing comes of them.
 CONTAINED = (
     "ForkBomb", "Threads", "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "SeesProcesses", "KillsAll",
-    "StopsParent", "Ptraces", "ReadsParent", "Inherits", "WritesRun", "Connects", "BecomesRoot", "Uncovers",
-    "Environment",
+    "StopsParent", "SignalsParent", "Ptraces", "ReadsParent", "Inherits", "WritesRun", "Links", "LinksAway", "FillsShm",
+    "Floods", "Connects", "BecomesRoot", "Uncovers", "Environment",
 )  # fmt: skip
+# Without namespaces: what a process of its own, its limits and its environment hold off.
+CONTAINED_BARE = (
+    "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "Inherits", "Environment", "LinksAway", "Floods"
+)  # fmt: skip
+# What reads the data is held off by a file system of its own only.
+READERS = ("ByTable", "ByFile")
 # The planner's fault, and what is said of it.
 NAMED = {
     "Exits": "planner_error: the planner's process ended: exit code 3",
@@ -46,81 +56,190 @@ NAMED = {
     "OddIntent": "invalid_output: 'nowhere'",
     "NoCommand": "invalid_output: act returned str",
     "Orphans": "planner_error: the planner's process ended: exit code 0",
+    "fake_planners.py:ReturnsNone@107": "invalid_output: act returned NoneType",
+    "fake_planners.py:Nan@107": "invalid_output: acceleration nan",
+    "fake_planners.py:Inf@107": "invalid_output: steering inf",
+    "fake_planners.py:WrongShape@107": "invalid_output: shapes",
+    "fake_planners.py:Raises@107": "planner_error: RuntimeError: no idea what to do with <object object at",
+    "fake_planners.py:PrintsAndRaises@107": "planner_error: ValueError: enough",
+    "fake_planners.py:Exits@107": "planner_error: the planner's process ended: exit code 7",
+    "fake_planners.py:SysExits@107": "planner_error: SystemExit: bye",
+    "fake_planners.py:Hostile@100": "invalid_output: Control cannot be read (SystemExit: read)",
+    "fake_planners.py:Hostile@101": "planner_error: Own: mine",
+    "fake_planners.py:Hostile@102": "planner_error: KeyboardInterrupt: stop",
+    "fake_planners.py:Hostile@103": "planner_error: GeneratorExit: gone",
+    "fake_planners.py:Hostile@104": "planner_error: ValueError: half a character: \\ud800",
+    "fake_planners.py:Hostile@105": "planner_error: Mute: (its text cannot be had)",
+    "fake_planners.py:Hostile@106": "planner_error: ValueError: word word",
+    "fake_planners.py:Hostile@107": "planner_error: the planner's process ended",
+    "fake_planners.py:Hostile@108": "planner_error: the planner's process ended",
+    "fake_planners.py:Hostile@109": "invalid_output: no message of the protocol",
+    "fake_planners.py:Hostile@112": "planner_error: MemoryError",
+    "fake_planners.py:Hostile@115": "planner_error: SystemExit: reset",
 }
+NAMED_BARE = (
+    "Exits",
+    "Crashes",
+    "Garbage",
+    "Twice",
+    "HangsUp",
+    "NaN",
+    "NoCommand",
+    "fake_planners.py:Hostile@109",
+)
+Told = dict[str, tuple[list[object], str]]
+# In a namespace of users where nobody may make another of any kind: as on a kernel that has none.
+_REFUSED = (
+    "for kind in user mnt pid net ipc uts; do echo 0 > /proc/sys/user/max_${kind}_namespaces || exit 9; done; "
+    'exec "$@"'
+)
 
 
-def driven(place: str, name: str) -> tuple[list[object], str]:
-    """What came of an episode, and the error that was noted."""
+def driven(place: str, *names: str, before: tuple[str, ...] = (), **environment: str) -> Told:
+    """Of each planner what came of an episode, and the error that was noted."""
     done = subprocess.run(
-        [sys.executable, str(FILE), place, name, SCENE], capture_output=True, text=True, timeout=HANG_S,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TSBENCH_TEST_SECRET": "1"}, check=False,
+        [*before, sys.executable, str(FILE), place, SCENE, *names],
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, timeout=HANG_S, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TSBENCH_TEST_SECRET": "1", **environment},
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout.splitlines()[-1])
-    return told["told"], told["error"]
+    # Planners print, too.
+    lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"name": ')]
+    told = {one["name"]: (one["told"], one["error"]) for one in lines}
+    assert list(told) == list(names), f"{place}: exit status {done.returncode} after {[*told][-1:]}"
+    return told
+
+
+@pytest.fixture(scope="module")
+def honest() -> list[object]:
+    return driven("here", "Honest")["Honest"][0]
 
 
 @pytest.fixture(scope="module")
 def cell() -> str:
     """The tests are of cells with namespaces of their own; elsewhere there is less to promise."""
-    from tsbench.run.isolation.loading import describe
-
     if not describe(f"{FILE}:Honest").effects["namespaces"]:
         pytest.skip("this kernel, or container, lets nobody make namespaces")
     return "cell"
 
 
 @pytest.fixture(scope="module")
-def honest(cell: str) -> list[object]:
-    found = driven("here", "Honest")[0]
-    assert driven(cell, "Honest")[0] == found
-    return found
+def refused() -> tuple[str, ...]:
+    """What to put before a command that is to find no namespaces; nothing where there are none anyway."""
+    if not describe(f"{FILE}:Honest").effects["namespaces"]:
+        return ()
+    before = ("unshare", "--user", "--map-root-user", "sh", "-c", _REFUSED, "sh")
+    if subprocess.run([*before, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("unshare(1) or /proc/sys/user is missing: namespaces cannot be taken away for a test")
+    return before
 
 
 @pytest.mark.parametrize("name", CHEATS)
-def test_a_cheat_that_works_beside_the_referee_comes_to_nothing(
-    name: str, honest: list[object], cell: str
-) -> None:
-    assert driven("here", name)[0] != honest
-    assert driven(cell, name) == (honest, "")
+def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> None:
+    assert driven("here", name)[name][0] != honest
 
 
-@pytest.mark.parametrize("name", CONTAINED)
-def test_an_attack_comes_to_nothing(name: str, honest: list[object], cell: str) -> None:
+def test_nothing_comes_of_cheats_and_attacks_in_a_cell(honest: list[object], cell: str) -> None:
+    names = ("Honest", *CHEATS, *CONTAINED)
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = FILE.with_suffix(".port")
         port.write_text(str(server.getsockname()[1]))
         try:
-            assert driven(cell, name) == (honest, "")
+            found = driven(cell, *names)
         finally:
             port.unlink()
+    assert found == dict.fromkeys(names, (honest, ""))
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_what_is_no_answer_is_named(name: str, cell: str) -> None:
-    outcome, _, words = NAMED[name].partition(": ")
-    told, error = driven(cell, name)
-    assert told[0] == outcome
-    assert words in error
+def test_what_is_no_answer_is_named(cell: str) -> None:
+    assert misnamed(driven(cell, *NAMED)) == {}
 
 
-@pytest.mark.parametrize("name", ["Hangs", "Spins"])
-def test_who_gives_no_answer_is_late_and_gone(name: str, tmp_path: Path, cell: str) -> None:
-    out = tmp_path / "run"
-    request = Request((f"{FILE}:{name}", f"{FILE}:Honest"), "dev", ("main_road",), 1, "all", "signed")
-    limits = Limits(call=1.0, first_call=4.0, patience=2.0)
-    from rich.console import Console
+def misnamed(found: Told) -> Told:
+    """What came to something else than it should have."""
+    wrong = {}
+    for name, (told, error) in found.items():
+        outcome, _, words = NAMED[name].partition(": ")
+        if told[0] != outcome or words not in error:
+            wrong[name] = (told, error)
+    return wrong
 
+
+def test_a_cell_without_namespaces_says_so(refused: tuple[str, ...]) -> None:
+    code = (
+        "import json; from tsbench.run.isolation.loading import describe; "
+        "print(json.dumps(describe('idm').effects))"
+    )
+    done = subprocess.run(
+        [*refused, sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG_S, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    told = json.loads(done.stdout)
+    assert (told["namespaces"], told["files"], told["no_new_privs"]) == ("", False, True)
+    assert told["limits"] == ["CPU", "DATA", "FSIZE", "NOFILE"]
+
+
+def test_without_namespaces_the_referee_is_out_of_reach_and_the_data_is_not(
+    honest: list[object], refused: tuple[str, ...], tmp_path: Path
+) -> None:
+    temporary, victim = tmp_path / "temporary", tmp_path / "victim"
+    for folder in (temporary, victim):
+        folder.mkdir()
+    (victim / "kept").touch()
+    names = ("Honest", *CHEATS, *CONTAINED_BARE)
+    found = driven("cell", *names, *NAMED_BARE, before=refused, TMPDIR=str(temporary))
+    assert {name for name in names if found[name] != (honest, "")} == set(READERS)
+    assert misnamed({name: found[name] for name in NAMED_BARE}) == {}
+    # What stood in the cells' folders went, and nothing that a link there pointed to.
+    assert not list(temporary.iterdir())
+    assert (victim / "kept").exists()
+
+
+LATE = ("Hangs", "Spins", "Drips")
+LARGE = ("Gorges", "ChildGorges")
+
+
+def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict[str, Any]]:
+    """Of each planner the row of its one episode."""
+    request = Request(tuple(f"{FILE}:{name}" for name in names), "dev", ("main_road",), 1, "all", "signed")
     run(
-        Options(request, workers=1, out=out, isolate=True, limits=limits),
+        Options(request, workers=2, out=out, isolate=True, limits=limits, trace="none"),
         ProgressWatcher(Console(quiet=True)),
     )
-    rows = {row["planner"]: row for row in read_table(out / "episodes.parquet").to_pylist()}
-    assert rows[name]["outcome"] == Outcome.PLANNER_TIMEOUT
-    assert not Outcome(rows["Honest"]["outcome"]).is_error
-    assert json.loads((out / "run.json").read_text())["isolation"]["Honest"]["namespaces"]
-    left = [p for p in Path("/proc").glob("[0-9]*/cmdline") if f"{FILE}:{name}".encode() in _read(p)]
+    # Whatever became of them, nothing of them runs any more.
+    left = [
+        p
+        for p in Path("/proc").glob("[0-9]*/cmdline")
+        if any(f"{FILE}:{n}".encode() in _read(p) for n in names)
+    ]
     assert not left
+    rows = {row["planner"]: row for row in read_table(out / "episodes.parquet").to_pylist()}
+    assert rows.keys() == set(names)
+    return rows
+
+
+def test_who_gives_no_answer_is_late_and_gone(
+    cell: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    rows = rows_of(tmp_path / "run", LATE, Limits(call=1.0, first_call=4.0, patience=2.0))
+    assert {row["outcome"] for row in rows.values()} == {Outcome.PLANNER_TIMEOUT}
+    # Their workers were killed, and have left no folder of a cell.
+    assert not list(temporary.iterdir())
+
+
+def test_who_takes_too_much_is_gone_and_a_flooded_log_costs_nothing(cell: str, tmp_path: Path) -> None:
+    # Patient: only what they take is to end them, on a busy machine, too.
+    limits = Limits(call=60.0, first_call=60.0, patience=5.0, most_memory=1200.0)
+    rows = rows_of(tmp_path / "run", (*LARGE, "Floods"), limits)
+    for name in LARGE:
+        assert rows[name]["outcome"] == Outcome.PLANNER_ERROR
+        assert "MB of memory (--memory-limit)" in rows[name]["error"]
+    assert not Outcome(rows["Floods"]["outcome"]).is_error
+    written = sum(path.stat().st_size for path in (tmp_path / "run").rglob("*") if path.is_file())
+    assert written < 4 << 20, "a hundred megabytes to the log are not kept"
 
 
 def _read(path: Path) -> bytes:

@@ -61,13 +61,18 @@ def assemble(
         )
         edges.append(_edge(source, piece.row, tail_id, head_id, line))
     lat, lon = source.frame.to_degrees(*centre).tolist()
+    east = source.frame.true_east(centre[0])
     return PlainNet(
         nodes=tuple(sorted(nodes.values(), key=lambda node: node.id)),
         edges=tuple(edges),
         connections=(),
         roundabouts=tuple(tuple(ring) for ring in roundabouts),
         origin=(round(lat, 7), round(lon, 7)),
-        attributes={"source": source.name, "utm_east": f"{centre[0]:.0f}", "utm_north": f"{centre[1]:.0f}"},
+        attributes={
+            "source": source.name,
+            "utm_east": f"{east:.0f}",
+            "utm_north": f"{centre[1]:.0f}",
+        },
     )
 
 

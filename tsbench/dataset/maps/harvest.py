@@ -13,7 +13,8 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import Kept, worker_processes
-from tsbench.dataset.city import chosen_city, cities_folder
+from tsbench.data.cities import cities_folder
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.extracts import by_preference, list_extracts
 from tsbench.dataset.maps.families.expectations import expectations
@@ -126,9 +127,14 @@ def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
     city = chosen_city()
     other = next((name for name, found in frames.items() if found != city.frame), None)
     if other is not None:
+        # netconvert takes the zone of a node of the extract's, which near a zone's edge may be either
+        remedy = (
+            f"write `zone: {frames[other].zone}` into cities/{city.name}.yaml"
+            if len(set(frames.values())) == 1
+            else "describe another one in cities/ and name it with --city"
+        )
         raise InputError(
-            f"{osm_dir}: {other} is in {frames[other]}, {city.name} in {city.frame}: one pool is of one city; "
-            f"describe another one in cities/ and name it with --city"
+            f"{osm_dir}: {other} is in {frames[other]}, {city.name} in {city.frame}: one pool is of one city; {remedy}"
         )
 
 

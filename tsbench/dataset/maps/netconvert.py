@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.osm import ExtractFacts, read_extract
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 
@@ -70,7 +71,8 @@ def convert_to_plain(extract: Path, prefix: Path) -> ExtractFacts:
 def _convert(extract: Path, option: str, out: Path) -> ExtractFacts:
     with tempfile.TemporaryDirectory(prefix="tsbench-osm-") as folder:
         plain = Path(folder) / "extract.osm"
-        facts = read_extract(extract, plain)
+        city = chosen_city()
+        facts = read_extract(extract, plain, city.frame.meridian if city.frame.mirrored else None)
         out.parent.mkdir(parents=True, exist_ok=True)
         arguments = [
             *("--configuration-file", str(netconvert_file("extract.netccfg"))),

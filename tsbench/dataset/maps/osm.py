@@ -12,6 +12,7 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
+from tsbench.dataset.maps.osm_mirror import mirrored
 from tsbench.dataset.maps.utm import Floats
 
 SUFFIXES = (".osm", ".osm.gz", ".osm.bz2", ".osm.pbf", ".xml", ".xml.gz", ".xml.bz2", ".pbf")
@@ -37,8 +38,10 @@ def extract_name(path: Path) -> str:
     return path.name.split(".", 1)[0]
 
 
-def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
+def read_extract(path: Path, plain_xml: Path, meridian: int | None = None) -> ExtractFacts:
     """Check an extract and write it as uncompressed OSM XML to `plain_xml`.
+
+    meridian: of a mirror (degrees) that it is written in, None for none; what is told is of the extract as it is.
 
     Raises InputError if it is missing, empty, truncated, not OSM, or has no road for cars.
     """
@@ -55,8 +58,8 @@ def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
                         signals.append((entity.location.lat, entity.location.lon))
                 elif entity.is_way():
                     ways += 1
-                    roads += highway in CAR_ROADS
-                writer.add(entity)
+                    roads += highway in CAR_ROADS and len(entity.nodes) > 1
+                writer.add(entity if meridian is None else mirrored(entity, meridian))
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
         place = f"after {nodes} nodes and {ways} ways"
         raise InputError(
@@ -65,6 +68,11 @@ def read_extract(path: Path, plain_xml: Path) -> ExtractFacts:
     if roads == 0:
         raise InputError(
             f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)"
+        )
+    if nodes == 0:
+        raise InputError(
+            f"{path}: no road for cars in it has a place ({roads} roads, but no nodes): cut it out again with "
+            "`osmium extract`, whose ways are complete"
         )
     return ExtractFacts(nodes, ways, roads, np.array(signals, float).reshape(-1, 2))
 

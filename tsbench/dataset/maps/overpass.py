@@ -39,21 +39,28 @@ def parse_box(text: str) -> Box:
     return west, south, east, north
 
 
-def query(box: Box, date: str | None = None) -> str:
-    """What is asked: roads for cars with nodes and turn restrictions, now or as they were on a date (YYYY-MM-DD)."""
+def query(box: Box, date: str | None = None, ground: bool = False) -> str:
+    """What is asked: roads for cars with nodes and turn restrictions, now or as they were on a date (YYYY-MM-DD).
+
+    ground: also buildings, greenery and water, which only pictures use.
+    """
     west, south, east, north = box
     when = f'[date:"{date}T00:00:00Z"]' if date else ""
-    roads = "|".join(sorted(CAR_ROADS))
+    roads, where = "|".join(sorted(CAR_ROADS)), f"({south:g},{west:g},{north:g},{east:g})"
+    asked = "".join(
+        f'wr["{key}"]{where};' for key in ("building", "landuse", "leisure", "natural", "waterway")
+    )
+    surfaces, more = (f"({asked})->.ground;", ".ground; .ground >;") if ground else ("", "")
     return (
         f"[out:xml][timeout:{_TIMEOUT_S}]{when};"
-        f'way["highway"~"^({roads})$"]({south:g},{west:g},{north:g},{east:g})->.roads;'
-        '(.roads; node(w.roads); relation(bw.roads)["type"="restriction"];);out body;'
+        f'way["highway"~"^({roads})$"]{where}->.roads;'
+        f'{surfaces}(.roads; node(w.roads); relation(bw.roads)["type"="restriction"];{more});out body;'
     )
 
 
-def address(box: Box, date: str | None = None, server: str = SERVER) -> str:
+def address(box: Box, date: str | None = None, server: str = SERVER, ground: bool = False) -> str:
     """The same question as an address, which any program that fetches files can ask."""
-    return f"{server}?{urllib.parse.urlencode({'data': query(box, date)})}"
+    return f"{server}?{urllib.parse.urlencode({'data': query(box, date, ground)})}"
 
 
 def fetch_extract(path: Path, question: str) -> str:

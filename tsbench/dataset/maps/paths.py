@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
+from lxml import etree
+
+from tsbench.core.files import write_atomic
 from tsbench.core.paths import data_file, data_root, dataset_root
-from tsbench.dataset.city import chosen_city
+from tsbench.core.xmlfile import parse
+from tsbench.dataset.city import COUNTRY_TYPES, TOWN_TYPES, chosen_city
+from tsbench.signs.countries import load_country
 
 
 def sumo_nets() -> Path:
@@ -28,8 +34,30 @@ def netconvert_file(name: str) -> Path:
 
 
 def types_file() -> Path:
-    """The city's type map: what netconvert takes for lanes, speeds and widths by road class."""
-    return netconvert_file(chosen_city().types)
+    """The city's type map: what netconvert takes for lanes, speeds and widths by road class.
+
+    One with its country's speeds is made below `build_dir()`, the same bytes each time.
+    """
+    city = chosen_city()
+    if city.types != COUNTRY_TYPES:
+        return netconvert_file(city.types)
+    made = build_dir() / "types" / f"{city.country}.typ.xml"
+    return _types_of_country(city.country, netconvert_file(TOWN_TYPES), made)
+
+
+@cache
+def _types_of_country(code: str, town: Path, made: Path) -> Path:
+    """Write a town's type map with the limits that hold in a country where no plate says otherwise."""
+    traffic = load_country(code).traffic
+    assert traffic is not None, "load_city has looked"
+    root = parse(town.read_bytes(), town, "types", "type map")
+    for road, speed in traffic.speeds_mps.items():
+        for kind in root.iterfind(f"type[@id='highway.{road}']"):
+            kind.set("speed", f"{speed:.2f}")
+    content = etree.tostring(root, encoding="UTF-8")
+    if not made.is_file() or made.read_bytes() != content:
+        write_atomic(made, content)
+    return made
 
 
 def made_pool() -> Path:

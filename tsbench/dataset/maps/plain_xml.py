@@ -11,6 +11,8 @@ from lxml import etree
 
 # Outside these a width is no lane's: netconvert halves the lane of a two-way road tagged lanes=1.
 WIDTH_RANGE_M = (2.75, 4.5)
+# Above this a limit is a slip of the pen: no country posts as much, and netconvert takes 142 km/h where there is none.
+FASTEST_MPS = 150.0 / 3.6
 DEFAULT_WIDTH_M = 3.25
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,14 +16,23 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.netconvert import convert_to_plain
 from tsbench.dataset.maps.osm import extract_name
 from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
-from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes, parse_projection, parse_roundabouts
+from tsbench.dataset.maps.plain_xml import (
+    FASTEST_MPS,
+    ParsedEdge,
+    class_speeds,
+    parse_edges,
+    parse_nodes,
+    parse_projection,
+    parse_roundabouts,
+)
 from tsbench.dataset.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
-SCHEMA = 2
+SCHEMA = 3
 Ints = npt.NDArray[np.int64]
 
 
@@ -120,6 +129,8 @@ def load_source(name: str, osm_dir: Path) -> SourceNetwork:
     extract = find_extract(name, osm_dir)
     configuration = (netconvert_file("extract.netccfg"), types_file())
     key = "-".join([sha256_of(extract)[:16], *(sha256_of(part)[:8] for part in configuration)])
+    if chosen_city().frame.mirrored:
+        key += "-mirrored"
     cache = build_dir() / "sources" / f"{name}-{SCHEMA}-{key}.parquet"
     if not cache.is_file():
         _write(_convert(extract), cache)
@@ -131,9 +142,10 @@ def _convert(extract: Path) -> SourceNetwork:
         prefix = Path(folder) / "net"
         facts = convert_to_plain(extract, prefix)
         node_file = Path(f"{prefix}.nod.xml")
-        nodes, frame = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
+        nodes, used = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
+        frame = replace(used, mirrored=chosen_city().frame.mirrored)
         edge_file = Path(f"{prefix}.edg.xml")
-        edges = parse_edges(edge_file, nodes)
+        edges = [_with_its_class_speed(edge) for edge in parse_edges(edge_file, nodes)]
         rings = parse_roundabouts(edge_file)
     if not edges:
         raise InputError(f"{extract}: netconvert found no road for cars in it")
@@ -162,6 +174,14 @@ def _convert(extract: Path) -> SourceNetwork:
     )
 
 
+def _with_its_class_speed(edge: ParsedEdge) -> ParsedEdge:
+    """The edge with the limit of its class where the tagged one can be none."""
+    if edge.speed <= FASTEST_MPS:
+        return edge
+    usual = class_speeds(types_file()).get(f"highway.{edge.road_class}", FASTEST_MPS)
+    return replace(edge, speed=usual)
+
+
 _END_COLUMNS = ("tail", "head")
 _NUMBER_COLUMNS = ("lanes", "priority", "speed", "width", "centred")
 _EDGE_COLUMNS = (*_END_COLUMNS, *_NUMBER_COLUMNS)
@@ -178,7 +198,7 @@ def _write(source: SourceNetwork, path: Path) -> None:
     extra = {
         "schema": SCHEMA,
         "name": source.name,
-        "frame": [source.frame.zone, source.frame.south],
+        "frame": [source.frame.zone, source.frame.south, source.frame.mirrored],
         "nodes": source.node_ids,
         "node_xy": source.node_xy.tolist(),
         "rings": source.rings,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -110,13 +110,17 @@ def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
     figure = Figure(figsize=(11, 11), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.add_subplot()
+    frame = chosen_city().frame
     for family, colour in COLOURS.items():
         members = [row for row in pool if row.family == family]
-        east, north = [row.east / 1000 for row in members], [row.north / 1000 for row in members]
+        east, north = (
+            [frame.true_east(row.east) / 1000 for row in members],
+            [row.north / 1000 for row in members],
+        )
         label = f"{family.replace('_', ' ')} ({len(members):,})"
         axis.scatter(east, north, s=14 if family == "roundabout" else 2, c=colour, linewidths=0, label=label)
     axis.set_aspect("equal")
-    axis.set_xlabel(f"east, km ({chosen_city().frame})")
+    axis.set_xlabel(f"east, km ({replace(frame, mirrored=False)})")
     axis.set_ylabel("north, km")
     axis.set_title(f"{len(pool):,} maps")
     axis.legend(markerscale=3, loc="upper right")

@@ -43,15 +43,20 @@ _E = np.sqrt(_F * (2 - _F))
 
 @dataclass(frozen=True)
 class UtmFrame:
-    """A zone of UTM, 1 to 60. south: northings count from 10,000 km below the equator, else from the equator."""
+    """A zone of UTM, 1 to 60. south: northings count from 10,000 km below the equator, else from the equator.
+
+    mirrored: the world is seen in a mirror that stands on the zone's meridian, as where traffic keeps to the left:
+    eastings count westwards. Degrees are always true ones.
+    """
 
     zone: int
     south: bool = False
+    mirrored: bool = False
 
     def to_metres(self, lat: npt.ArrayLike, lon: npt.ArrayLike) -> Floats:
         """Degrees to metres; returns (..., 2) east, north."""
         phi, dlon = np.radians(np.asarray(lat, float)), np.radians(np.asarray(lon, float)) - self._meridian
-        dlon = np.where(np.abs(dlon) > np.pi, dlon - np.copysign(2 * np.pi, dlon), dlon)
+        dlon = np.where(np.abs(dlon) > np.pi, dlon - np.copysign(2 * np.pi, dlon), dlon) * self._side
         t = np.sinh(np.arctanh(np.sin(phi)) - _E * np.arctanh(_E * np.sin(phi)))
         xi, eta = np.arctan2(t, np.cos(dlon)), np.arctanh(np.sin(dlon) / np.hypot(1.0, t))
         east, north = eta.copy(), xi.copy()
@@ -70,7 +75,7 @@ class UtmFrame:
             xi0 -= beta * np.sin(2 * order * xi) * np.cosh(2 * order * eta)
             eta0 -= beta * np.cos(2 * order * xi) * np.sinh(2 * order * eta)
         tau_conformal = np.sin(xi0) / np.hypot(np.sinh(eta0), np.cos(xi0))
-        lon = self._meridian + np.arctan2(np.sinh(eta0), np.cos(xi0))
+        lon = self._meridian + self._side * np.arctan2(np.sinh(eta0), np.cos(xi0))
         lon = np.where(np.abs(lon) > np.pi, lon - np.copysign(2 * np.pi, lon), lon)
         psi = np.arcsinh(tau_conformal)
         phi = np.arctan(tau_conformal)
@@ -79,16 +84,31 @@ class UtmFrame:
         degrees: Floats = np.degrees(np.stack([phi, lon], axis=-1))
         return degrees
 
+    def true_east(self, east: float) -> float:
+        """The easting (m) of UTM itself."""
+        return _FALSE_EAST + self._side * (east - _FALSE_EAST)
+
+    @property
+    def meridian(self) -> int:
+        """The zone's central meridian, degrees east."""
+        return _ZONE_DEG * self.zone - 183
+
     @property
     def _meridian(self) -> float:
-        return float(np.radians(_ZONE_DEG * self.zone - 183.0))
+        return float(np.radians(self.meridian))
+
+    @property
+    def _side(self) -> float:
+        return -1.0 if self.mirrored else 1.0
 
     @property
     def _false_north(self) -> float:
         return _FALSE_NORTH if self.south else 0.0
 
     def __str__(self) -> str:
-        return f"UTM zone {self.zone}{' south' if self.south else ''}"
+        return (
+            f"UTM zone {self.zone}{' south' if self.south else ''}{' in a mirror' if self.mirrored else ''}"
+        )
 
 
 def frame_of(projection: str, what: str) -> UtmFrame:

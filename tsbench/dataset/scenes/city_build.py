@@ -7,16 +7,23 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY, dataset_root
 from tsbench.dataset.city import chosen_city
+from tsbench.dataset.maps.ground import write_ground
 from tsbench.dataset.maps.harvest import harvest
 from tsbench.dataset.maps.paths import made_pool
 from tsbench.dataset.scenes.build import BuildRequest, Progress, TypeReport, build_scenarios
+from tsbench.dataset.scenes.carried import carried
+from tsbench.dataset.scenes.overview import build_report
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.run.edition import release_city
+from tsbench.scenarios.map_pool import read_pool
+from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.signs.catalog import load_catalog
 
 
 def build_city(types: tuple[str, ...], osm: Path, workers: int, progress: Progress) -> list[TypeReport]:
     """Build the data set of the city in use, of some types or () = all. Interrupted, it goes on where it was.
 
-    Raises InputError: an extract that is missing or another than the city's, or lies in another zone.
+    Raises InputError: an extract that is missing or another than the city's, or lies in another zone; no scenario.
     """
     city = chosen_city()
     if city.name == OWN_CITY:
@@ -26,5 +33,17 @@ def build_city(types: tuple[str, ...], osm: Path, workers: int, progress: Progre
     pool = made_pool()
     harvest(osm, pool, pool.with_name("harvest.json"), workers, progress)
     reports = build_scenarios(BuildRequest(types, osm, dataset_root() / "scenarios", workers), progress)
+    if not any(read_table(table_path(split)) for split in splits_there()):
+        why = dict.fromkeys(c.why for c in carried(city, read_pool(pool), _recipes(types), build_report()))
+        raise InputError(
+            f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
+            f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
+        )
     release_city(city.title)
+    write_ground(osm)
     return reports
+
+
+def _recipes(types: tuple[str, ...]) -> list[Recipe]:
+    catalog = load_catalog()
+    return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -9,6 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.episode.observation import destination_on_map
+from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.learn.finetune.handover import Handover
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
@@ -21,6 +24,7 @@ from tsbench.planners.plant2.route_alternatives import RouteAlternatives
 from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import ObstacleParams
 
 # No forecasts: fine-tuning has no loss for them. family: of `finetune_targets.FAMILIES`; type: of the catalogue's.
 SIGN_FRAME = np.dtype(
@@ -40,15 +44,19 @@ SIGN_FRAME = np.dtype(
 
 @dataclass(frozen=True)
 class FinetuneSource:
-    """Frames of drives that have SCD; the others teach nothing. mask_signs: are posts shown in place of plates?
+    """Frames of drives that have SCD; the others teach nothing. Nor do those that pass an obstacle on the left where
+    the plate leaves the choice: the mean of both ways leads into it. mask_signs: are posts shown in place of plates?
 
-    What is answered with is of the drive, and so of what the plate said, masked or not.
+    perception: the level of the eyes through which a share `perceived` (0 to 1) of the drives is seen, each with its
+    own luck; None: all exactly. What is answered with is of the drive, and so of what the plate said, read or not.
     """
 
     dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
     sampling: FinetuneSampling
     vocabulary: Vocabulary
     mask_signs: bool = False
+    perception: PerceptionLevel | None = None
+    perceived: float = 0.0
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
@@ -56,12 +64,32 @@ class FinetuneSource:
             return np.zeros(0, dtype=SIGN_FRAME)
         catalog = load_catalog()
         sign = catalog.sign(driven.facts.scene.target_sign.code)
+        either = set(sign.rule.options.get("allowed_sides", ())) == {"left", "right"}
+        if either and not _on_the_right(driven.facts):
+            return np.zeros(0, dtype=SIGN_FRAME)
         kind = next(k for k, known in enumerate(catalog.types) if sign.code in known.codes)
         teacher = SignTargets(driven, sign.rule, kind, self.sampling)
         view = driven.roads.view
         ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
-        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, self.mask_signs)
+        eyes = self._eyes(rng)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, self.mask_signs, eyes)
+
+    def _eyes(self, rng: np.random.Generator) -> tuple[PerceptionLevel, str] | None:
+        """The level of a drive's eyes and the name that decides their luck; None: exact."""
+        if self.perception is None:
+            return None
+        share, luck = float(rng.random()), int(rng.integers(2**32))
+        return (self.perception, f"frames-{luck}") if share < self.perceived else None
+
+
+def _on_the_right(facts: EpisodeFacts) -> bool:
+    """Had the ego its target's obstacle on its left where it was nearest to it?"""
+    params = facts.scene.target_sign.params
+    assert isinstance(params, ObstacleParams)
+    x, y = next((o.x, o.y) for o in facts.scene.obstacles if o.id == params.obstacle)
+    nearest = min((w.ego for w in facts.snapshots), key=lambda ego: math.hypot(x - ego.x, y - ego.y))
+    return math.cos(nearest.heading) * (y - nearest.y) > math.sin(nearest.heading) * (x - nearest.x)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

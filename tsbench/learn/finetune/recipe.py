@@ -10,11 +10,12 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import Drive
 from tsbench.learn.imitation.recipe import TrainingRecipe, driven_in_turn, in_turn, kept_for_validation
-from tsbench.learn.oracle.trajectories import read_trajectories
+from tsbench.learn.oracle.trajectories import stream_trajectories
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.sizes import size_of
@@ -34,6 +35,7 @@ class FineTuning(TrainingRecipe):
 
     mask_signs: are posts shown in place of plates? Then the network is `plant2-blind`'s, here and wherever weights of
     `plant2-ft` are asked for below.
+    perception: the level of the eyes through which a share `perceived` (0 to 1) of the drives is seen; None: exact.
     base: folder of `plant2`'s weights, or of `plant2-ft`'s, which are trained on; None = tsbench's own `plant2`.
     drivers: none = the oracle's drives in `trajectories`. drives: how many, types in turn, three a turn of those in
     `more`; 0 = all. student: folder of `plant2-ft`'s weights that begin `takeover` (0 to 1) of the drives, which
@@ -42,6 +44,8 @@ class FineTuning(TrainingRecipe):
     """
 
     mask_signs: bool = False
+    perception: PerceptionLevel | None = None
+    perceived: float = 0.3
     base: Path | None = None
     trajectories: Path | None = None
     drives: int = 0
@@ -86,7 +90,8 @@ class FineTuning(TrainingRecipe):
 
     def source(self) -> FinetuneSource:
         """What makes frames of the drives."""
-        return FinetuneSource(self.sampling, self.vocabulary(), self.mask_signs)
+        perceived = 0.0 if self.perception is None else self.perceived
+        return FinetuneSource(self.sampling, self.vocabulary(), self.mask_signs, self.perception, perceived)
 
     def facts(self) -> dict[str, Any]:
         """What a training that is continued must have in common with the one before: files by their hashes."""
@@ -127,16 +132,23 @@ def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
 def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
     assert recipe.trajectories is not None
     known = {row.scenario_id: row for row in rows}
-    by_scenario: dict[str, list[RecordedDrive]] = {}
-    for recorded in read_trajectories(recipe.trajectories):
-        row = known.get(recorded.scenario_id)
-        if row is not None and recorded.part == _PART and recorded.rank:
-            by_scenario.setdefault(recorded.scenario_id, []).append(RecordedDrive(row, recorded))
+    # Places in the table first: only the drives that are asked for are kept.
+    by_scenario: dict[str, list[int]] = {}
+    for place, recorded in enumerate(stream_trajectories(recipe.trajectories)):
+        if recorded.scenario_id in known and recorded.part == _PART and recorded.rank:
+            by_scenario.setdefault(recorded.scenario_id, []).append(place)
     chosen = [row for row in rows if row.scenario_id in by_scenario and not kept_for_validation(row)]
     if not chosen:
         raise InputError(f"{recipe.trajectories}: no drives of the train split's scenarios of these types")
     order = in_turn(chosen, len(chosen), recipe.seed, "lessons", recipe.more)
     # The best drive of each scenario first, then the second best ones.
     tries = [(k, row.scenario_id) for k in range(max(map(len, by_scenario.values()))) for row in order]
-    drives: list[Drive] = [by_scenario[name][k] for k, name in tries if k < len(by_scenario[name])]
-    return drives[: recipe.drives or len(drives)]
+    places = [by_scenario[name][k] for k, name in tries if k < len(by_scenario[name])]
+    places = places[: recipe.drives or len(places)]
+    wanted = set(places)
+    found = {
+        place: RecordedDrive(known[recorded.scenario_id], recorded)
+        for place, recorded in enumerate(stream_trajectories(recipe.trajectories))
+        if place in wanted
+    }
+    return [found[place] for place in places]

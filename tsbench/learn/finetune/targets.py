@@ -83,7 +83,7 @@ TARGET_SPECS: Mapping[str, TargetSpec] = {
 class FinetuneSampling(Sampling):
     """As `Sampling`. apart: outside of decision windows, only one in so many. margin_kmh: below an upper limit."""
 
-    standing: int = 3
+    standing: int = 1
     apart: int = 3
     margin_kmh: float = 2.0
 

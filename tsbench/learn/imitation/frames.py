@@ -15,6 +15,7 @@ import numpy as np
 
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
@@ -98,12 +99,16 @@ def frames_of(
     rng: np.random.Generator,
     dtype: np.dtype[np.void],
     mask_signs: bool = False,
+    perception: tuple[PerceptionLevel, str] | None = None,
 ) -> at.Records:
-    """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it."""
+    """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it.
+
+    perception: as `episode.observation.Observer`'s; None: exact.
+    """
     chosen = set(teacher.ticks())
     frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)
     row = 0
-    for k, o in enumerate(observations(driven.facts, driven.roads, mask_signs)):
+    for k, o in enumerate(observations(driven.facts, driven.roads, mask_signs, perception)):
         encoder.watch(o)
         if k not in chosen:
             continue
@@ -114,10 +119,15 @@ def frames_of(
     return frames
 
 
-def observations(facts: EpisodeFacts, roads: Roads, mask_signs: bool = False) -> Iterator[Observation]:
+def observations(
+    facts: EpisodeFacts,
+    roads: Roads,
+    mask_signs: bool = False,
+    perception: tuple[PerceptionLevel, str] | None = None,
+) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
     view = roads.view
-    observer = Observer(facts.scene, view, mask_signs)
+    observer = Observer(facts.scene, view, mask_signs, perception=perception)
     navigator = Navigator(view.graph, destination_on_map(view, facts.scene))
     for snapshot in facts.snapshots:
         seen = ego_on_map(view, snapshot.ego)

@@ -24,6 +24,7 @@ from tsbench.core.files import replacing
 from tsbench.core.seeds import rng_of
 from tsbench.learn.imitation.drives import Drive, DriveResult, Drivers
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, frames_of
+from tsbench.learn.imitation.processes import one_thread_each
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.planner import Plant2
 
@@ -126,6 +127,7 @@ class FrameStore:
             # libsumo has one simulation per process, and a process that dies takes its pool along, not the training.
             with (
                 suppress(BrokenProcessPool),
+                one_thread_each(),
                 ProcessPoolExecutor(self._place.workers, mp_context=get_context("spawn")) as pool,
             ):
                 jobs = {pool.submit(make_chunk, *self._job(n)): n for n in missing}

@@ -12,6 +12,7 @@ from tsbench.core.errors import SimulationError
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.imitation.processes import one_thread_each
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
@@ -59,7 +60,7 @@ def drive(
     None = its own.
     """
     shares = [list(rows[k::workers]) for k in range(workers)]
-    with worker_processes(workers, "measuring a planner") as pool:
+    with one_thread_each(), worker_processes(workers, "measuring a planner") as pool:
         parts = list(pool.ordered(_drive, [(planner, folder, stop_policy, share) for share in shares]))
     return [parts[k % workers][k // workers] for k in range(len(rows))]
 

@@ -1,13 +1,12 @@
 """Training by imitation: passes over frames of drives, and closed-loop skill after each.
 
 A pass goes over the chunks of frames in a drawn order, in windows whose frames are shuffled together. The state is
-kept after each window; what follows hangs on seed, epoch and window alone, so a training that was broken off goes on
-as if nothing had been.
+kept each minute and after each window; what follows hangs on it, the seed and the place in the passes alone, so a
+training that was broken off goes on as if nothing had been.
 """
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable
@@ -22,31 +21,35 @@ from torch.utils.tensorboard import SummaryWriter
 
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
+from tsbench.learn.imitation import curve
 from tsbench.learn.imitation.frames_store import FrameStore, Place
 from tsbench.learn.imitation.loss import losses, total
 from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
 from tsbench.learn.imitation.task import Task
+from tsbench.learn.rows import add_row
 from tsbench.learn.start import command_line, prepare
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.weights import Network, network, save_weights
 
-CURVE = "curve.jsonl"
 _WINDOW_CHUNKS = 24
 _LOG_EVERY = 20
+_KEEP_EVERY_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a training is: epoch and window come next. best: greatest score so far, `best_epoch` after that many.
+    """Where a training is: epoch, window and batch of the window come next.
 
-    seconds, frames: trained so far, all sessions together.
+    steps, frames: of whole windows. best: greatest score so far, `best_epoch` after that many. seconds: trained so far,
+    all sessions together.
     """
 
     epoch: int = 0
     window: int = 0
+    batch: int = 0
     steps: int = 0
     frames: int = 0
     seconds: float = 0.0
@@ -78,11 +81,13 @@ class Trainer:
         self._facts = {**task.recipe.facts(), "plan": self._store.plan}
         known = load_checkpoint(place.out, self._net, self._optimiser, self._facts)
         self._progress = Progress(**(known or {}))
-        self._began, self._before = time.monotonic(), self._progress
+        self._generator = torch.get_rng_state()
+        self._began = self._kept = time.monotonic()
+        self._before = self._progress
 
     def run(self) -> Network:
         epochs, out = self._task.recipe.epochs, self._place.out
-        if self._progress.steps:
+        if self._progress.seconds:
             self._tell(f"continues in epoch {self._progress.epoch + 1} of {epochs}")
         self._progress = replace(self._progress, sessions=self._progress.sessions + 1)
         with SummaryWriter(str(out / "tensorboard")) as log:
@@ -99,22 +104,24 @@ class Trainer:
         )
         windows = [order[k : k + _WINDOW_CHUNKS] for k in range(0, len(order), _WINDOW_CHUNKS)]
         for number in range(self._progress.window, len(windows)):
+            self._progress = replace(self._progress, epoch=epoch, window=number)
             frames = self._store.load(windows[number])
             self._window(epoch, number, len(windows), frames, log)
-            self._keep(replace(self._progress, epoch=epoch, window=number + 1))
-        self._keep(replace(self._progress, epoch=epoch + 1, window=0))
+            self._keep(replace(self._progress, window=number + 1, batch=0))
 
     def _window(self, epoch: int, number: int, count: int, frames: Records, log: SummaryWriter) -> None:
-        """Every frame once, in a drawn order."""
-        task, net = self._task, self._net
+        """Every frame once, in a drawn order; from the batch on that the progress names."""
+        task, net, first = self._task, self._net, self._progress.batch
         order = rng_of("imitation", "frames", task.recipe.seed, epoch, number).permutation(len(frames))
         torch.manual_seed(seed_of("imitation", "dropout", task.recipe.seed, epoch, number))
+        if first:
+            torch.set_rng_state(self._generator)
         net.train()
         batches = task.batches(frames, order)
         steps, done, began = len(batches), self._progress.steps, time.monotonic()
-        seen = sum(len(rows) for rows in batches)
         sums: dict[str, float] = {}
-        for step, rows in enumerate(batches):
+        logged = 0
+        for step, rows in list(enumerate(batches))[first:]:
             rate = rate_at((epoch + (number + step / steps) / count) / task.recipe.epochs, task.recipe)
             for group in self._optimiser.param_groups:
                 group["lr"] = rate * group["share"]
@@ -126,29 +133,38 @@ class Trainer:
             torch.nn.utils.clip_grad_norm_(net.parameters(), task.recipe.clip)
             self._optimiser.step()
             if step % _LOG_EVERY == 0:
+                logged += 1
                 for name, value in terms.items():
                     sums[name] = sums.get(name, 0.0) + value.item()
                     log.add_scalar(f"loss/{name}", value.item(), done + step)
                 log.add_scalar("rate", rate, done + step)
+            if time.monotonic() - self._kept >= _KEEP_EVERY_S:
+                self._keep(replace(self._progress, batch=step + 1))
+                self._say(epoch, number, count, f"batch {step + 1}/{steps}  loss {loss.item():.3f}")
+        seen = sum(len(rows) for rows in batches)
         self._progress = replace(self._progress, steps=done + steps, frames=self._progress.frames + seen)
-        logged = max(math.ceil(steps / _LOG_EVERY), 1)
-        text = "  ".join(f"{name} {value / logged:.3f}" for name, value in sums.items())
-        pace = seen / max(time.monotonic() - began, 1e-9)
-        self._tell(
-            f"epoch {epoch + 1}/{task.recipe.epochs} window {number + 1}/{count}  {text}  {pace:.0f} frames/s"
-        )
+        means = {name: round(value / logged, 4) for name, value in sums.items()}
+        if means:
+            add_row(self._place.out / curve.LOSSES, {"steps": self._progress.steps, **means}, "steps")
+        pace = sum(len(rows) for rows in batches[first:]) / max(time.monotonic() - began, 1e-9)
+        text = "  ".join(f"{name} {value:.3f}" for name, value in means.items())
+        self._say(epoch, number, count, f"{text}  {pace:.0f} frames/s")
+
+    def _say(self, epoch: int, number: int, count: int, text: str) -> None:
+        self._tell(f"epoch {epoch + 1}/{self._task.recipe.epochs} window {number + 1}/{count}  {text}")
 
     def _keep(self, progress: Progress) -> None:
-        seconds = self._before.seconds + time.monotonic() - self._began
-        self._progress = replace(progress, seconds=seconds)
+        self._kept = time.monotonic()
+        self._progress = replace(progress, seconds=self._before.seconds + self._kept - self._began)
         save_checkpoint(self._place.out, self._net, self._optimiser, self._facts, asdict(self._progress))
 
     def _validate(self, epoch: int, log: SummaryWriter) -> None:
-        """Drive the network of now; it is exported if none before was better."""
-        latest = self._export(self._place.out / "latest", None)
-        skill = measure(
-            self._task.name, self._place.out / "latest", self._task.validation, self._place.workers
-        )
+        """Drive the network of now; it is exported if none before was better. Only then the epoch is over."""
+        self._progress = replace(self._progress, epoch=epoch + 1, window=0)
+        out, rows = self._place.out, self._task.validation
+        latest = self._export(out / "latest", None)
+        self._tell(f"epoch {epoch + 1}: drives {len(rows)} episodes on kept-out maps")
+        skill = measure(self._task.name, out / "latest", rows, self._place.workers)
         score = self._task.score(skill)
         for name, value in asdict(skill).items():
             log.add_scalar(f"skill/{name}", value, self._progress.steps)
@@ -157,12 +173,13 @@ class Trainer:
             "frames": self._progress.frames,
             "seconds": round(self._progress.seconds, 1),
         }
-        with (self._place.out / CURVE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({**row, **asdict(skill)}) + "\n")
+        add_row(out / curve.SKILLS, {**row, **asdict(skill)}, "epoch")
+        curve.draw_curve(out)
         better = score >= self._progress.best
         if better:
-            self._export(self._place.out, skill)
-            self._keep(replace(self._progress, best=score, best_epoch=epoch + 1))
+            self._export(out, skill)
+            self._progress = replace(self._progress, best=score, best_epoch=epoch + 1)
+        self._keep(self._progress)
         self._tell(
             f"epoch {epoch + 1}: arrived {skill.arrived:.3f}  collision {skill.collision:.3f}  off road "
             f"{skill.off_road:.3f}  timeout {skill.timeout:.3f}  SCD {skill.scd:.3f} on {skill.episodes} episodes"

@@ -14,8 +14,8 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
 from tsbench.learn.oracle.runner import FIGURES, pack
-from tsbench.learn.oracle.store import beside, open_journal, read_collection, read_tries
-from tsbench.learn.oracle.trajectories import Recorded, read_trajectories
+from tsbench.learn.oracle.store import beside, open_journal, read_collection, stream_tries
+from tsbench.learn.oracle.trajectories import TrajectoryTable
 from tsbench.run.log.manifest import NAME
 from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record, Row
@@ -31,25 +31,28 @@ def restore(table: Path, folder: Path) -> int:
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError(f"{folder}: is not empty; choose another folder")
     tries, told = beside(table)
-    rows = list(_lines(read_tries(tries), read_trajectories(table), table))
+    drives = TrajectoryTable(table)
+    # All is looked at before anything is written.
+    keys = [(row["planner"], row["scenario_id"]) for row in _lines(tries, drives, table)]
+    if chosen := drives.keys() - set(keys):
+        planner, scenario = min(chosen)
+        raise InputError(f"{table}: {scenario}: {planner}: has no tries in {tries.name}")
     manifest = read_collection(told.parent, "tsbench oracle select writes its manifest", told.name)
     with io_errors_as_input_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         # Its table of tries is written by the next `collect`, from the journal.
         write_json(folder / NAME, {**manifest, "status": "interrupted"})
-    keys = [(row["planner"], row["scenario_id"]) for row in rows]
     journal = open_journal(folder, manifest["contract"], keys, Quarantine(folder), lambda _: True)
     with closing(journal):
-        for row in rows:
+        for row in _lines(tries, drives, table):
             journal.append(Record(row, [], {}, ""))
-    return len(rows)
+    return len(keys)
 
 
-def _lines(tries: list[Row], drives: list[Recorded], table: Path) -> Iterator[Row]:
-    chosen = {(drive.planner, drive.scenario_id): drive for drive in drives}
-    for key, group in groupby(tries, lambda one: (one["planner"], one["scenario_id"])):
+def _lines(tries: Path, drives: TrajectoryTable, table: Path) -> Iterator[Row]:
+    for key, group in groupby(stream_tries(tries), lambda one: (one["planner"], one["scenario_id"])):
         many = list(group)
-        last, drive = many[-1], chosen.pop(key, None)
+        last, drive = many[-1], drives.get(key)
         if drive is not None and (drive.attempt, drive.ego) != (last["attempt"], last["ego"]):
             raise InputError(f"{table}: {key[1]}: {key[0]}: its tries are of another collection")
         yield {
@@ -64,6 +67,3 @@ def _lines(tries: list[Row], drives: list[Recorded], table: Path) -> Iterator[Ro
             "scenario": last["scenario"],
             "code": last["code"],
         }
-    if chosen:
-        planner, scenario = min(chosen)
-        raise InputError(f"{table}: {scenario}: {planner}: has no tries in {beside(table)[0].name}")

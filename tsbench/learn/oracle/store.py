@@ -45,6 +45,7 @@ from tsbench.sim.world import DT_S
 KIND = "oracle"
 RULES, LEARNED = "rules", "learned"
 _JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
+_ROWS_AT_ONCE = 1000
 _PARTS = {"row", "events", "timing", "trace"}
 _ROW = {
     "planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code",
@@ -226,9 +227,14 @@ def read_collection(folder: Path, origin: str, name: str = NAME) -> Manifest:
 
 def read_tries(path: Path) -> list[Row]:
     """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
+    return list(stream_tries(path))
+
+
+def stream_tries(path: Path) -> Iterator[Row]:
+    """As `read_tries`, of which only a thousand are objects at a time."""
     file, hint = (path / _TRIES, "tsbench oracle collect makes it") if path.is_dir() else (path, ORIGIN)
-    rows: list[Row] = open_table(file, SCHEMA, hint).to_pylist()
-    return rows
+    for batch in open_table(file, SCHEMA, hint).to_batches(max_chunksize=_ROWS_AT_ONCE):
+        yield from batch.to_pylist()
 
 
 def beside(table: Path) -> tuple[Path, Path]:

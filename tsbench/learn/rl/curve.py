@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from tsbench.learn.rl.progress import CURVE
+from tsbench.learn.rows import Row, read_rows
 from tsbench.report.tables.charts import GREY, INK, save_chart
 
-PICTURE = "curve.png"
+CURVE, PICTURE = "curve.jsonl", "curve.png"
 _SHARES = {"arrived": "#0072B2", "collision": "#D55E00", "off_road": "#E69F00", "timeout": GREY}
 
 
 def draw_curve(out: Path) -> Path | None:
     """Ends of the last 200 training episodes and their mean reward over the steps; None before the first row."""
-    path = out / CURVE
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    if not lines:
+    rows = read_rows(out / CURVE)
+    if not rows:
         return None
-    rows = [json.loads(line) for line in lines]
     save_chart(lambda: _figure(rows), out / PICTURE)
     return out / PICTURE
 
 
-def _figure(rows: list[dict[str, float]]) -> Figure:
+def _figure(rows: list[Row]) -> Figure:
     steps = [row["steps"] / 1000.0 for row in rows]
     figure = Figure(figsize=(7.0, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
 from collections.abc import Callable
@@ -15,8 +14,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
+from tsbench.learn.rl.curve import CURVE, draw_curve
+from tsbench.learn.rows import add_row
 
-CURVE = "curve.jsonl"
 _WINDOW = 200
 _ENDS = ("arrived", "collision", "off_road", "timeout")
 
@@ -55,7 +55,7 @@ def session_seed(seed: int, session: int, deaths: int = 0) -> int:
 
 
 class ProgressCallback(BaseCallback):
-    """At the end of each rollout: one line, one row of the curve, a checkpoint each `every` seconds.
+    """At the end of each rollout: one line, one row of the curve; a checkpoint and the picture each `every` seconds.
 
     before: what earlier sessions have done. tell: prints a line.
     """
@@ -112,8 +112,7 @@ class ProgressCallback(BaseCallback):
         for name, value in row.items():
             if name not in ("steps", "seconds"):
                 self.logger.record(f"episodes/{name}", value)
-        with (self._out / CURVE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        add_row(self._out / CURVE, row, "steps")
         now = time.monotonic()
         if now - self._told > 10.0:
             self._told = now
@@ -129,4 +128,5 @@ class ProgressCallback(BaseCallback):
 
     def keep(self) -> None:
         save_progress(self._out, self.model, self.progress, self._job)  # type: ignore[arg-type]
+        draw_curve(self._out)
         self._saved = time.monotonic()

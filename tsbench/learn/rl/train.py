@@ -123,7 +123,7 @@ def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
     def make() -> gymnasium.Env[Any, Any]:
         return DaggerWrapper(
             gymnasium.make(
-                tsbench.envs.DRIVE,
+                gymnasium.spec(tsbench.envs.DRIVE_V0),
                 split="train",
                 types=job.types,
                 observation=hyper.observation,

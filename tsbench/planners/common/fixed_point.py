@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from functools import cache
 
 import numpy as np
@@ -22,9 +23,12 @@ BITS = 21
 # One bit less than float64 has, for what rounding adds.
 SUM_BITS = 52
 _FINEST, _COARSEST = 30, 12
+# OpenBLAS multiplies up to a million numbers as they lie; of more it makes copies first.
+_PRODUCTS = 1_000_000
 # `Curve`: straight pieces of 2**-9 are off by at most 5e-7 times the second derivative, those of 2**-11 by 3e-8.
 _PIECE_BITS, _FALLING_PIECE_BITS, _FALLING_BITS = 9, 11, 26
 _FAINTEST, _FLAT = -24.0, 16
+_LEAST_BITS = 6
 
 
 def magic(bits: float | Array) -> float | Array:
@@ -48,8 +52,19 @@ def tree_sum(x: Array) -> Array:
     return x
 
 
+def column_sums(x: Array) -> Array:
+    """Sum over the first axis in the order of `tree_sum`: (width, n), width a power of two above 1, to (1, n)."""
+    half = len(x) // 2
+    sums = x[:half] + x[half:]
+    while half > 1:
+        half //= 2
+        upper = sums[:half]
+        np.add(upper, sums[half : 2 * half], out=upper)
+    return sums[:1]
+
+
 class Linear:
-    """Rows times a matrix, plus a bias.
+    """Rows, or columns, times a matrix, plus a bias.
 
     weight: (out, in). bound: most that an input is; norm: most that a row's Euclidean norm is. bits: inputs are
     multiples of 2**-bits. snapped: outputs are multiples of 2**-snapped, one number or one of each output; None: as
@@ -77,7 +92,6 @@ class Linear:
         fine = min(SUM_BITS - bits - math.ceil(math.log2(max(most, 1.0))), _FINEST)
         if fine < _COARSEST:
             raise ValueError(f"weights too large for exact sums: up to {most:.3g}")
-        # So laid out, small products take half the time.
         self.weight: Array = snap(w, fine)
         b = bias.astype(np.float64)
         self.bound = float((sizes + np.abs(b)).max())
@@ -92,6 +106,26 @@ class Linear:
         if self._snaps:
             y -= self.lift
         return y
+
+    def columns(self, x: Array) -> Array:
+        """(in, n) to (out, n): the same numbers, and for some ten columns in half the time."""
+        out, n = len(self.weight), x.shape[1]
+        y = np.empty((out, n))
+        step = max(_PRODUCTS // (self.weight.shape[1] * n), 1)
+        for k in range(0, out, step):
+            np.matmul(self.weight[k : k + step], x, out=y[k : k + step])
+        y += self.bias[:, None]
+        if self._snaps:
+            y -= self.lift[:, None] if isinstance(self.lift, np.ndarray) else self.lift
+        return y
+
+    def part(self, outputs: slice) -> Linear:
+        """Some of the outputs alone, with the numbers that they have among all."""
+        found = copy(self)
+        found.weight, found.bias = self.weight[outputs], self.bias[outputs]
+        if isinstance(self.lift, np.ndarray):
+            found.lift = self.lift[outputs]
+        return found
 
 
 def largest(weight: Array, bound: float, norm: float = math.inf) -> Array:
@@ -136,9 +170,14 @@ class Curve:
         return x
 
 
+def gelu(most: float) -> Curve:
+    """The Gaussian error linear unit between -most and most."""
+    # Layers of about the same reach share a table, which then stays in the CPU's cache.
+    return _gelu(1 << max(math.ceil(math.log2(most)), _LEAST_BITS))
+
+
 @cache
-def gelu(reach: int) -> Curve:
-    """The Gaussian error linear unit between -reach and reach."""
+def _gelu(reach: int) -> Curve:
     return Curve(
         lambda x: x * normal_share(x), lambda x: normal_share(x) + x * normal_density(x), -reach, reach
     )
@@ -164,16 +203,16 @@ def tanh(x: Array) -> Array:
 
 
 def softmax(x: Array, bits: int) -> Array:
-    """Over the last axis, as multiples of 2**-bits; x, contiguous, is overwritten."""
-    x -= x.max(axis=-1, keepdims=True)
+    """Over the last axis but one, as multiples of 2**-bits; x, contiguous, is overwritten."""
+    x -= np.maximum.reduce(x, axis=-2, keepdims=True)
     np.maximum(x, _FAINTEST, out=x)
     share = _falling()(x)
-    share /= share.sum(axis=-1, keepdims=True)
+    share /= np.add.reduce(share, axis=-2, keepdims=True)
     return snap(share, bits)
 
 
 class LayerNorm:
-    """Of rows whose width is a power of two; answers are multiples of 2**-BITS.
+    """Of columns whose length is a power of two; answers are multiples of 2**-BITS.
 
     Attributes: norm: most that an answer's Euclidean norm is.
     """
@@ -184,17 +223,21 @@ class LayerNorm:
         self._width = len(weight)
         if self._width & (self._width - 1) or bias.shape != weight.shape:
             raise ValueError("a layer's width is no power of two, or does not fit")
-        self._weight, self._lift, self._epsilon = weight.astype(np.float64), float(magic(BITS)), epsilon
-        self._bias = bias.astype(np.float64) + self._lift
+        self._weight, self._lift, self._epsilon = (
+            weight.astype(np.float64)[:, None],
+            float(magic(BITS)),
+            epsilon,
+        )
+        self._bias = bias.astype(np.float64)[:, None] + self._lift
         self.norm = 1.001 * float(
             math.sqrt(self._width) * np.abs(weight).max()
             + math.sqrt(np.square(bias.astype(np.float64)).sum())
         )
 
     def __call__(self, x: Array) -> Array:
-        """(n, width), in place."""
-        x -= tree_sum(x) / self._width
-        x *= 1.0 / np.sqrt(tree_sum(x * x) / self._width + self._epsilon)
+        """(width, n), in place."""
+        x -= column_sums(x) / self._width
+        x *= 1.0 / np.sqrt(column_sums(x * x) / self._width + self._epsilon)
         x *= self._weight
         x += self._bias
         x -= self._lift

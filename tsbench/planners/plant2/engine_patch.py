@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 
@@ -24,13 +22,15 @@ class TiledPatch:
         weight, bias = of.linear("patch.each")
         # Pixels are whole numbers: the weights may be so much finer.
         self._each = Linear(weight / np.float64(_FULL), bias, bound=_FULL, bits=0, snapped=None)
-        self._bend = gelu(math.ceil(self._each.bound))
+        self._bend = gelu(self._each.bound)
         self._out = Linear(*of.linear("patch.out"), bound=self._each.bound, snapped=None)
 
     def __call__(self, patch: npt.NDArray[np.uint8]) -> Array:
         b, down, across = len(patch), at.PATCH_ROWS // TILE, at.PATCH_COLUMNS // TILE
-        tiles = patch.reshape(b, at.PATCH_CHANNELS, down, TILE, across, TILE).transpose(0, 2, 4, 1, 3, 5)
-        rows = np.ascontiguousarray(tiles, dtype=np.float64).reshape(b * down * across, -1)
+        # Pixels are moved by eights, which is as many as a tile is wide.
+        eights = patch.view(np.uint64).reshape(b, at.PATCH_CHANNELS, down, TILE, across)
+        tiles = np.ascontiguousarray(eights.transpose(0, 2, 4, 1, 3)).view(np.uint8)
+        rows = tiles.reshape(b * down * across, -1).astype(np.float64)
         return self._out(self._bend(self._each(rows)).reshape(b, -1))
 
 

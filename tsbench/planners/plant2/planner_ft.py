@@ -26,9 +26,15 @@ _GOES_MPS = 1.5
 class SignTokeniser:
     """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
-    def __init__(self, tokeniser: Tokeniser, ways: RouteAlternatives, vocabulary: Vocabulary) -> None:
+    def __init__(
+        self,
+        tokeniser: Tokeniser,
+        ways: RouteAlternatives,
+        vocabulary: Vocabulary,
+        memory: type[SignMemory] = SignMemory,
+    ) -> None:
         self._tokeniser, self.ways, self._vocabulary = tokeniser, ways, vocabulary
-        self._memory = SignMemory(tokeniser.network, vocabulary)
+        self._memory = memory(tokeniser.network, vocabulary)
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds, follow the ways: at every tick, in order; twice is as good as once."""
@@ -76,6 +82,7 @@ class Plant2Ft(Plant2):
     weights: ClassVar[str] = "plant2-ft"
     inputs: ClassVar[np.dtype[Any]] = SIGN_TOKENS
     side_m: ClassVar[float] = SIGN_SIDE_M
+    memory: ClassVar[type[SignMemory]] = SignMemory
 
     def __init__(
         self, infer: Infer | None = None, folder: Path | None = None, stop_policy: StopPolicy | None = None
@@ -92,7 +99,7 @@ class Plant2Ft(Plant2):
         self._stood, self._halted, self._settling = 0, -math.inf, False
         assert self._tokeniser is not None
         ways = RouteAlternatives(context.graph, context.destination)
-        self._signs = SignTokeniser(self._tokeniser, ways, self._vocabulary)
+        self._signs = SignTokeniser(self._tokeniser, ways, self._vocabulary, self.memory)
 
     def act(self, observation: Observation) -> Control:
         """One command for the next 0.1 s; the sign that holds is remembered at ticks without a plan too."""

@@ -132,8 +132,8 @@ def _draw(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:
     }
     unit = (
         f"{NAMES[part]} with signs masked minus that with signs, percentage points (strict), 95 % interval; "
-        "right: lost/gained of n"
+        "right of each panel: lost/gained of n"
     )
-    drawing = forest_panels(panels, unit, (-100.0, 100.0), key)
+    drawing = forest_panels(panels, unit, (-100.0, 100.0), key, "lost/gained")
     put_title(drawing, title, contract)
     return drawing

@@ -12,6 +12,7 @@ from tsbench.dataset.scenes.calibration import GOAL, Fit
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
 
 _OURS, _NUPLAN = "#d55e00", "#0072b2"
+_BREAK = ":\n"
 _JUDGED = {None: "none", True: "met", False: "missed"}
 
 
@@ -35,12 +36,22 @@ def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
         "taken as linear between them; nothing is compared beyond the outermost",
         "the grid's levels: nuPlan's 25, 50 and 75 %, to the nearest of which both are rounded there",
     )
-    return Analysis("calibration", title, "", Table(columns, rows, 1), notes, partial(_draw, fits, title))
+    return Analysis(
+        "calibration",
+        title,
+        "",
+        Table(columns, rows, 1),
+        notes,
+        partial(_draw, fits, title),
+        partial(_draw, fits, title, stacked=True),
+    )
 
 
-def _draw(fits: Sequence[Fit], title: str) -> Figure:
-    figure = Figure(figsize=(4.2 * len(fits), 3.8), layout="constrained")
-    panels = figure.subplots(1, len(fits), squeeze=False)[0]
+def _draw(fits: Sequence[Fit], title: str, stacked: bool = False) -> Figure:
+    """Panels side by side, or stacked: one below the other, for a telephone."""
+    size = (3.7, 3.0 * len(fits)) if stacked else (4.2 * len(fits), 3.8)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(*((len(fits), 1) if stacked else (1, len(fits))), squeeze=False).ravel()
     for axes, fit in zip(panels, fits, strict=True):
         q, n = fit.quantiles, len(fit.sample)
         share = np.arange(1, n + 1) / n
@@ -49,12 +60,14 @@ def _draw(fits: Sequence[Fit], title: str) -> Figure:
         told = f"KS {fit.distance:.3f}"
         if fit.good is not None:
             told += f", at the grid's levels {fit.at_probes:.3f}"
-        axes.set_title(f"{q.name}: {told}", fontsize=9)
+        axes.set_title(f"{q.name}{_BREAK if stacked else ': '}{told}", fontsize=9)
         axes.set_xlabel(q.unit, fontsize=8)
         axes.set_ylim(0.0, 1.0)
         axes.tick_params(labelsize=8)
         axes.grid(color="#e4e4e4", linewidth=0.6)
         axes.legend(fontsize=7.5, loc="lower right")
-    panels[0].set_ylabel("share of values below", fontsize=8)
-    figure.suptitle(title, fontsize=8, x=0.01, ha="left")
+    for axes in panels if stacked else panels[:1]:
+        axes.set_ylabel("share of values below", fontsize=8)
+    if not stacked:
+        figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     return figure

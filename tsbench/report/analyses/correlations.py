@@ -99,7 +99,8 @@ def correlations(pool: Pool) -> Analysis:
     )
     title = pool.title(f"Conventional metrics and {scd} over {len(pool.planners)} planners")
     table = Table(columns, tuple(rows), 3)
-    return Analysis("correlations", title, pool.contract, table, notes, partial(_draw, pool, title))
+    draw = partial(_draw, pool, title)
+    return Analysis("correlations", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
 def _ours(pool: Pool, panel: str, over: str, metric: str, reading: str) -> Value:
@@ -136,7 +137,7 @@ def _without(rows: Sequence[Row]) -> tuple[str, ...]:
     return tuple(f"{reason}: {', '.join(names)}" for reason, names in reasons.items())
 
 
-def _draw(pool: Pool, title: str) -> Figure:
+def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
     panels = {}
     for panel in present_panels(pool.summaries):
         rows = []
@@ -150,7 +151,8 @@ def _draw(pool: Pool, title: str) -> Figure:
         "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
         "published, metric over all episodes": published_mark(0.0),
     }
-    unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; right: planners"
-    figure = forest_panels(panels, unit, (-1.0, 1.0), key)
-    put_title(figure, title, pool.contract)
+    unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
+    figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
+    if not stacked:
+        put_title(figure, title, pool.contract)
     return figure

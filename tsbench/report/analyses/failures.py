@@ -78,7 +78,8 @@ def failures(pool: Pool) -> Analysis:
     )
     title = pool.title("Failure split")
     table = Table(tuple(columns), tuple(rows), 5, 11)
-    return Analysis("failures", title, pool.contract, table, notes, partial(_draw, pool, splits, title))
+    draw = partial(_draw, pool, splits, title)
+    return Analysis("failures", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
 def _splits(pool: Pool, planner: str) -> Iterator[tuple[Key, Split]]:
@@ -145,7 +146,7 @@ def _split(
     return Split(int(np.count_nonzero(use)), {name: share(inside) for name, inside in classes.items()})
 
 
-def _draw(pool: Pool, splits: Mapping[Key, Split], title: str) -> Figure:
+def _draw(pool: Pool, splits: Mapping[Key, Split], title: str, stacked: bool = False) -> Figure:
     names = present_panels(pool.summaries)
     halves = list(dict.fromkeys(half for _, _, half, _ in splits))
     bars = [(planner, half) for planner in pool.planners for half in halves]
@@ -153,7 +154,7 @@ def _draw(pool: Pool, splits: Mapping[Key, Split], title: str) -> Figure:
         f"{pool.label(planner)}, {half}" if len(halves) > 1 else pool.label(planner) for planner, half in bars
     ]
     rows = range(len(bars))
-    figure, panels = make_panels(names, len(rows))
+    figure, panels = make_panels(names, len(rows), stacked)
     for k, name in enumerate(names):
         axes = panels[k]
         there = [splits.get((planner, name, half, STRICT)) for planner, half in bars]
@@ -170,10 +171,11 @@ def _draw(pool: Pool, splits: Mapping[Key, Split], title: str) -> Figure:
         axes.set_yticks(rows, words)
         for text in axes.get_yticklabels():
             text.set(fontsize=8, parse_math=False)
-        axes.tick_params(axis="y", labelleft=not k)
+        axes.tick_params(axis="y", labelleft=stacked or not k)
         axes.tick_params(axis="x", labelsize=8)
-        put_counts(axes, [str(split.n) if split else "" for split in there])
+        put_counts(axes, [str(split.n) if split else "" for split in there], "n")
     handles, _ = panels[0].get_legend_handles_labels()
-    put_key(figure, "share of episodes, % (strict); right: how many episodes", handles)
-    put_title(figure, title, pool.contract)
+    put_key(figure, "share of episodes, % (strict); n: how many episodes", handles, stacked)
+    if not stacked:
+        put_title(figure, title, pool.contract)
     return figure

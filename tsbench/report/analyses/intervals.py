@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
+from tsbench.metrics.intervals import MIN_CLUSTERS
 from tsbench.metrics.records import SIGNED_ONES
 from tsbench.report.analyses.columns import (
     NAMES,
@@ -37,7 +38,8 @@ def intervals(pool: Pool) -> Analysis:
     notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, NOTE)
     title = pool.title("SCD with intervals")
     table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p)), 4)
-    return Analysis("intervals", title, pool.contract, table, notes, partial(_draw, pool, title))
+    draw = partial(_draw, pool, title)
+    return Analysis("intervals", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
 def _rows(p: PlannerSummary) -> Iterator[Row]:
@@ -54,19 +56,24 @@ def _rows(p: PlannerSummary) -> Iterator[Row]:
                 starts = False
 
 
-def _draw(pool: Pool, title: str) -> Figure:
+def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
     primary = present_parts(pool.summaries)[0]
     panels = {}
     for name in present_panels(pool.summaries):
         panels[name] = [_row(p, primary, name, colour_of(name)) for p in pool.summaries]
     key = {f"{NAMES[primary]}, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
+    if any(
+        m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]
+    ):
+        key[f"no interval: fewer than {MIN_CLUSTERS} places"] = Mark(0.0, None, None, INK, filled=False)
     if primary == SIGNED_ONES:
         key["published"] = published_mark(0.0)
     if any(len(readings(p)) > 1 for p in pool.summaries):
         key["completed only"] = Mark(0.0, None, None, INK, marker="x")
-    unit = f"{NAMES[primary]}, % (macro mean over types); right: n that it rests on"
-    figure = forest_panels(panels, unit, (0.0, 100.0), key)
-    put_title(figure, title, pool.contract)
+    unit = f"{NAMES[primary]}, % (macro mean over types); n: what it rests on"
+    figure = forest_panels(panels, unit, (0.0, 100.0), key, stacked=stacked)
+    if not stacked:
+        put_title(figure, title, pool.contract)
     return figure
 
 
@@ -76,6 +83,7 @@ def _row(p: PlannerSummary, part: str, panel: str, colour: str) -> ForestRow:
     if (figure := panels_of(p, part).get(panel)) is not None:
         strict, completed = figure.main, figure.completed
         cross = completed.value if figure.differ else None
-        marks.append(Mark(strict.value, strict.low, strict.high, colour, width=2.0, cross=cross))
+        sure = strict.low is not None
+        marks.append(Mark(strict.value, strict.low, strict.high, colour, sure, width=2.0, cross=cross))
         counts = f"{strict.n} ({completed.n})" if figure.differ else f"{strict.n}"
     return ForestRow(p.label, tuple(marks), counts)

@@ -102,7 +102,8 @@ class Analysis:
     """One analysis. name: of its files. title: one line, begins with PARTIAL where records are missing.
 
     contract: the hash that every score in it stands under; "" for a table without scores. draw: makes the figure; None
-    where it is a table only.
+    where it is a table only. stacked: makes it with its panels one below the other, narrow enough for a telephone; None
+    where it is narrow as it is.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Analysis:
     table: Table
     notes: tuple[str, ...]
     draw: Callable[[], Figure] | None = None
+    stacked: Callable[[], Figure] | None = None
 
     @property
     def contract_line(self) -> str:

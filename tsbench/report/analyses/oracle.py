@@ -139,8 +139,7 @@ def _draw(
     )
     axes.tick_params(axis="x", labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    right = put_counts(axes, [_told(own[group], _size(scenarios, group)) for group in groups], 8)
-    right.spines["right"].set_visible(False)
+    put_counts(axes, [_told(own[group], _size(scenarios, group)) for group in groups], size=8)
     figure.legend(loc="outside lower left", fontsize=8, frameon=False, ncols=max(len(planners), 1))
     figure.suptitle(title, fontsize=8, x=0.01, ha="left")
     return figure

@@ -8,6 +8,8 @@ A page asks by comments, which readers do not see:
 <!-- end -->
 <!-- analysis floor | where over = type -->    the rows that have this in a column
 <!-- end -->
+<!-- analysis floor | planners idm, coin -->     the rows of these planners
+<!-- end -->
 <!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them
 <!-- end -->
 <!-- figure types -->                types.png is copied to where the next line's picture is
@@ -96,10 +98,19 @@ def _table(page: Path, told: str, words: list[str]) -> str:
         elif word.startswith("where "):
             name, _, wanted_cell = (part.strip() for part in word.removeprefix("where ").partition("="))
             rows = [rows[0], *(row for row in rows[1:] if row[_place(page, head, name)] == wanted_cell)]
+        elif word.startswith("planners "):
+            # A floor's name is followed by what it is.
+            wanted = [name.strip() for name in word.removeprefix("planners ").split(",")]
+            named = _place(page, head, "planner")
+            if absent := sorted(set(wanted) - {row[named].split(" (")[0] for row in rows[1:]}):
+                raise InputError(f"{page}: no row of planner {', '.join(absent)}")
+            rows = [rows[0], *(row for row in rows[1:] if row[named].split(" (")[0] in wanted)]
         elif word.startswith("columns "):
             columns = [_place(page, head, name.strip()) for name in word.removeprefix("columns ").split(",")]
         else:
-            raise InputError(f"{page}: {word!r} is none of: bare, contract, columns A, B, …, where A = x")
+            raise InputError(
+                f"{page}: {word!r} is none of: bare, contract, columns A, B, …, planners A, B, …, where A = x"
+            )
     lines = [markdown_row(row[i] for i in columns) for row in rows]
     lines.insert(1, f"|{'|'.join(rule[i] for i in columns)}|")
     return "\n".join([*lines, *lines_after])

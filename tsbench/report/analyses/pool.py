@@ -16,7 +16,7 @@ from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
 from tsbench.report.tables.compare import SELECTION, differing
-from tsbench.run.log.manifest import floors_of
+from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH
@@ -53,14 +53,14 @@ class Pool:
             contract_hash=self.contract,
             edition=self.edition,
             asked=asked,
-            floors=self.floors,
+            marks=self.marks,
             allow_partial=bool(self.holes),
         )
 
     @cached_property
-    def floors(self) -> frozenset[str]:
-        """Names of the planners that read no plate and are there as a floor."""
-        return frozenset().union(*(floors_of(run.manifest) for run in self.runs))
+    def marks(self) -> Mapping[str, str]:
+        """What stands behind planners' names in tables, by name."""
+        return {name: mark for run in self.runs for name, mark in marks_of(run.manifest).items()}
 
     @cached_property
     def needless(self) -> Mapping[tuple[str, str], frozenset[str]]:
@@ -84,7 +84,7 @@ class Pool:
 
     def label(self, planner: str) -> str:
         """A planner's name as tables show it."""
-        return label(planner, planner in self.floors)
+        return label(planner, self.marks.get(planner, ""))
 
     @cached_property
     def records(self) -> dict[str, Records]:

@@ -6,9 +6,6 @@ Fast enough for bulk video: a frame is a copy of a part of the ground and a few 
 from __future__ import annotations
 
 import math
-import re
-from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -18,39 +15,38 @@ from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image, camera_over
+from tsbench.report.drawing.curves import rounded_along
+from tsbench.report.drawing.ground import ground_shapes
 from tsbench.report.drawing.hud import FrameInfo, Hud, draw_attribution, draw_scale_bar
-from tsbench.report.drawing.paint import paint, paint_outline
+from tsbench.report.drawing.layout import PageSize
+from tsbench.report.drawing.lights import named_from
+from tsbench.report.drawing.nearby import how_near
+from tsbench.report.drawing.paint import paint, paint_outline, plate_px
 from tsbench.report.drawing.roads import road_shapes
-from tsbench.report.drawing.scene import body_kind, ego_body, furniture_shapes, tick_shapes
+from tsbench.report.drawing.scene import (
+    body_kind,
+    ego_body,
+    furniture_shapes,
+    obstacle_bodies,
+    tick_shapes,
+)
 from tsbench.report.drawing.shapes import Body
+from tsbench.report.drawing.strip import Strip
 from tsbench.report.drawing.style import STYLE
-from tsbench.report.drawing.text import label
+from tsbench.report.drawing.text import stamp, tile
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.sealed import seal
 from tsbench.rules.base import Violation
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
-from tsbench.sim.scene_file import EGO_ID
-from tsbench.sim.world import Indicator
+from tsbench.sim.world import DT_S
 
 WHOLE_SCENE_PX_PER_M = 6.0
 FOLLOW_PX_PER_M = 7.0
 LARGEST_PX_PER_M = 14.0
 _EDGE_PX = 8
+_MARGIN_M = 6.0
 _ROUTE_STEP_M = 2.0
-_SIDES = MappingProxyType({Indicator.NONE: 0, Indicator.LEFT: 1, Indicator.RIGHT: -1})
-
-
-@dataclass(frozen=True, slots=True)
-class PageSize:
-    """A picture in px, header and footer included. Video encoders want even numbers."""
-
-    width: int
-    height: int
-
-    @property
-    def view_height(self) -> int:
-        return self.height - STYLE.header_px - STYLE.footer_px
 
 
 class BirdsEye:
@@ -67,18 +63,26 @@ class BirdsEye:
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
         view = seal(scene.network)
         self._views, self._witness = trace.routes(view, scene), Witness(scene.network, view)
+        others = (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
+        self._named = named_from(trace.events, others)
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
-        self._still = camera_over(around, size.width, size.view_height, 8.0, bounds)
+        self._still = camera_over(around, size.width, size.view_height, _MARGIN_M, bounds)
         self._follow = follow and not _shows(self._still, around)
         self._ground_camera = self._over_track() if self._follow else self._still
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
-        paint(self.ground, camera, (*road_shapes(scene.network), *furniture_shapes(scene, country)))
+        shapes = (
+            *ground_shapes(trace.spec.map_id), *road_shapes(scene.network), *furniture_shapes(scene, country),
+        )  # fmt: skip
+        self._plates = paint(self.ground, camera, shapes)
+        self._obstacles = obstacle_bodies(scene)
         self._windows = self._make_windows()
         self._last = max(trace.snapshots[-1].time, 1e-9)
         self._hud = self._make_hud()
+        self._strip = Strip(trace, size.width, size.strip_px) if size.strip_px else None
         self._paths: dict[int, tuple[RoutePath, Array, Fixed]] = {}
+        self._nearness: dict[Violation, str] = {}
         self._trailed = 0
         self._marked = 0
 
@@ -95,8 +99,11 @@ class BirdsEye:
     def _make_hud(self) -> Hud:
         trace = self.trace
         shares = [v.start_s / self._last for v in trace.events]
+        parts = episode_subtitle(trace, self._country).split(" · ")
+        # A narrow page has room for the scenario and its sign.
+        subtitle = " · ".join(parts[:2] if self.size.compact else parts)
         return Hud(
-            self.size.width, episode_title(trace), episode_subtitle(trace, self._country),
+            self.size, episode_title(trace), subtitle,
             self.scene.target_sign, shares, self._kinds(), self._country,
         )  # fmt: skip
 
@@ -114,8 +121,10 @@ class BirdsEye:
         page = np.empty((self.size.height, self.size.width, 3), dtype=np.uint8) if out is None else out
         self._mark(self.trace.snapshots[tick].time)
         self._trail(tick)
-        view = page[STYLE.header_px : self.size.height - STYLE.footer_px]
-        self._draw_view(view, tick)
+        top, size = self.size.header_px, self.size
+        self._draw_view(page[top : top + size.view_height], tick)
+        if self._strip is not None:
+            self._strip.lay(page, top + size.view_height, self.trace.snapshots[tick].time)
         moment = self._moment(tick)
         self._hud.header(page, moment)
         self._hud.footer(page, moment)
@@ -127,7 +136,9 @@ class BirdsEye:
         view[:] = self.ground[top : top + view.shape[0], left : left + view.shape[1]]
         self._draw_route(view, tick, left, top)
         self._draw_plan(view, tick, camera)
-        bodies = self._bodies(tick)
+        before = self.trace.snapshots[tick - 1] if tick else None
+        # Obstacles once more: they are what a way is to lead around.
+        bodies = [*self._obstacles, *tick_shapes(self.trace.snapshots[tick], before, self._witness)]
         paint(view, camera, bodies)
         self._name(view, camera, bodies, tick)
         draw_scale_bar(view, camera.scale)
@@ -136,25 +147,35 @@ class BirdsEye:
     def _name(self, view: Image, camera: Camera, bodies: list[Body], tick: int) -> None:
         """The names of those that the violations so far speak of, beside them."""
         now = self.trace.snapshots[tick].time + 1e-6
-        said = " ".join(event.sentence for event in self.trace.events if event.start_s <= now)
         for body in bodies:
-            if body.name != EGO_ID and re.search(rf"\b{re.escape(body.name)}\b", said):
-                x, y = np.rint(camera.px([(body.x, body.y)])[0]).astype(int).tolist()
-                name = label(body.name, 13, STYLE.ink, STYLE.outline)
-                height, width = name.share.shape[:2]
-                if 0 <= x + 14 <= view.shape[1] - width and 0 <= y - 34 <= view.shape[0] - height:
-                    name.lay(view, x + 14, y - 34)
+            if self._named.get(body.name, math.inf) <= now:
+                name = tile(f" {body.name} ", 13, STYLE.ink, STYLE.panel)
+                place = self._free_place(view, camera, body, name.shape[1], name.shape[0])
+                if place is not None:
+                    stamp(view, *place, name)
 
-    def _bodies(self, tick: int) -> list[Body]:
-        """Who is there, with the lights that others show."""
-        snapshot = self.trace.snapshots[tick]
-        bodies = tick_shapes(snapshot, self.trace.snapshots[tick - 1] if tick else None)
-        seen = self._witness.see(snapshot.actors, snapshot.ego)
-        sides = {
-            (x, y): _SIDES[i]
-            for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)
-        }
-        return [replace(body, signals=sides.get((body.x, body.y), 0)) for body in bodies]
+    def _free_place(
+        self, view: Image, camera: Camera, body: Body, width: int, height: int
+    ) -> tuple[int, int] | None:
+        """Beside a body, within the view and off the plates; None where there is no such place."""
+        x, y = np.rint(camera.px([(body.x, body.y)])[0]).astype(int).tolist()
+        corner = self._ground_camera.px([(camera.left, camera.top)])[0]
+        at = np.array(self._plates).reshape(-1, 2) - corner
+        reach = plate_px(camera) / 2 + 4
+        for left, top in (
+            (x + 14, y - 34),
+            (x - 14 - width, y - 34),
+            (x + 14, y + 16),
+            (x - 14 - width, y + 16),
+        ):
+            inside = 0 <= left <= view.shape[1] - width and 0 <= top <= view.shape[0] - height
+            middle = np.array((left + width / 2, top + height / 2))
+            if (
+                inside
+                and not (np.abs(at - middle) < (reach + width / 2, reach + height / 2)).all(axis=1).any()
+            ):
+                return left, top
+        return None
 
     def _make_windows(self) -> list[tuple[int, int]]:
         """Of each tick, the view's upper left corner in the ground, whole px so that the ground is copied as it is."""
@@ -169,13 +190,13 @@ class BirdsEye:
         route = self._views[tick]
         key = id(route.path)
         if key not in self._paths:
-            line = route.path.line.resampled(_ROUTE_STEP_M)
-            self._paths[key] = (route.path, line.s, self._ground_camera.fixed(line.points))
-        _, s, fixed = self._paths[key]
-        first, last = np.searchsorted(s, (route.s, route.path.destination_s)).tolist()
+            s, points = rounded_along(route.path.line, _ROUTE_STEP_M)
+            self._paths[key] = (route.path, s, self._ground_camera.fixed(points))
+        _, along, fixed = self._paths[key]
+        first, last = np.searchsorted(along, (route.s, route.path.destination_s)).tolist()
         if last - first > 1 and math.isfinite(route.remaining):
-            points = fixed[first:last] - np.array((left << SHIFT, top << SHIFT), dtype=np.int32)
-            cv2.polylines(view, [points], False, STYLE.route, 2, cv2.LINE_AA, SHIFT)
+            shown = fixed[first:last] - np.array((left << SHIFT, top << SHIFT), dtype=np.int32)
+            cv2.polylines(view, [shown], False, STYLE.route, 2, cv2.LINE_AA, SHIFT)
 
     def _draw_plan(self, view: Image, tick: int, camera: Camera) -> None:
         """Where the planner meant to drive from here, where it told so."""
@@ -199,13 +220,24 @@ class BirdsEye:
         snapshot = self.trace.snapshots[tick]
         begun = [v for v in self.trace.events if v.start_s <= snapshot.time + 1e-6]
         ended = tick == len(self.trace.snapshots) - 1
+        event = max(begun, key=lambda v: v.start_s) if begun else None
         return FrameInfo(
             time=snapshot.time,
             speed=snapshot.ego.speed,
             progress=min(snapshot.time / self._last, 1.0),
-            event=max(begun, key=lambda v: v.start_s) if begun else None,
+            event=event,
             outcome=str(self.trace.outcome) if ended else "",
+            near="" if event is None else self._near(event),
         )
+
+    def _near(self, event: Violation) -> str:
+        """How near to the ego was whom an event names, when it began."""
+        if event not in self._nearness:
+            snapshots = self.trace.snapshots
+            then = snapshots[min(round(event.start_s / DT_S), len(snapshots) - 1)]
+            named = named_from([event], then.actors.table.ids)
+            self._nearness[event] = next((text for name in named if (text := how_near(then, name))), "")
+        return self._nearness[event]
 
 
 def mark_violation(image: Image, camera: Camera, event: Violation) -> None:

@@ -16,6 +16,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
+from tsbench.report.drawing.main_road import main_road_rgba
 from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
 from tsbench.report.drawing.style import STYLE, Colour
 from tsbench.report.drawing.text import line_height, paste, shorten, write
@@ -27,14 +28,15 @@ _BODY = np.array(_HALF_BODY + [(u, -v) for u, v in reversed(_HALF_BODY)])
 _SCREEN = np.array([(0.26, 0.4), (0.1, 0.33), (0.1, -0.33), (0.26, -0.4)])
 _SHAPE = np.vstack((_BODY, _SCREEN))
 # Somebody on foot and a cone are wider than they are where the scale would make them a speck.
-_DISC_M, _PERSON_PX, _CONE_PX = 0.35, 3.5, 4.5
+_DISC_M, _PERSON_PX, _CONE_PX = 0.35, 3.5, 6.5
 _LAMP_M, _LAMP_PX = 0.22, 2.0
 _PLATE_M, _PLATE_PX = 4.5, (30, 60)
+_BELOW = 0.75  # of a plate's size has the one beneath it
 _REACH_M = 10.0
 
 
-def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> None:
-    """Paint shapes over a picture, in their order; plates make room for each other."""
+def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> list[tuple[float, float]]:
+    """Paint shapes over a picture, in their order; plates make room for each other. Returns the plates' middles, px."""
     shapes = list(shapes)
     outlines = iter(outlines_of(camera, [shape for shape in shapes if isinstance(shape, Body)]))
     plates: list[tuple[float, float]] = []
@@ -51,6 +53,7 @@ def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> None:
                 _area(image, camera, shape)
             case Plate():
                 plates.append(_plate(image, camera, shape, plates))
+    return plates
 
 
 def outlines_of(camera: Camera, bodies: Sequence[Body]) -> Fixed:
@@ -159,13 +162,22 @@ def _area(image: Image, camera: Camera, area: Area) -> None:
         cv2.addWeighted(ground, area.opacity, image, 1.0 - area.opacity, 0.0, dst=image)
 
 
+def plate_px(camera: Camera) -> int:
+    """The side of a plate in a picture."""
+    return round(min(max(_PLATE_M * camera.scale, _PLATE_PX[0]), _PLATE_PX[1]))
+
+
 def _plate(
     image: Image, camera: Camera, plate: Plate, placed: Sequence[tuple[float, float]]
 ) -> tuple[float, float]:
     """A plate upright beside its post, off the road, with a frame where it is the target; returns its middle in px."""
-    size = round(min(max(_PLATE_M * camera.scale, _PLATE_PX[0]), _PLATE_PX[1]))
+    size = plate_px(camera)
     post = camera.px([(plate.x, plate.y)])[0]
     centre = post + plate.away * (size / 2 + 4 + plate.clear * camera.scale)
+    small = round(_BELOW * size)
+    if plate.below and plate.away[1] < 0.0:
+        # What hangs beneath would cover the road.
+        centre = centre - np.array([0.0, small + 4.0])
     while any(abs(centre[0] - x) < size and abs(centre[1] - y) < size for x, y in placed):
         centre = centre + plate.away * (size / 2)
     cv2.line(image, _fixed(post), _fixed(centre), STYLE.outline, 2, cv2.LINE_AA, SHIFT)
@@ -180,6 +192,10 @@ def _plate(
     picture = plate_rgba(plate.code, plate.value, size, plate.country)
     left, top = np.rint(centre - size / 2).astype(int).tolist()
     paste(image, left, top, picture[..., :3], picture[..., 3])
+    if plate.below:
+        picture = main_road_rgba(plate.below, small)
+        left, top = left + (size - small) // 2, top + size + (4 if plate.target else 0)
+        paste(image, left, top, picture[..., :3], picture[..., 3])
     return float(centre[0]), float(centre[1])
 
 

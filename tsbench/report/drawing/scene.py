@@ -11,8 +11,13 @@ import shapely
 from lxml import etree
 
 from tsbench.core.benchmark import ARRIVAL_M
+from tsbench.episode.witness import Witness
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
+from tsbench.report.drawing.curves import rounded
+from tsbench.report.drawing.lights import braking, ego_brakes, indicators
+from tsbench.report.drawing.main_road import main_roads
+from tsbench.report.drawing.roads import mark_shapes
 from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, dashes
 from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
@@ -21,7 +26,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
 
 
 def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, float]]:
@@ -70,14 +75,12 @@ def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float)
     if path is None:
         return np.zeros((0, 2))
     line = path.line.slice(0.0, path.destination_s) if path.destination_s > 1.0 else path.line
-    return line.beside(d)
+    return rounded(line).beside(d)
 
 
 # As tsbench.dataset.scenes.traffic names the cars that are only traffic.
 _BACKGROUND = "bg_"
 _CAR_M = (5.0, 1.8)
-# Who slows down by more has a foot on the brake.
-_BRAKES_MPS2 = 0.8
 
 
 def ego_body(x: float, y: float, heading: float) -> Body:
@@ -101,9 +104,9 @@ def _cars(scene: Scene, root: etree._Element) -> Iterator[Body]:
         name, route = str(vehicle.get("id")), vehicle.find("route")
         if name in others or name.startswith(_BACKGROUND) or route is None:
             continue
-        kind = types.get(vehicle.get("type"))
+        vtype = types.get(vehicle.get("type"))
         length, width = (
-            default if kind is None else float(kind.get(key, default))
+            default if vtype is None else float(vtype.get(key, default))
             for key, default in zip(("length", "width"), _CAR_M, strict=True)
         )
         lanes = scene.network.edge_lanes(str(route.get("edges", "")).split()[0])
@@ -111,7 +114,9 @@ def _cars(scene: Scene, root: etree._Element) -> Iterator[Body]:
         # SUMO counts along the lane's own length, which may differ from that of its drawn line.
         s = (float(vehicle.get("departPos", 0)) - length / 2) * lane.line.length / lane.length
         x, y = lane.line.point_at(s)
-        yield Body("convoy" if name in held else "car", name, x, y, lane.line.heading_at(s), length, width)
+        kind = "car" if vtype is None or vtype.get("vClass") != _BICYCLE else _BICYCLE
+        shown = "convoy" if name in held and kind != _BICYCLE else kind
+        yield Body(shown, name, x, y, lane.line.heading_at(s), length, width)
 
 
 def _walkers(scene: Scene, root: etree._Element) -> Iterator[Body]:
@@ -126,7 +131,7 @@ def _walkers(scene: Scene, root: etree._Element) -> Iterator[Body]:
             yield Body("pedestrian", name, x, y, 0.0, 0.0, 0.0)
 
 
-_CONVOY_PREFIX = "convoy"
+_CONVOY_PREFIX, _BICYCLE = "convoy", "bicycle"
 _WAY_M = 0.35
 # Beside the middle of the lane, where there are two ways to show.
 _WAY_APART_M = 0.4
@@ -151,25 +156,32 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
 
 
 def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[Shape]:
-    """Destination, the line at which the target begins to bind, obstacles and plates, the target's first.
+    """What plates have painted, destination, the line at which the target begins to bind, obstacles and plates.
 
     country: whose plates, as `plate_rgba` has it.
     """
+    yield from mark_shapes(scene.network, scene.signs)
     ground, middle = destination_place(scene)
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:
         yield Area(colour, shapely.Point(middle).buffer(radius))
     for dash in dashes(plate_line(scene.network, scene.target_sign), 0.7, 0.5):
         yield Line("plate_line", dash, 0.25)
-    for o in scene.obstacles:
-        kind = "cones" if o.shape == "cones" else "island"
-        yield Body(kind, o.id, o.x, o.y, o.heading, o.length, o.width)
+    yield from obstacle_bodies(scene)
+    turning = main_roads(scene.network, scene.signs)
     for sign in sorted(scene.signs, key=lambda s: s.id != scene.target):
         away, clear = way_off(scene.network, sign)
         yield Plate(
             sign.id, sign.role, sign.code, sign.value, sign.x, sign.y, sign.heading, away, clear,
-            sign.id == scene.target, country,
+            sign.id == scene.target, country, below=turning[sign.id].key if sign.id in turning else "",
         )  # fmt: skip
+
+
+def obstacle_bodies(scene: Scene) -> list[Body]:
+    return [
+        Body("cones" if o.shape == "cones" else "island", o.id, o.x, o.y, o.heading, o.length, o.width)
+        for o in scene.obstacles
+    ]
 
 
 def start_shapes(scene: Scene) -> Iterator[Body]:
@@ -187,31 +199,25 @@ def scene_shapes(scene: Scene, graph: LaneGraph, start: bool = False) -> Iterato
         yield from start_shapes(scene)
 
 
-def tick_shapes(snapshot: WorldSnapshot, before: WorldSnapshot | None = None) -> list[Body]:
-    """Who is there at a tick. before: the tick before, by which it is seen who brakes."""
+def tick_shapes(
+    snapshot: WorldSnapshot, before: WorldSnapshot | None = None, witness: Witness | None = None
+) -> list[Body]:
+    """Who is there at a tick. before: the tick before, by which it is seen who brakes; witness: sees indicators."""
     actors, table = snapshot.actors, snapshot.actors.table
     rows = actors.index
     sizes = np.column_stack((table.length[rows], table.width[rows])).tolist()
-    then = (
-        {}
-        if before is None
-        else dict(zip(before.actors.index.tolist(), before.actors.speed.tolist(), strict=True))
-    )
+    sides = [0] * len(actors) if witness is None else indicators(witness, snapshot)
     bodies = [
-        Body(
-            body_kind(table, row), table.ids[row], x, y, heading, length, width,
-            brakes=then.get(row, speed) - speed > _BRAKES_MPS2 * DT_S,
-        )
-        for row, (x, y, heading), speed, (length, width) in zip(
-            rows.tolist(), actors.pose.tolist(), actors.speed.tolist(), sizes, strict=True
+        Body(body_kind(table, row), table.ids[row], x, y, heading, length, width, side, brakes)
+        for row, (x, y, heading), (length, width), side, brakes in zip(
+            rows.tolist(), actors.pose.tolist(), sizes, sides, braking(snapshot, before), strict=True
         )
     ]  # fmt: skip
     ego = snapshot.ego
-    brakes = before is not None and before.ego.speed - ego.speed > _BRAKES_MPS2 * DT_S
-    return [*bodies, replace(ego_body(ego.x, ego.y, ego.heading), brakes=brakes)]
+    return [*bodies, replace(ego_body(ego.x, ego.y, ego.heading), brakes=ego_brakes(snapshot, before))]
 
 
 def body_kind(table: ActorTable, row: int) -> str:
-    if table.ids[row].startswith(_CONVOY_PREFIX):
-        return "convoy"
-    return ActorKind(int(table.kind[row])).name.lower()
+    kind = ActorKind(int(table.kind[row])).name.lower()
+    # A bicycle of a convoy is to be seen as a bicycle: who waits for the ego is coloured, and bicycles are no boxes.
+    return "convoy" if table.ids[row].startswith(_CONVOY_PREFIX) and kind != _BICYCLE else kind

@@ -53,7 +53,7 @@ class Plate:
     """A traffic sign at its post. heading: of the traffic that it faces.
 
     away: unit vector in the picture (rows grow downwards) that leads off the road; clear: distance to the kerb.
-    country: as `plate_rgba` has it.
+    country: as `plate_rgba` has it. below: name of the main road's shape beneath it (`MainRoad.key`), "" = none.
     """
 
     name: str
@@ -67,6 +67,7 @@ class Plate:
     clear: float
     target: bool
     country: Country | None = None
+    below: str = ""
 
 
 Shape = Area | Line | Body | Plate

@@ -10,6 +10,9 @@ Colour = tuple[int, int, int]
 @dataclass(frozen=True, slots=True)
 class Style:
     ground: Colour = (229, 232, 223)
+    green: Colour = (214, 226, 203)
+    water: Colour = (204, 218, 230)
+    building: Colour = (215, 213, 206)
     walk: Colour = (206, 205, 199)
     asphalt: Colour = (86, 91, 99)
     kerb: Colour = (150, 154, 160)
@@ -42,6 +45,7 @@ class Style:
     dash_m: tuple[float, float] = (3.0, 4.5)
     header_px: int = 64
     footer_px: int = 56
+    compact_footer_px: int = 72
 
 
 STYLE = Style()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
@@ -126,10 +127,18 @@ def wrap(text: str, size: int, width: int, lines: int) -> list[str]:
     return [shorten(row, size, width) for row in out]
 
 
-def shorten(text: str, size: int, width: int) -> str:
+def fitted(text: str, sizes: Sequence[int], width: int, bold: bool = False) -> tuple[str, int]:
+    """The text and the first of the sizes in which it fits into `width` px; if none, cut in the last one."""
+    for size in sizes:
+        if text_width(text, size, bold) <= width:
+            return text, size
+    return shorten(text, sizes[-1], width, bold), sizes[-1]
+
+
+def shorten(text: str, size: int, width: int, bold: bool = False) -> str:
     """The text, or as much of it as fits into `width` px with an ellipsis."""
-    if text_width(text, size) <= width:
+    if text_width(text, size, bold) <= width:
         return text
-    while text and text_width(text + "…", size) > width:
+    while text and text_width(text + "…", size, bold) > width:
         text = text[:-1]
     return text + "…"

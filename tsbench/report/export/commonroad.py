@@ -23,7 +23,10 @@ from tsbench.core.parquet import open_table
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.scene import destination_place
 from tsbench.report.drawing.style import ATTRIBUTION
-from tsbench.report.export.lanelets import Element, lane_ids, lanelets, number, point, points, traffic_sign
+from tsbench.report.export.elements import Element, number, point, points
+from tsbench.report.export.intersections import intersections
+from tsbench.report.export.lanelets import lanelets, traffic_sign
+from tsbench.report.export.pieces import lane_ids, pieces
 from tsbench.report.export.tracks import Track, actor_tracks, ego_rows
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.sim.scene import Obstacle, Scene
@@ -45,12 +48,14 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
     """Road, plates, obstacles, every road user's track, the ego as the first of them, and the planning problem."""
     ids = count(max(lane_ids(scene.network).values()) + 1)
     sign_ids = {sign.id: next(ids) for sign in scene.signs}
-    roads = lanelets(scene, sign_ids, ids)
+    cut = pieces(scene, ids)
+    roads = lanelets(scene, cut, sign_ids, ids)
     ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
     root = E.commonRoad(
         *_location(trace),
         *roads,
         *(traffic_sign(sign, sign_ids[sign.id]) for sign in scene.signs),
+        *intersections(scene.network, cut, ids),
         *(_static(obstacle, next(ids)) for obstacle in scene.obstacles),
         *(_dynamic(track, next(ids)) for track in [ego, *actor_tracks(trace)]),
         _problem(trace, scene, next(ids)),

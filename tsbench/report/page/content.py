@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from markupsafe import Markup
-
 from tsbench.metrics.compare import compare, shared_scenarios
 from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
@@ -48,7 +46,11 @@ def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
 def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: bool = False) -> Section:
     """An analysis for the template. heat: colour shares; figure: with its chart; fold: hide the table at first."""
     table = analysis.table
-    drawn = inline_svg(analysis.draw, analysis.name) if analysis.draw is not None and figure else Markup()
+    drawn = {
+        name: inline_svg(draw, f"{analysis.name}-{name}", analysis.title)
+        for name, draw in (("wide", analysis.draw), ("stacked", analysis.stacked))
+        if draw is not None and figure
+    }
     columns = [{**_column(c), "minor": heat and c.key in _ROOM_FOR_SHARES} for c in table.columns]
     counted = next((k for k, c in enumerate(table.columns) if c.key == "n"), None)
     rows = []
@@ -60,8 +62,8 @@ def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: b
             wanted["half"] = half
         rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "wanted": wanted})
     return {
-        "title": analysis.title, "columns": columns, "rows": rows, "notes": analysis.notes, "figure": drawn,
-        "fold": fold, "heat": heat, "fixed": table.fixed,
+        "title": analysis.title, "columns": columns, "rows": rows, "notes": (*analysis.notes, *_without(table)),
+        "figures": drawn, "fold": fold, "heat": heat, "fixed": table.fixed,
     }  # fmt: skip
 
 
@@ -84,6 +86,17 @@ def _cell(column: Column, cell: Cell, heat: bool, n: Cell) -> dict[str, Any]:
         if heat and cell.value is not None:
             shown["heat"] = round(min(max(cell.value, 0.0), 100.0), 1)
     return shown
+
+
+def _without(table: Table) -> tuple[str, ...]:
+    """Why figures of a table stand without an interval, once for each reason."""
+    found = {
+        cell.reason
+        for row in table.rows
+        for cell in row.cells
+        if isinstance(cell, Value) and cell.value is not None and cell.low is None and cell.reason
+    }
+    return (f"why some figures have no interval: {'; '.join(sorted(found))}",) if found else ()
 
 
 def _text(table: Table, cells: Sequence[Cell], key: str) -> str:

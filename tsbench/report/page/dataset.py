@@ -15,18 +15,17 @@ from PIL import Image as PilImage
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.dataset.scenes.overview import TypeStats, type_stats
-from tsbench.report.drawing.bev import PageSize
+from tsbench.report.drawing.layout import PageSize
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.page.dataset_blobs import (
     Group,
-    Plate,
     pack_details,
     pack_places,
     pack_rows,
     pack_scenes,
     scene_blob,
 )
-from tsbench.report.page.drawing import plates_of
+from tsbench.report.page.drawing import plate_of
 from tsbench.report.page.shell import render_page
 from tsbench.report.video.render import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
@@ -37,7 +36,7 @@ from tsbench.signs.model import ScenarioType, Sign
 from tsbench.signs.plates import plate_svg
 
 LARGEST_BYTES = 20_000_000
-_PICTURE = PageSize(440, 260 + STYLE.header_px + STYLE.footer_px)
+_PICTURE = PageSize(440, 260 + STYLE.header_px + STYLE.compact_footer_px)
 _QUALITY = 82
 Progress = Callable[[int, int], None]
 
@@ -60,11 +59,11 @@ def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, pr
         "scenarios": pack_rows(rows, proofs),
         "details": pack_details(rows, proofs),
     }
-    plates: set[Plate] = set()
+    plates: set[str] = set()
     for key, packed, shown in pack_scenes(groups, workers, progress):
         blobs[scene_blob(*key)] = packed
         plates |= shown
-    pictures = plates_of(sorted(plates, key=str))
+    pictures = {key: plate_of(key) for key in sorted(plates)}
     text = render_page(
         "dataset.html", title="tsbench scenarios", data={"plates": pictures}, blobs=blobs,
         scripts=("dataset_map.js", "dataset.js"), cards=_cards(rows, catalog), facts=_facts(rows, proofs),
@@ -128,8 +127,8 @@ def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:
 
 
 def _picture(example: ScenarioSpec) -> str:
-    page = scene_picture(load_scene(example), example.scenario_id, _PICTURE)
-    view = np.ascontiguousarray(page[STYLE.header_px : -STYLE.footer_px])
+    page = scene_picture(load_scene(example), example.scenario_id, _PICTURE, map_id=example.map_id)
+    view = np.ascontiguousarray(page[_PICTURE.header_px : -_PICTURE.footer_px])
     file = io.BytesIO()
     PilImage.fromarray(view).save(file, format="WEBP", quality=_QUALITY, method=6)
     return f"data:image/webp;base64,{b64encode(file.getvalue()).decode()}"

@@ -12,9 +12,10 @@ import numpy as np
 
 from tsbench.core.parallel import worker_processes
 from tsbench.core.parquet import open_table
+from tsbench.report.drawing.ground import ground_shapes
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import scene_shapes
-from tsbench.report.page.drawing import drawing
+from tsbench.report.page.drawing import drawing, plate_keys
 from tsbench.report.page.packing import pack, pack_table
 from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
@@ -66,7 +67,6 @@ def _sources(names: Sequence[str], x: Any, y: Any) -> list[list[Any]]:
 # Scenario type and map.
 Group = tuple[str, str]
 # Code and value.
-Plate = tuple[str, float | None]
 
 
 def scene_blob(type_id: str, map_id: str) -> str:
@@ -75,8 +75,8 @@ def scene_blob(type_id: str, map_id: str) -> str:
 
 def pack_scenes(
     groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
-) -> Iterator[tuple[Group, bytes, set[Plate]]]:
-    """Blobs in the groups' order (`roads`, and `scenes` by variant), and the plates in them."""
+) -> Iterator[tuple[Group, bytes, set[str]]]:
+    """Blobs in the groups' order (`roads` by network, `scenes` by id, each with its `net`), and the plates in them."""
     with worker_processes(min(workers, len(groups)), "packing scenes") as pool:
         packed = pool.ordered(_pack, ((rows,) for rows in groups.values()))
         for done, (key, (content, plates)) in enumerate(zip(groups, packed, strict=True), start=1):
@@ -89,14 +89,18 @@ def _loader() -> SceneLoader:
     return SceneLoader()
 
 
-def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[Plate]]:
-    scenes = {}
-    plates: set[Plate] = set()
+def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
+    scenes, nets = {}, {}
+    plates: set[str] = set()
     for row in rows:
         scene, roads = _loader().load(row)
-        scenes[str(row.variant)] = drawing(scene_shapes(scene, roads.graph, start=True))
-        plates |= {(sign.code, sign.value) for sign in scene.signs}
-    return pack({"roads": drawing(road_shapes(scene.network)), "scenes": scenes}), plates
+        # The halves of a pair are of one variant, and may have networks of their own.
+        shown = drawing(scene_shapes(scene, roads.graph, start=True))
+        scenes[row.scenario_id] = {**shown, "net": row.net_sha256}
+        if row.net_sha256 not in nets:
+            nets[row.net_sha256] = drawing((*ground_shapes(row.map_id), *road_shapes(scene.network)))
+        plates |= set(plate_keys(shown))
+    return pack({"roads": nets, "scenes": scenes}), plates
 
 
 _YES = ["no", "yes", "–"]
@@ -107,6 +111,7 @@ COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "split", "label": "split", "kind": "text", "filter": "choice"},
     {"name": "map_id", "label": "map", "kind": "text", "filter": "text"},
     {"name": "variant", "label": "variant", "kind": "number", "digits": 0},
+    {"name": "half", "label": "half", "kind": "text", "filter": "choice"},
     {"name": "expert", "label": "solved by", "kind": "text", "filter": "choice", "marks": {"nobody": "bad"},
      "title": "the expert that obeyed the sign and arrived"},
     {"name": "expert_time_s", "label": "after", "kind": "number", "unit": "s", "minor": True},

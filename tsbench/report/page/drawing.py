@@ -1,4 +1,4 @@
-"""Shapes as a bird's-eye view in a page takes them; `plates_of` gives the pictures of its plates.
+"""Shapes as a bird's-eye view in a page takes them; `plate_of` gives the pictures of its plates.
 
 The page's format is described in `static/bev.js`. Coordinates are whole tenths of a metre, each point but a shape's
 first relative to the one before, so that they compress well. Units: m in the network's frame, rad.
@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from tsbench.geometry.polyline import Array
+from tsbench.report.drawing import main_road
 from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
 from tsbench.signs.plates import plate_svg
 
@@ -43,7 +44,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                 plates.append({
                     "x": round(shape.x, 2), "y": round(shape.y, 2), "ax": round(float(shape.away[0]), 3),
                     "ay": round(float(shape.away[1]), 3), "clear": round(shape.clear, 1),
-                    "plate": plate_key(shape.code, shape.value), "target": shape.target,
+                    "plate": plate_key(shape.code, shape.value), "below": shape.below, "target": shape.target,
                 })  # fmt: skip
     return {
         "unit": UNIT_M, "x0": 0, "y0": 0, "areas": areas, "lines": lines, "plates": plates, "bodies": bodies,
@@ -74,8 +75,18 @@ def plate_key(code: str, value: float | None) -> str:
     return code if value is None else f"{code}|{value:g}"
 
 
-def plates_of(plates: Iterable[tuple[str, float | None]]) -> dict[str, str]:
-    return {plate_key(*plate): plate_svg(*plate) for plate in plates}
+def plate_keys(drawing: dict[str, Any]) -> tuple[str, ...]:
+    """Of all plates of a drawing, with those that hang beneath others."""
+    keys = (plate[name] for plate in drawing["plates"] for name in ("plate", "below"))
+    return tuple(dict.fromkeys(key for key in keys if key))
+
+
+def plate_of(key: str) -> str:
+    """A plate's picture as SVG. Raises InputError or ValueError for a key that names none."""
+    code, bar, value = key.partition("|")
+    if code == main_road.CODE:
+        return main_road.MainRoad.of(key).svg()
+    return plate_svg(code, float(value) if bar else None)
 
 
 def _flat(points: Array) -> list[int]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,20 +17,29 @@ import numpy.typing as npt
 
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import Trace, read_trace, verdict_to_dict
+from tsbench.episode.witness import Witness
 from tsbench.geometry.polyline import Array
-from tsbench.report.description import episode_subtitle, episode_title
+from tsbench.report.description import episode_subtitle, episode_title, readable, unit_words
+from tsbench.report.drawing.ground import ground_shapes
+from tsbench.report.drawing.lights import braking, ego_brakes, indicators, named_from
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import body_kind, scene_shapes
 from tsbench.report.export.tracks import actor_tracks, ego_rows
-from tsbench.report.page.drawing import drawing, plate_key
+from tsbench.report.page.conflict import FARTHEST_S, times_to_collision, times_to_conflict
+from tsbench.report.page.drawing import drawing, plate_key, plate_keys, plate_of
 from tsbench.report.page.packing import deltas, pack
+from tsbench.roads.sealed import seal
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.plates import plate_svg
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 
 _UNIT_M, _UNIT_RAD, _UNIT_MPS = 0.05, 2 * np.pi / 2048, 0.05
+_UNIT_MPS2, _UNIT_S = 0.05, 0.1
+# In one number; by the sides of `indicators`.
+_SIDES, _BRAKES = MappingProxyType({0: 0, 1: 1, -1: 2}), 4
 _ROOM_M = 12.0
 _LARGEST = 30_000
 # A planner may mean anything: second differences of its points fit into 16 bits wherever they are.
@@ -72,25 +82,30 @@ class EpisodePacker:
         header = {
             **_about(trace),
             "told": _told(trace, scene),
+            "named": named_from(
+                trace.events, (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
+            ),
+            "obstacles": [[o.id, round(o.x, 2), round(o.y, 2)] for o in scene.obstacles],
+            "gap_s": _gap(scene),
             "roads": trace.spec.net_sha256,
             "scene": furnished,
             "box": np.round((points.min(axis=0) - _ROOM_M, points.max(axis=0) + _ROOM_M), 1).ravel().tolist(),
         }
         parts, arrays = _motion(trace, track)
+        arrays["actor_lights"], arrays["ego_lights"] = _lights(trace, scene)
+        conflict = times_to_conflict(trace, scene)
+        if conflict is not None:
+            arrays["ego_conflict"] = deltas(np.rint(conflict / _UNIT_S), np.zeros(1, dtype=np.int64))
         net = trace.spec.net_sha256
         if net not in self._roads:
-            self._roads[net] = pack({"drawing": drawing(road_shapes(scene.network))})
-        return Packed(pack({**header, **parts}, arrays), net, self._roads[net], _plates(furnished))
+            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network))
+            self._roads[net] = pack({"drawing": drawing(shapes)})
+        return Packed(pack({**header, **parts}, arrays), net, self._roads[net], plate_keys(furnished))
 
 
 def pack_plate(key: str) -> bytes:
     """A plate's picture. Raises InputError or ValueError for a key that names none."""
-    code, bar, value = key.partition("|")
-    return pack({"svg": plate_svg(code, float(value) if bar else None)})
-
-
-def _plates(drawing: dict[str, Any]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(plate["plate"] for plate in drawing["plates"]))
+    return pack({"svg": plate_of(key)})
 
 
 def _about(trace: Trace) -> dict[str, Any]:
@@ -100,7 +115,12 @@ def _about(trace: Trace) -> dict[str, Any]:
         *((v, False) for v in trace.others),
     )
     events = [
-        {"target": target, **event}
+        {
+            "target": target,
+            **event,
+            "unit": unit_words(event["unit"]),
+            "sentence": readable(event["sentence"]),
+        }
         for verdict, target in verdicts
         for event in verdict_to_dict(verdict)["violations"]
     ]
@@ -112,6 +132,14 @@ def _about(trace: Trace) -> dict[str, Any]:
         "partner": None if trace.contact is None else trace.contact.partner,
         "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
     }  # fmt: skip
+
+
+def _gap(scene: Scene) -> float | None:
+    """What the target's rule asks to be left to vehicles with priority, s; None where there are none."""
+    params = scene.target_sign.params
+    if not isinstance(params, GiveWayParams) or not params.main_in:
+        return None
+    return load_catalog().sign(scene.target_sign.code).rule.thresholds["gap_s"]
 
 
 def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:
@@ -129,7 +157,7 @@ def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:
     ]
 
 
-def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.int16]]]:
+def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.NDArray[Any]]]:
     """Ego and road users. Pieces: [actor, first tick, ticks] without a gap, in the order of the arrays."""
     snapshots, tracks = trace.snapshots, actor_tracks(trace)
     pose = np.concatenate([np.zeros((0, 4)), *(t.rows for t in tracks)])
@@ -138,12 +166,18 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
     middle = (track[:, :2].min(axis=0) + track[:, :2].max(axis=0)) / 2
     reach = max(float(np.abs(p - middle).max()) for p in (track[:, :2], pose[:, :2]) if len(p))
     unit = max(_UNIT_M, reach / _LARGEST)
-    arrays = {}
+    arrays: dict[str, npt.NDArray[Any]] = {}
     for name, xyh, at in (("ego", track, np.zeros(1, dtype=np.int64)), ("actor", pose, starts)):
         for k, axis in enumerate("xy"):
             arrays[f"{name}_{axis}"] = deltas(np.rint((xyh[:, k] - middle[k]) / unit), at)
         arrays[f"{name}_h"] = deltas(_turns(xyh[:, 2], at), at)
-    arrays["ego_v"] = deltas(np.rint(track[:, 3] / _UNIT_MPS), np.zeros(1, dtype=np.int64))
+    for name, values in {
+        "v": track[:, 3] / _UNIT_MPS,
+        "a": np.array([s.ego.acceleration for s in snapshots]) / _UNIT_MPS2,
+        "steer": np.array([s.ego.steering for s in snapshots]) / _UNIT_RAD,
+        "ttc": times_to_collision(snapshots) / _UNIT_S,
+    }.items():
+        arrays[f"ego_{name}"] = deltas(np.rint(values), np.zeros(1, dtype=np.int64))
     told = [(tick, plan) for tick, plan in enumerate(trace.plans) if plan is not None and len(plan)]
     plans = np.concatenate([np.zeros((0, 2)), *(plan for _, plan in told)])
     at = np.cumsum([0, *(len(plan) for _, plan in told)])[:-1]
@@ -160,9 +194,27 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
     parts = {
         "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
         "actors": actors, "pieces": pieces, "plans": [[tick, len(plan)] for tick, plan in told],
-        "middle": middle.tolist(), "units": {"m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS},
+        "middle": middle.tolist(), "farthest_s": FARTHEST_S,
+        "units": {
+            "m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS, "mps2": _UNIT_MPS2, "s": _UNIT_S,
+        },
     }  # fmt: skip
     return parts, arrays
+
+
+def _lights(trace: Trace, scene: Scene) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.int8]]:
+    """Of road users in the order of the arrays of their motion, and of the ego: 1 left, 2 right indicator, 4 brakes."""
+    witness, before, tables = Witness(scene.network, seal(scene.network)), None, []
+    ego = np.zeros(len(trace.snapshots), dtype=np.int8)
+    for tick, snapshot in enumerate(trace.snapshots):
+        ego[tick] = _BRAKES * ego_brakes(snapshot, before)
+        sides, brakes = indicators(witness, snapshot), braking(snapshot, before)
+        lamps = [_SIDES[side] + _BRAKES * on for side, on in zip(sides, brakes, strict=True)]
+        tables.append(dict(zip(snapshot.actors.index.tolist(), lamps, strict=True)))
+        before = snapshot
+    tracks = actor_tracks(trace)
+    found = [tables[t.first + k][t.index] for t in tracks for k in range(len(t.rows))]
+    return np.array(found, dtype=np.int8), ego
 
 
 def _turns(heading: Array, starts: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

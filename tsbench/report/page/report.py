@@ -36,6 +36,22 @@ class Embedded:
     notes: list[str] = field(default_factory=list)
     size: int = 0
 
+    def take(self, row: int, packed: Packed, room: int) -> bool:
+        """Put one episode in, with its roads and plates where they are not there yet; False where there is no room."""
+        blobs = {f"episode/{row}": packed.episode}
+        if (name := f"roads/{packed.net}") not in self.blobs:
+            blobs[name] = packed.roads
+        for key in packed.plates:
+            if (name := f"plate/{key}") not in self.blobs:
+                blobs[name] = pack_plate(key)
+        size = sum(_WRAP + len(name) + 4 * ((len(b) + 2) // 3) for name, b in blobs.items())
+        if self.size + size > room:
+            return False
+        self.blobs |= blobs
+        self.rows.add(row)
+        self.size += size
+        return True
+
 
 def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int, int], None]) -> Embedded:
     """Pack episodes in the order of their interest until `room` bytes of the page are used.
@@ -49,7 +65,7 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
         if isinstance(packed, str):
             broken.append(packed)
             continue
-        if not _take(chosen, row, packed, room):
+        if not chosen.take(row, packed, room):
             left_out = len(order) - k
             break
         progress(k + 1, len(order))
@@ -62,23 +78,6 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
         more = "; …" if len(broken) > 3 else ""
         chosen.notes.append(f"{len(broken)} traces cannot be played: {'; '.join(broken[:3])}{more}")
     return chosen
-
-
-def _take(chosen: Embedded, row: int, packed: Packed, room: int) -> bool:
-    """Put one episode in, with its roads and plates where they are not there yet; False where there is no room."""
-    blobs = {f"episode/{row}": packed.episode}
-    if (name := f"roads/{packed.net}") not in chosen.blobs:
-        blobs[name] = packed.roads
-    for key in packed.plates:
-        if (name := f"plate/{key}") not in chosen.blobs:
-            blobs[name] = pack_plate(key)
-    size = sum(_WRAP + len(name) + 4 * ((len(b) + 2) // 3) for name, b in blobs.items())
-    if chosen.size + size > room:
-        return False
-    chosen.blobs |= blobs
-    chosen.rows.add(row)
-    chosen.size += size
-    return True
 
 
 def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
@@ -106,7 +105,7 @@ def _packer() -> EpisodePacker:
 
 MEGABYTE = 1_000_000
 NAME = "report.html"
-_SCRIPTS = ("half.js", "player.js", "report.js")
+PLAYER_SCRIPTS = ("curves.js", "half.js", "player.js", "report.js")
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
         why = "; ".join(players.notes) or "it has no trace (trace='all' keeps all)"
         raise InputError(f"{run.path}: {planner}/{scenario_id} cannot be played: {why}")
     return render_page(
-        "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=_SCRIPTS,
+        "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=PLAYER_SCRIPTS,
         title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
         runs=[], notes=players.notes, players=len(players.rows), episodes=len(index.rows),
     )  # fmt: skip
@@ -199,7 +198,7 @@ class Fixed:
         data: dict[str, Any] = {} if source is None else {"source": source}
         blobs = {"episodes": episodes_table(self._index, players.rows), **players.blobs}
         return render_page(
-            "report.html", data=data, blobs=blobs, scripts=_SCRIPTS, served=source is not None,
+            "report.html", data=data, blobs=blobs, scripts=PLAYER_SCRIPTS, served=source is not None,
             sections=self._sections, runs=self._about, notes=[*self._index.notes, *players.notes],
             players=len(players.rows), episodes=len(self._index.rows), **self._heading,
         )  # fmt: skip

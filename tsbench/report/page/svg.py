@@ -24,7 +24,8 @@ _COLOURS = {
 _COLOUR = re.compile("|".join(_COLOURS))
 
 
-def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
+def inline_svg(draw: Callable[[], Figure], name: str, label: str) -> Markup:
+    """name: before its ids, so that those of several figures differ; label: what those hear who do not see it."""
     file = io.BytesIO()
     with house_style():
         mpl.rcParams["svg.fonttype"] = "none"
@@ -37,6 +38,7 @@ def inline_svg(draw: Callable[[], Figure], name: str) -> Markup:
         if parent is not None:
             parent.remove(style)
     root.set("role", "img")
+    root.set("aria-label", label)
     return Markup(etree.tostring(root, encoding="unicode", with_tail=False))
 
 

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.compare import Comparison, Flip, compare, shared_scenarios
@@ -28,12 +29,12 @@ from tsbench.report.analyses.columns import (
 )
 from tsbench.report.analyses.model import Analysis, Column, Kind, Table
 from tsbench.report.analyses.shown import print_analysis
-from tsbench.run.log.manifest import floors_of
+from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
-_EXPLAINS = ("mask_signs", "perception", "device")
+_EXPLAINS = ("mask_signs", "device")
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Side:
 
     @property
     def label(self) -> str:
-        floor = ", floor" if self.planner in floors_of(self.run.manifest) else ""
-        return f"{self.planner} ({self.run.path}{floor})"
+        mark = marks_of(self.run.manifest).get(self.planner)
+        return f"{self.planner} ({self.run.path}{f', {mark}' if mark else ''})"
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,14 @@ def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) 
     """Compare `RUN[:planner]` with `RUN[:planner]`.
 
     Raises InputError: unreadable runs, an unclear planner; without `allow_partial` holes; without `force` different
-    contracts or different scenarios.
+    contracts, perception levels or scenarios.
     """
     return match(find_side(text_a), find_side(text_b), force=force, allow_partial=allow_partial)
 
 
 def match(a: Side, b: Side, *, force: bool, allow_partial: bool) -> Matched:
     """Compare two sides, and refuse, as `compare_runs`."""
-    warnings = [*_contracts(a.run, b.run, force)]
+    warnings = [*_contracts(a.run, b.run, force), *_levels(a.run, b.run, force)]
     holes = {side.label: side.run.holes(side.planner) for side in (a, b)}
     asked = {side.label: side.run.asked[side.planner] for side in (a, b)}
     named = name_holes(holes, asked, allow_partial)
@@ -127,6 +128,19 @@ def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
             "so their scores are not comparable; --force compares them all the same and says so"
         )
     return [f"FORCED, contracts differ (A {a.contract[:12]}, B {b.contract[:12]})"]
+
+
+def _levels(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
+    """What eyes a run was driven with belongs to what it is, as its contract does."""
+    if not differing(a, b, ("perception",)):
+        return []
+    x, y = (run.manifest["effective"].get("perception", {"name": EXACT})["name"] for run in (a, b))
+    if not force:
+        raise InputError(
+            f"{a.path} is of perception {x}, {b.path} of {y}: tsbench analyse perception shows levels side by side; "
+            "--force compares them all the same and says so"
+        )
+    return [f"FORCED, perception levels differ (A {x}, B {y})"]
 
 
 def _selections(a: Side, b: Side, n_a: int, n_b: int, common: int, force: bool, partial: bool) -> list[str]:

@@ -1,4 +1,4 @@
-"""The data set in two tables: what stands in it by type and split, and which quotas and maps it rests on."""
+"""The data set in tables: rows by type and split, in what they differ, tagging, and the quotas and maps behind them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import isnan
 from typing import Any
 
+from tsbench.dataset.scenes.axes import TypeAxes
 from tsbench.dataset.scenes.overview import TypeStats
+from tsbench.dataset.scenes.tagging import GOAL, Tagging
 from tsbench.report.analyses.columns import text_columns
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
 from tsbench.report.analyses.writing import to_markdown
@@ -67,6 +69,63 @@ def dataset_tables(
         Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
         Analysis("dataset-maps", quotas, "", Table(heads, maps, 2), ()),
     )
+
+
+def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
+    """In what a type's rows differ."""
+    counts = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
+    means = {
+        "distractors": "sets of distractors", "lanes": "start lanes", "destinations": "destinations",
+        "approaches": "approaches", "lengths": "route lengths",
+    }  # fmt: skip
+    shares = {"apart": "apart", "apart_bare": "apart without distractors"}
+    columns = (
+        *text_columns("type", "split"),
+        *(Column(key, head, Kind.COUNT) for key, head in counts.items()),
+        *(Column(key, head, Kind.NUMBER) for key, head in means.items()),
+        *text_columns(*shares.values()),
+    )
+    rows = tuple(
+        Row((
+            a.type_id, a.split, *(getattr(a, key) for key in (*counts, *means)),
+            *(_percent(getattr(a, key)) for key in shares),
+        ))
+        for a in axes
+    )  # fmt: skip
+    notes = (
+        "Signed rows. Plates and values, initial speeds and densities: distinct ones in the type. The next five: "
+        "distinct ones on a map, mean over maps. apart: % of rows that differ from every other row of their map in "
+        "plate, value, distractors, start lane, approach or destination",
+    )
+    return Analysis("dataset-axes", "In what the rows of a map differ", "", Table(columns, rows, 2), notes)
+
+
+def tagging_table(found: Sequence[Tagging]) -> Analysis:
+    """Maps from the generalised extract, by type and split."""
+    columns = (
+        *text_columns("type", "split"),
+        *(Column(key, key, Kind.COUNT) for key in ("maps", "tagged")),
+        Column("there", "tagged in the pool", Kind.COUNT),
+        *text_columns("generalised"),
+    )
+    rows = tuple(Row((t.type_id, t.split, t.maps, t.tagged, t.there, _percent(t.share))) for t in found)
+    return Analysis("dataset-tagging", "Tagging", "", Table(columns, rows, 2), (_tagging_note(found),))
+
+
+def _tagging_note(found: Sequence[Tagging]) -> str:
+    """Whether routing types keep the goal for generalised maps, split by split."""
+    parts = []
+    for split in dict.fromkeys(t.split for t in found if t.routing):
+        of = [t for t in found if t.routing and t.split == split]
+        over = [t for t in of if t.share > GOAL]
+        share = _percent(sum(t.plain for t in of) / sum(t.maps for t in of))
+        parts.append(f"{split}: {share} % generalised, {len(over)} of {len(of)} types above the goal")
+    goal = f"At most {GOAL:.0%} of a routing type's test maps are to be from the generalised extract. "
+    reason = (
+        ". A build tries the tagged maps of a stratum first and takes a generalised one where no more of them pass. "
+        "Most of those passed over have an obedient way that takes too long; the table of quotas counts the reasons"
+    )
+    return goal + "Routing types, " + "; ".join(parts) + reason if parts else ""
 
 
 def dataset_page(tables: Sequence[Analysis]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -49,8 +50,8 @@ class ForestRow:
     bold: bool = False
 
 
-def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True) -> None:
-    """Rows from top to bottom. labels: write the rows' names at the left."""
+def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True, head: str = "") -> None:
+    """Rows from top to bottom. labels: write the rows' names at the left. head: above the counts."""
     for y, row in enumerate(rows):
         for mark in row.marks:
             _draw_mark(axes, y, mark)
@@ -59,16 +60,21 @@ def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True) -> None
     for label, row in zip(axes.get_yticklabels(), rows, strict=True):
         label.set(fontweight="bold" if row.bold else "normal", fontsize=8, parse_math=False)
     axes.tick_params(axis="y", labelleft=labels)
-    put_counts(axes, [row.count for row in rows])
+    put_counts(axes, [row.count for row in rows], head)
     axes.grid(axis="x", color="#e4e4e4", linewidth=0.6)
     axes.set_axisbelow(True)
 
 
-def put_counts(axes: Any, texts: Sequence[str], size: int = 7) -> Any:
-    """What each row rests on, at the right of the axes."""
+def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -> Any:
+    """What each row rests on, at the right of its axes; head: what that is, above them."""
     right = axes.secondary_yaxis("right")
     right.set_yticks(range(len(texts)), texts)
     right.tick_params(length=0, labelsize=size)
+    right.spines["right"].set_visible(False)
+    if head:
+        axes.annotate(
+            head, (1.0, 1.0), (4, 3), xycoords="axes fraction", textcoords="offset points", fontsize=size, color=GREY,
+        )  # fmt: skip
     return right
 
 
@@ -146,6 +152,9 @@ def _contract_line(matched: Matched) -> str:
 
 
 _LABELS_IN, _PANEL_IN, _REST_IN = 1.4, 2.3, 1.75
+# Panels one below the other fit a telephone of 390 px at their own size; of each so much is not rows.
+_STACKED_IN, _AXIS_IN, _KEY_IN = 3.7, 0.5, 0.7
+_BETWEEN_IN, _STACKED_LETTERS = 0.12, 58
 
 
 def colour_of(panel: str) -> str:
@@ -161,11 +170,16 @@ def forest_panels(
     unit: str,
     span: tuple[float, float] | None,
     key: Mapping[str, Mark],
+    counted: str = "n",
+    stacked: bool = False,
 ) -> Figure:
-    """Forest plots that share their rows and, by `span`, their axis. unit: what that shows; key: marks explained."""
-    figure, axes = make_panels(panels, max(len(rows) for rows in panels.values()))
+    """Forest plots that share their rows and, by `span`, their axis. unit: what that shows; key: marks explained.
+
+    counted: what stands right of each panel. stacked: one below the other, as `make_panels` has it.
+    """
+    figure, axes = make_panels(panels, max(len(rows) for rows in panels.values()), stacked)
     for k, (name, rows) in enumerate(panels.items()):
-        draw_rows(axes[k], rows, labels=not k)
+        draw_rows(axes[k], rows, labels=stacked or not k, head=counted)
         axes[k].set_title(name, fontsize=9, fontweight="bold", color=colour_of(name))
         axes[k].tick_params(axis="x", labelsize=8)
         if span is None or span[0] < 0.0:
@@ -180,21 +194,28 @@ def forest_panels(
         )
         for text, mark in key.items()
     ]  # fmt: skip
-    put_key(figure, unit, handles)
+    put_key(figure, unit, handles, stacked)
     return figure
 
 
-def make_panels(names: Iterable[str], rows: int) -> tuple[Figure, Sequence[Any]]:
-    count = len(list(names))
-    size = (_LABELS_IN + _PANEL_IN * count, _REST_IN + ROW_IN * max(rows, 3))
-    figure = Figure(figsize=size, layout="constrained")
+def make_panels(names: Iterable[str], rows: int, stacked: bool = False) -> tuple[Figure, Sequence[Any]]:
+    """Axes side by side, or stacked: one below the other and narrow, for a telephone."""
+    count, rows_in = len(list(names)), ROW_IN * max(rows, 3)
+    if stacked:
+        figure = Figure(figsize=(_STACKED_IN, _KEY_IN + (_AXIS_IN + rows_in) * count), layout="constrained")
+        return figure, list(figure.subplots(count, 1, squeeze=False)[:, 0])
+    figure = Figure(figsize=(_LABELS_IN + _PANEL_IN * count, _REST_IN + rows_in), layout="constrained")
+    figure.get_layout_engine().set(w_pad=_BETWEEN_IN)  # type: ignore[call-arg, union-attr]
     return figure, figure.subplots(1, count, squeeze=False)[0]
 
 
-def put_key(figure: Figure, unit: str, handles: Sequence[Any]) -> None:
+def put_key(figure: Figure, unit: str, handles: Sequence[Any], stacked: bool = False) -> None:
+    """What the axis shows and what marks mean, below the panels; stacked: in short lines."""
+    if stacked:
+        unit = "\n".join(wrap(unit, _STACKED_LETTERS))
     figure.legend(
         handles=handles, title=unit, loc="outside lower left", alignment="left", fontsize=7.5, title_fontsize=8,
-        frameon=False, ncols=len(handles),
+        frameon=False, ncols=1 if stacked else len(handles),
     )  # fmt: skip
 
 

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
+import numpy as np
+from PIL import Image as PilImage
+
 from tsbench.core.errors import InputError
-from tsbench.core.files import write_atomic
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.dataset.certify.pair import Replay
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode.outcome import Outcome
@@ -19,10 +23,19 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_of
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.report.drawing.bev import PageSize
+from tsbench.report.description import readable
+from tsbench.report.drawing.camera import Image
+from tsbench.report.drawing.layout import PageSize
 from tsbench.report.page.shell import environment
+from tsbench.report.tables.rule_words import (
+    OPTIONS,
+    THRESHOLDS,
+    in_values,
+    option_words,
+    threshold_value,
+)
 from tsbench.report.video.encode import render_gif
-from tsbench.report.video.render import render_png
+from tsbench.report.video.render import moment
 from tsbench.rules.base import Violation
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
@@ -34,9 +47,12 @@ from tsbench.sim.world import DT_S
 EXPERT = "idm-e"
 # Where the tempted driver only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.
 LAWLESS = ("lawless", "tsbench.dataset.certify.lawless:Lawless")
-GIF_SIZE = PageSize(400, 360)
+GIF_SIZE = PageSize(480, 420)
 TRIES = 20
-_BEFORE_S, _AFTER_S = 4.0, 2.0
+# A film begins so long before the decision, or as late as lets the ego's way fit into the picture at a legible scale.
+_BEFORE_S, _LEAST_BEFORE_S, _AFTER_S = 3.2, 1.6, 1.4
+_LEGIBLE_PX_PER_M, _EDGE_M = 6.0, 6.0
+_PNG_COLOURS = 256
 
 
 @dataclass(frozen=True)
@@ -77,7 +93,7 @@ class PageMaker:
         broken, obeyed = drives.broken, drives.obeyed
         scene = load_scene(broken.spec)
         folder = self.out / "pictures"
-        render_png(broken, scene, folder / f"{type_id}.png")
+        _save_small(folder / f"{type_id}.png", moment(broken, scene))
         films = {"violation": broken, "pass": obeyed, "contrast": drives.kept, "repeated": drives.repeated}
         for name, trace in films.items():
             if trace is not None:
@@ -123,17 +139,19 @@ class PageMaker:
         kept = self._drive(resolve(EXPERT), EXPERT, row)
         commands = [Control(float(a), float(steer)) for a, steer in signed.obeyed.commands]
         again = LoadedPlanner("again", lambda **_: Replay(commands))
-        repeated = self._drive(again, f"{EXPERT}, {row.pair_id}", row)
+        repeated = self._drive(again, f"{EXPERT} again", row, kept_as=row.pair_id)
         if not _passed(kept) or _passed(repeated):
             raise InputError(f"{row.scenario_id}: {EXPERT} does not pass both halves each in its own way")
         return replace(signed, kept=kept, repeated=repeated)
 
-    def _drive(self, planner: LoadedPlanner, name: str, row: ScenarioSpec) -> Trace:
-        if name not in self._runners:
+    def _drive(self, planner: LoadedPlanner, name: str, row: ScenarioSpec, kept_as: str = "") -> Trace:
+        """kept_as: under which key the runner is kept for later drives; "" = its name."""
+        key = kept_as or name
+        if key not in self._runners:
             others = list(self._runners.values())
             sim = others[0].simulation if others else None
-            self._runners[name] = EpisodeRunner(replace(planner, name=name), simulation=sim)
-        return trace_of(self._runners[name].run(row))
+            self._runners[key] = EpisodeRunner(replace(planner, name=name), simulation=sim)
+        return trace_of(self._runners[key].run(row))
 
     def _text(self, kind: ScenarioType, drives: Drives) -> str:
         signs = [self._catalog.sign(code) for code in kind.codes]
@@ -147,7 +165,8 @@ class PageMaker:
                 title=", ".join(dict.fromkeys(s.name_en for s in signs)),
                 plates=" ".join(_plate(s, 96) for s in (*signs, *ends)), event=_first_violation(drives.broken),
                 kept=drives.kept, repeated=drives.repeated, other=other,
-                other_plate="" if other is None else _plate(other, 64),
+                other_plate="" if other is None else _plate(other, 64), readable=readable, in_values=in_values,
+                threshold_value=threshold_value, option_words=option_words, thresholds=THRESHOLDS, options=OPTIONS,
             )
         )  # fmt: skip
         return text
@@ -161,18 +180,35 @@ def _first_violation(trace: Trace) -> Violation:
     return min(trace.target.violations, key=lambda v: v.start_s)
 
 
-def _plate(sign: Sign, height: int) -> str:
-    return f'<img src="../../sign_catalog/plates/{sign.drawing}" height="{height}" alt="{sign.code}">'
+def _plate(sign: Sign, width: int) -> str:
+    return f'<img src="../../sign_catalog/plates/{sign.drawing}" width="{width}" alt="{sign.code}">'
 
 
-def _span(trace: Trace, moment: float) -> tuple[int, int]:
-    last = len(trace.snapshots) - 1
-    first = max(round((moment - _BEFORE_S) / DT_S), 0)
-    return min(first, last), min(round((moment + _AFTER_S) / DT_S), last)
+def _span(trace: Trace, decision: float) -> tuple[int, int]:
+    """First and last tick of a film about what happens at `decision` (s)."""
+    end = len(trace.snapshots) - 1
+    last = min(round((decision + _AFTER_S) / DT_S), end)
+    first, latest = (max(round((decision - s) / DT_S), 0) for s in (_BEFORE_S, _LEAST_BEFORE_S))
+    track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
+    room = np.array((GIF_SIZE.width, GIF_SIZE.view_height)) / _LEGIBLE_PX_PER_M - 2 * _EDGE_M
+    while first < latest and (np.ptp(track[first : last + 1], axis=0) > room).any():
+        first += 1
+    return min(first, end), last
+
+
+def _save_small(path: Path, picture: Image) -> None:
+    """As a PNG of one palette: a third of the bytes of one in full colour. Raises InputError."""
+    few = PilImage.fromarray(picture).quantize(_PNG_COLOURS, dither=PilImage.Dither.NONE)
+    file = BytesIO()
+    few.save(file, format="PNG", optimize=True)
+    with io_errors_as_input_errors(path):
+        write_atomic(path, file.getvalue())
 
 
 def _decisive(broken: Trace, trace: Trace) -> float:
-    """When this ego is nearest to where the tempted one broke the rule, s."""
+    """When a rule is broken, s; where none is, when the ego is nearest to where the tempted one broke it."""
+    if trace.events:
+        return min(event.start_s for event in trace.events)
     event = _first_violation(broken)
     near = min(trace.snapshots, key=lambda s: (s.ego.x - event.x) ** 2 + (s.ego.y - event.y) ** 2)
     return near.time

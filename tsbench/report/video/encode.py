@@ -14,17 +14,26 @@ from PIL import Image as PilImage
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.episode.trace import Trace
-from tsbench.report.drawing.bev import BirdsEye, PageSize
-from tsbench.report.drawing.camera import Image
+from tsbench.geometry.polyline import Array
+from tsbench.report.drawing.bev import BirdsEye
+from tsbench.report.drawing.camera import Image, camera_over
+from tsbench.report.drawing.layout import PageSize
+from tsbench.report.drawing.lights import named_from
+from tsbench.report.drawing.scene import way_off
 from tsbench.report.drawing.style import STYLE, VIOLATION_SHADE
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
-VIDEO_SIZE = PageSize(800, 600)
+VIDEO_SIZE = PageSize(800, 680, strip_px=80)
 GIF_SIZE = PageSize(640, 520)
 GIF_EVERY = 2
 HOLD_S = 1.5
+# A short film stops where the rule is broken.
+_STOP_S = 2.5
+# Off the post so much room for its plate.
+_PLATE_M = 9.0
+_NEAR_M, _LEAST_PX_PER_M = 60.0, 5.0
 _GIF_COLOURS = 128
 _CLEAR = 255
 # A frame does not fit into a pipe; the largest that an unprivileged process may have saves most of the waiting.
@@ -51,13 +60,48 @@ def film(
 
     span: first and last tick, by default all; such a short film has a camera that stands still.
     """
+    around = _around(trace, scene, size, span)
+    eye = BirdsEye(trace, scene, size, around, span is None, country)
+    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
+    for tick in _ticks(trace, every, span):
+        yield eye.page(tick, page)
+
+
+def _ticks(trace: Trace, every: int, span: tuple[int, int] | None) -> list[int]:
+    first, last = (0, len(trace.snapshots) - 1) if span is None else span
+    return [*range(first, last, every), last]
+
+
+def _around(trace: Trace, scene: Scene, size: PageSize, span: tuple[int, int] | None) -> Array:
+    """What a film shows: the ego's way and the plate; in a short one others too, as far as the ego stays large."""
     sign = scene.target_sign
     first, last = (0, len(trace.snapshots) - 1) if span is None else span
-    track = [(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]]
-    eye = BirdsEye(trace, scene, size, np.array([*track, (sign.x, sign.y)]), span is None, country)
-    page = np.empty((size.height, size.width, 3), dtype=np.uint8)
-    for tick in [*range(first, last, every), last]:
-        yield eye.page(tick, page)
+    track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]])
+    away, clear = way_off(scene.network, sign)
+    post = np.array((sign.x, sign.y))
+    both = np.vstack((track, post, post + (clear + _PLATE_M) * away * (1.0, -1.0)))
+    if span is None:
+        return both
+    found = track
+    named = _named(trace, first, last)
+    for more in (named, both if np.hypot(*(track - post).T).min() <= _NEAR_M else track):
+        wider = np.vstack((found, more))
+        if camera_over(wider, size.width, size.view_height, 0.0, (0.0, np.inf)).scale >= _LEAST_PX_PER_M:
+            found = wider
+    return found
+
+
+def _named(trace: Trace, first: int, last: int) -> Array:
+    """(n, 2): where those are whom a violation in these ticks names, when it begins."""
+    found = [np.zeros((0, 2))]
+    for event in trace.events:
+        snapshot = trace.snapshots[min(round(event.start_s / DT_S), len(trace.snapshots) - 1)]
+        actors = snapshot.actors
+        named = named_from([event], actors.table.ids)
+        seen = [actors.table.ids[row] in named for row in actors.index.tolist()]
+        if first <= snapshot.step <= last and any(seen):
+            found.append(actors.pose[seen, :2])
+    return np.concatenate(found)
 
 
 def render_mp4(trace: Trace, scene: Scene, path: Path, country: Country | None = None) -> None:
@@ -116,7 +160,10 @@ def render_gif(
     span: tuple[int, int] | None = None,
     country: Country | None = None,
 ) -> None:
-    """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette."""
+    """The episode, or ticks `span` of it, in real time at half the frame rate and in one palette.
+
+    Of a span, the frame in which a violation begins is held.
+    """
     frames: list[PilImage.Image] = []
     palette: PilImage.Image | None = None
     before: Image | None = None
@@ -131,13 +178,25 @@ def render_gif(
         frame = PilImage.fromarray(fresh, mode="P")
         frame.putpalette(palette.getpalette() or [])
         frames.append(frame)
-    step = round(1000 * DT_S * GIF_EVERY)
-    durations = [step] * (len(frames) - 1) + [round(1000 * HOLD_S)]
+    durations = [round(1000 * s) for s in _durations(trace, span)]
     with io_errors_as_input_errors(path), replacing(path) as part:
         frames[0].save(
             part, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
             transparency=_CLEAR, disposal=1,
         )  # fmt: skip
+
+
+def _durations(trace: Trace, span: tuple[int, int] | None) -> list[float]:
+    """Of each frame, s."""
+    ticks = _ticks(trace, GIF_EVERY, span)
+    found = [DT_S * GIF_EVERY] * (len(ticks) - 1) + [HOLD_S]
+    for event in trace.events if span is not None else ():
+        shown = next(
+            (k for k, tick in enumerate(ticks) if trace.snapshots[tick].time + 1e-6 >= event.start_s), None
+        )
+        if shown is not None and trace.snapshots[ticks[0]].time <= event.start_s:
+            found[shown] = _STOP_S
+    return found
 
 
 def _palette(first: PilImage.Image) -> PilImage.Image:

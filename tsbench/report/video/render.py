@@ -12,12 +12,14 @@ from tsbench.core.errors import InputError
 from tsbench.episode.trace import Trace
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import scene_facts
-from tsbench.report.drawing.bev import BirdsEye, PageSize
-from tsbench.report.drawing.camera import Image, camera_over
+from tsbench.report.drawing.bev import BirdsEye
+from tsbench.report.drawing.camera import Camera, Image, camera_over
+from tsbench.report.drawing.ground import ground_shapes
 from tsbench.report.drawing.hud import draw_attribution, draw_scale_bar, header
-from tsbench.report.drawing.paint import paint, save_png
+from tsbench.report.drawing.layout import PageSize
+from tsbench.report.drawing.paint import paint, plate_px, save_png
 from tsbench.report.drawing.roads import road_shapes
-from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_shapes
+from tsbench.report.drawing.scene import furniture_shapes, start_shapes, way_off, way_shapes
 from tsbench.report.drawing.shapes import Body, Line
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.drawing.text import write
@@ -31,6 +33,8 @@ from tsbench.sim.world import DT_S
 FORMATS = ("png", "gif", "mp4")
 PNG_SIZE = PageSize(1400, 1050)
 _PLATE_NEAR_M = 90.0
+# Of a scene: room around what it has, and px per m.
+_MARGIN_M, _SCALES = 14.0, (1.5, 12.0)
 _LEGEND = {
     "ego": "ego at its start",
     "destination": "destination",
@@ -38,6 +42,7 @@ _LEGEND = {
     "compliant": "obedient way",
     "convoy": "convoy, held until the ego comes",
     "car": "car that waits or leads",
+    "bicycle": "bicycles, held until the ego comes",
     "pedestrian": "pedestrians, held until the ego comes",
     "plate_line": "line of the plate",
 }
@@ -94,31 +99,45 @@ def _tick(trace: Trace, time: float | None) -> int:
     return min(round(time / DT_S), last)
 
 
-def render_scene_png(scene: Scene, path: Path, title: str, country: Country | None = None) -> None:
+def render_scene_png(
+    scene: Scene, path: Path, title: str, country: Country | None = None, map_id: str = ""
+) -> None:
     """A scene without an episode: roads, plates, obstacles, start, convoy, destination, and the ways.
 
-    Blue: the way that navigation gives; green: the obedient way, where it is another one.
+    Blue: the way that navigation gives; green: the obedient way, where it is another one. map_id: what lies around it.
     """
-    save_png(path, scene_picture(scene, title, country=country))
+    save_png(path, scene_picture(scene, title, country=country, map_id=map_id))
 
 
 def scene_picture(
-    scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None
+    scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None, map_id: str = ""
 ) -> Image:
     ways = list(way_shapes(scene, LaneGraph(scene.network)))
     staged = list(start_shapes(scene))
     page = np.full((size.height, size.width, 3), STYLE.panel, dtype=np.uint8)
-    view = page[STYLE.header_px : size.height - STYLE.footer_px]
+    view = page[size.header_px : size.height - size.footer_px]
     view[:] = STYLE.ground
-    camera = camera_over(_points(scene, ways, staged), size.width, size.view_height, 14.0, (1.5, 12.0))
-    paint(view, camera, (*road_shapes(scene.network), *ways, *furniture_shapes(scene, country), *staged))
+    camera = _camera(scene, _points(scene, ways, staged), size)
+    roads = (*ground_shapes(map_id), *road_shapes(scene.network))
+    paint(view, camera, (*roads, *ways, *furniture_shapes(scene, country), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
     facts = scene_facts(scene, country)
     subtitle = f"sign {facts['sign']} · horizon {facts['time']}"
-    page[: STYLE.header_px] = header(size.width, title, subtitle, scene.target_sign, country=country)
-    _legend(page[size.height - STYLE.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
+    page[: size.header_px] = header(size, title, subtitle, scene.target_sign, country=country)
+    _legend(page[size.height - size.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
     return page
+
+
+def _camera(scene: Scene, points: Array, size: PageSize) -> Camera:
+    """Over all points and the target plate, whose size in metres depends on the scale."""
+    sign, found = scene.target_sign, points
+    away, clear = way_off(scene.network, sign)
+    for _ in range(2):
+        camera = camera_over(found, size.width, size.view_height, _MARGIN_M, _SCALES)
+        reach = 1.5 * plate_px(camera) / camera.scale - _MARGIN_M + clear
+        found = np.vstack((points, (sign.x, sign.y) + max(reach, 0.0) * away * (1.0, -1.0)))
+    return camera
 
 
 def _points(scene: Scene, ways: Sequence[Line], staged: Sequence[Body]) -> Array:

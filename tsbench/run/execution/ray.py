@@ -39,18 +39,21 @@ _REACH_TIMEOUT_S = 10.0
 # A cluster that grows by itself takes minutes to bring up a machine.
 _PATIENCE_S = 900.0
 _TRIES = 3
+# Most episodes in one task of Ray's, which costs the driver as much as one episode would; and into how many tasks for
+# each actor the rest is cut at least, so that all end at about the same time.
+_MOST_TOGETHER, _SHARES = 20, 4
 
 
 @dataclass
 class _ActorHandle:
     """An actor as its driver sees it. asked: the answer that its configuration waits for; held: tasks sent, oldest
-    first, each with the answer that it waits for; planner: of the last. ready: it takes tasks.
+    first, those of one answer together with it; planner: of the last. ready: it takes tasks.
     """
 
     actor: Any
     asked: Any = None
     planner: int | None = None
-    held: deque[tuple[Any, Task]] = field(default_factory=deque)
+    held: deque[tuple[Any, list[Task]]] = field(default_factory=deque)
     ready: bool = False
 
     def busy(self) -> bool:
@@ -70,6 +73,7 @@ class RayExecutor:
         self._actors: list[_ActorHandle] = []
         self._setup: Setup | None = None
         self._deaths: dict[int, int] = {}
+        self._suspects: set[int] = set()
         self._failed_starts = 0
         self._stack = ExitStack()
 
@@ -174,19 +178,34 @@ class RayExecutor:
         return ray.wait(answers, num_returns=len(answers), timeout=0)[0] if first else []
 
     def _fill(self, tasks: TaskQueue) -> None:
-        """Give work to whoever has little. One episode waits ahead, so that no actor waits for the network."""
+        """Give work to whoever has little. Some waits ahead, so that no actor waits for the network."""
         ahead = 2 if tasks.left > len(self._actors) else 1
         for slot, handle in enumerate(self._actors):
             while handle.ready and len(handle.held) < ahead:
-                # An actor changes its worker with the planner: it keeps to one while that has tasks.
-                task = tasks.next(slot, handle.planner) or tasks.next(slot)
-                if task is None:
+                found = self._next(slot, handle, tasks)
+                if not found:
                     return
-                handle.planner = task.planner
-                handle.held.append((handle.actor.run.remote(encode(task)), task))
+                # Who may have taken an actor along is on his own.
+                alone = [[task] for task in found if task.number in self._suspects]
+                together = [task for task in found if task.number not in self._suspects]
+                for group in [*alone, together] if together else alone:
+                    answer = handle.actor.run.remote([encode(task) for task in group])
+                    handle.held.append((answer, group))
+
+    def _next(self, slot: int, handle: _ActorHandle, tasks: TaskQueue) -> list[Task]:
+        """The next episodes of an actor, of one planner, and on one network as far as that has so many."""
+        most = min(tasks.left // (_SHARES * len(self._actors)), _MOST_TOGETHER)
+        # An actor changes its worker with the planner: it keeps to one while that has tasks.
+        task = tasks.next(slot, handle.planner) or tasks.next(slot)
+        found: list[Task] = []
+        while task is not None:
+            handle.planner = task.planner
+            found.append(task)
+            task = tasks.next(slot, handle.planner) if len(found) < most else None
+        return found
 
     def _take(self, slot: int, answer: Any, tasks: TaskQueue, keep: Callable[[Record], None]) -> None:
-        """One answer of an actor: it is configured, has run an episode, or is no more."""
+        """One answer of an actor: it is configured, has run episodes, or is no more."""
         handle = self._actors[slot]
         try:
             told = ray.get(answer)
@@ -198,14 +217,14 @@ class RayExecutor:
                 raise InputError(decode(told, (Refused,)).problem)
             handle.asked, handle.ready = None, True
             return
-        line, trace = told
-        message: Any = decode(line, (Finished, Refused))
-        if isinstance(message, Refused):
-            raise InputError(message.problem)
+        for line, trace in told:
+            message: Any = decode(line, (Finished, Refused))
+            if isinstance(message, Refused):
+                raise InputError(message.problem)
+            self._write_trace(message.record, trace)
+            keep(message.record)
         handle.held.popleft()
         self._failed_starts = 0
-        self._write_trace(message.record, trace)
-        keep(message.record)
 
     def _write_trace(self, record: Record, content: bytes) -> None:
         assert self._setup is not None
@@ -223,12 +242,17 @@ class RayExecutor:
         if self._failed_starts > _TRIES * len(self._actors):
             raise InputError(f"--executor ray: workers do not stay up: {why}; finished episodes are kept")
         self._actors[slot] = self._start()
-        for number, (_, task) in enumerate(handle.held):
-            self._deaths[task.number] = self._deaths.get(task.number, 0) + (number == 0)
-            if self._deaths[task.number] < _TRIES:
-                tasks.requeue(task)
-            else:
-                keep(self._lost(task, why))
+        for number, (_, group) in enumerate(handle.held):
+            if number == 0 and len(group) > 1:
+                # One of them was being driven: whose fault it was is seen when each is on its own.
+                self._suspects |= {task.number for task in group}
+            for task in group:
+                blamed = number == 0 and len(group) == 1
+                self._deaths[task.number] = self._deaths.get(task.number, 0) + blamed
+                if self._deaths[task.number] < _TRIES:
+                    tasks.requeue(task)
+                else:
+                    keep(self._lost(task, why))
 
     def _lost(self, task: Task, why: str) -> Record:
         """An episode that took so many actors along is the cause, not the cluster."""

@@ -11,7 +11,6 @@ import platform
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use
@@ -20,6 +19,7 @@ from tsbench.run.contract import contract_hash
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.local import Pool
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
+from tsbench.run.execution.own_folder import ACTOR, OwnFolder
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record
 from tsbench.scenarios.table import read_table, table_path
@@ -54,7 +54,7 @@ class RayActor:
         if told.data:
             os.environ.setdefault(_DATA, told.data)
         os.environ[CITY] = told.city
-        self._folder = TemporaryDirectory(prefix="tsbench-actor-")
+        self._folder = OwnFolder(ACTOR)
         self._setup: Setup
         self._pool = Pool(1, told.limits)
         self._pool.__enter__()
@@ -70,7 +70,7 @@ class RayActor:
     def configure(self, setup: bytes) -> bytes:
         """Take a run's `Setup`; returns b"" or `Refused`: why this machine cannot take part."""
         told = decode(setup, (Setup,))
-        self._setup = replace(told, out=self._folder.name)
+        self._setup = replace(told, out=str(self._folder.path))
         try:
             contract = contract_hash(read_table(table_path(told.split)), load_catalog())
             if contract != told.contract:
@@ -86,23 +86,33 @@ class RayActor:
                 return _refused(f"planner {theirs.spec} is another one there (its code or weights)")
         return b""
 
-    def run(self, line: bytes) -> tuple[bytes, bytes]:
-        """One `Task`: `Finished`, or `Refused` with what ends the run, and its trace, b"" for none."""
-        task = decode(line, (Task,))
+    def run(self, lines: list[bytes]) -> list[tuple[bytes, bytes]]:
+        """`Task`s, one after the other: of each what `_run` says, up to the first `Refused`."""
+        told: list[tuple[bytes, bytes]] = []
+        for line in lines:
+            task = decode(line, (Task,))
+            answer, trace, goes_on = self._run(task)
+            told.append((answer, trace))
+            if not goes_on:
+                break
+        return told
+
+    def _run(self, task: Task) -> tuple[bytes, bytes, bool]:
+        """`Finished`, or `Refused` with what ends the run; its trace, b"" for none; does the run go on?"""
         records: list[Record] = []
         try:
             self._pool.run(self._setup, TaskQueue([task]), records.append, lambda: False)
         except InputError as problem:
-            return _refused(str(problem)), b""
+            return _refused(str(problem)), b"", False
         (record,) = records
-        path = trace_path(Path(self._folder.name), record.row["planner"], task.spec.scenario_id)
+        path = trace_path(self._folder.path, record.row["planner"], task.spec.scenario_id)
         trace = path.read_bytes() if record.trace_sha256 is not None else b""
         path.unlink(missing_ok=True)
-        return encode(Finished(task.number, record)), trace
+        return encode(Finished(task.number, record)), trace, True
 
     def close(self) -> None:
         self._pool.__exit__(None)
-        self._folder.cleanup()
+        self._folder.remove()
 
 
 def _refused(problem: str) -> bytes:

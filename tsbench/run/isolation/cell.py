@@ -150,8 +150,10 @@ def give_up_rights(nobody: bool) -> None:
 
 
 def tell(effects: dict[str, Any]) -> None:
+    """The first message, as `protocol` has them: its one field is text."""
     data = json.dumps(effects).encode()
-    os.write(LINE, struct.pack("<III", len(data) + 4, 1, len(data)) + data)
+    size = len(data) + -len(data) % 16
+    os.write(LINE, struct.pack(f"<III12x{size}s", 16 + size, 1, len(data), data))
 
 
 def inside(settings: dict[str, Any], made_by: str) -> None:

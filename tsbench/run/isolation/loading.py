@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.provenance import closure, digest
-from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner
+from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry
+from tsbench.planners.weights import file_of
 from tsbench.run.contract import code_files
-from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of
+from tsbench.run.isolation.image import image_of
+from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.planner_info import PlannerInfo
 
@@ -26,19 +29,21 @@ class Probed:
 
 
 def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
-    """What a planner is, by its own word, and the hashes of its code, by ours. Raises InputError."""
+    """What a planner is, by its own word, and the hashes of its code and weights, by ours. Raises InputError."""
     process = PlannerProcess(spec, hidden)
     facts = process.facts
     process.close()
-    name = facts.get("name") or _stem(spec)
-    weights = facts.get("weights_sha256")
-    if not isinstance(name, str) or not isinstance(weights, str | None):
+    _, inner = image_of(spec)
+    name = facts.get("name") or _stem(inner)
+    weights_file = facts.get("weights_file")
+    if not isinstance(name, str) or not isinstance(weights_file, str | None):
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
     told = {key: bool(facts.get(key, key == "sign_access")) for key in ("privileged", "sign_access", "floor")}
     # Its network is its own: none is served by a process that others use too.
     info = PlannerInfo(
-        name=name, spec=spec, served_on=(), weights_sha256=weights, code_sha256=code_hash(spec), **told
-    )
+        name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
+        code_sha256=code_hash(inner), **told
+    )  # fmt: skip
     return Probed(info, process.effects)
 
 
@@ -51,6 +56,22 @@ def code_hash(spec: str) -> str | None:
     files = [Path(one) if one.endswith(".py") else module_file(one) for one in sources]
     found = [path for path in files if path is not None and path.is_file()]
     return digest(closure(found, code_files())) if found else None
+
+
+def weights_hash(spec: str, file: str | None) -> str | None:
+    """SHA-256 (hex) of the file of a registered planner's weights; None where there is none.
+
+    file: its name, by the planner's word, for one of another package: it is looked for in that package. The weights of
+    what is named by its file or module count with its code, and those of a program are in it.
+    """
+    base = spec.removesuffix(EXPERT)
+    if ":" in base:
+        return None
+    if source_of(spec).split(".")[0] == tsbench.__name__:
+        weights = entry(base).weights
+        return None if weights is None else sha256_of(file_of(weights))
+    found = (path for place in source_places(spec) for path in sorted(place.rglob("*")))
+    return next((sha256_of(path) for path in found if path.name == file and path.is_file()), None)
 
 
 def load(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

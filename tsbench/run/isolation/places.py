@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import tsbench
+from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file, roots
 from tsbench.planners.registry import EXPERT
 from tsbench.planners.registry import place_of as registered_place
@@ -43,7 +44,7 @@ MEMORY_BYTES = 4 << 30
 # All the processor time of one process of a planner; it is replaced long before, between two episodes.
 CPU_S = 6 * 3600
 LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20}
-_SCRATCH = "256m"
+SCRATCH = "256m"
 
 
 def settings_of(
@@ -61,16 +62,39 @@ def settings_of(
     covers = {str(place / name) for place in roots() if place != _PACKAGE for name in _DATA}
     covers |= {str(path.resolve()) for path in hidden}
     path = [entry for entry in sys.path if entry]
-    own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **ONE_THREAD}
-    own |= {name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)}
+    own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **arithmetic()}
     if "TSBENCH_DATA" in os.environ:
         own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
     return {
         "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _outermost(wanted),
         "covers": sorted(covers),
-        "public": all(map(_is_public, sources)), "limits": LIMITS, "scratch": _SCRATCH, "command": list(command),
+        "public": all(map(is_public, sources)), "limits": LIMITS, "scratch": SCRATCH, "command": list(command),
         "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
     }  # fmt: skip
+
+
+def arithmetic() -> dict[str, str]:
+    """Of the environment what decides the last places of numbers."""
+    return {
+        **ONE_THREAD,
+        **{name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)},
+    }
+
+
+def command_of(spec: str, python: str) -> list[str]:
+    """What is to run in a cell. python: its name there. Raises InputError for a program that is none."""
+    if spec.startswith(EXECUTABLE):
+        path = Path(spec.removeprefix(EXECUTABLE)).resolve()
+        if not (path.is_file() and os.access(path, os.X_OK)):
+            raise InputError(f"planner {spec!r}: {path} is no file that can be executed")
+        return [str(path)]
+    return [python, "-P", "-m", "tsbench.run.isolation.client", _absolute(spec)]
+
+
+def _absolute(spec: str) -> str:
+    """The same for who stands in another folder."""
+    source, _, attribute = spec.rpartition(":")
+    return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
 
 
 def source_places(spec: str) -> list[Path]:
@@ -108,7 +132,7 @@ def module_file(name: str) -> Path | None:
     return Path(origin) if origin else None
 
 
-def _is_public(place: Path) -> bool:
+def is_public(place: Path) -> bool:
     wanted = 0o5 if place.is_dir() else 0o4
     return place.exists() and place.stat().st_mode & wanted == wanted
 

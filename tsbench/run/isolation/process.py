@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.text import one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
-from tsbench.run.isolation.moments import Teller, read_command
-from tsbench.run.isolation.places import EXECUTABLE, settings_of
+from tsbench.run.execution.own_folder import CELL, OwnFolder
+from tsbench.run.isolation.commands import read_command
+from tsbench.run.isolation.image import Container, image_of
+from tsbench.run.isolation.moments import Teller
+from tsbench.run.isolation.places import command_of, settings_of
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, unpack
 
 _CELL = Path(__file__).with_name("cell.py")
@@ -33,25 +33,50 @@ class IsolatedPlannerError(Exception):
     """What an isolated planner raised, or how its process ended."""
 
 
+class Cell:
+    """A planner's program in a cell. line: the socket to it; folder: where its file system is built."""
+
+    def __init__(self, spec: str, hidden: Sequence[Path]) -> None:
+        """Raises InputError for a program that is none."""
+        command = command_of(spec, sys.executable)
+        self.folder = OwnFolder(CELL)
+        # An empty folder to build a file system on; where a planner works that has no such system.
+        root, home = self.folder.path / "root", self.folder.path / "home"
+        root.mkdir()
+        home.mkdir()
+        settings = settings_of(spec, command, root, home, hidden)
+        self.line, far_end = socket.socketpair()
+        with far_end:
+            self.process = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(_CELL), str(far_end.fileno()), json.dumps(settings)],
+                stdin=subprocess.DEVNULL, pass_fds=(far_end.fileno(),), env={"LANG": "C.UTF-8"},
+            )  # fmt: skip
+
+    def close(self) -> None:
+        """End it and all that it has started."""
+        self.process.kill()
+        self.process.wait()
+        self.folder.remove()
+
+
 class PlannerProcess:
     """A planner's process in its cell. effects: what of the cell took effect; facts: what the planner says it is."""
 
     def __init__(self, spec: str, hidden: Sequence[Path] = ()) -> None:
         """Raises InputError where it does not come up, with the planner's own reason."""
-        self._spec = spec
-        self._folder = TemporaryDirectory(prefix="tsbench-cell-", ignore_cleanup_errors=True)
-        root, home = (Path(self._folder.name) / name for name in ("root", "home"))
-        root.mkdir()
-        home.mkdir()
-        self._line, far_end = socket.socketpair()
-        settings = settings_of(spec, _command(spec), root, home, hidden)
-        self._process = _start(far_end, settings)
-        far_end.close()
+        image, inner = image_of(spec)
+        self._held: Cell | Container = Cell(spec, hidden) if image is None else Container(image, inner)
+        self._line = self._held.line
         self._heard = b""
         try:
-            self.effects: dict[str, Any] = self._json(Kind.CELL)
+            self.effects: Mapping[str, Any] = (
+                self._held.effects if isinstance(self._held, Container) else self._json(Kind.CELL)
+            )
             if "problem" in self.effects:
                 raise InputError(f"planner {spec!r}: no cell could be made: {self.effects['problem']}")
+            if self.effects.get("files") and image is None:
+                # Its root is in memory: the folder that it was built on is not needed any more.
+                self._held.folder.remove()
             self.facts: dict[str, Any] = self._json(Kind.HELLO)
             if self.facts.get("protocol") != VERSION:
                 told = self.facts.get("protocol")
@@ -115,7 +140,7 @@ class PlannerProcess:
 
     def _end(self) -> str:
         try:
-            status = self._process.wait(_LAST_S)
+            status = self._held.process.wait(_LAST_S)
         except subprocess.TimeoutExpired:
             return "the planner closed its line to the referee"
         return f"the planner's process ended: {cause_of_end(128 - status if status > 128 else status)}"
@@ -123,32 +148,7 @@ class PlannerProcess:
     def close(self) -> None:
         """End it and all that it has started."""
         self._line.close()
-        self._process.kill()
-        self._process.wait()
-        with suppress(OSError):
-            self._folder.cleanup()
-
-
-def _command(spec: str) -> list[str]:
-    if spec.startswith(EXECUTABLE):
-        path = Path(spec.removeprefix(EXECUTABLE)).resolve()
-        if not (path.is_file() and os.access(path, os.X_OK)):
-            raise InputError(f"planner {spec!r}: {path} is no file that can be executed")
-        return [str(path)]
-    return [sys.executable, "-P", "-m", "tsbench.run.isolation.client", _absolute(spec)]
-
-
-def _absolute(spec: str) -> str:
-    """The same for who stands in another folder."""
-    source, _, attribute = spec.rpartition(":")
-    return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
-
-
-def _start(far_end: socket.socket, settings: dict[str, Any]) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-I", "-S", str(_CELL), str(far_end.fileno()), json.dumps(settings)],
-        stdin=subprocess.DEVNULL, pass_fds=(far_end.fileno(),), env={"LANG": "C.UTF-8"},
-    )  # fmt: skip
+        self._held.close()
 
 
 class _NoNumber:

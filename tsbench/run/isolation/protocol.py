@@ -1,8 +1,9 @@
 """The protocol between the referee and an isolated planner: messages of flat arrays over a stream socket.
 
-A message is `<u4 size, u4 kind>` and then, `size` bytes in all, the fields of its kind in the order of `MESSAGES`; a
-field is `<u4 count>` and so many items. Everything is little-endian and nothing is aligned. A list of names is one text
-with a line for each. `docs/isolation.schema.json` says the same for programs (`tsbench planners protocol`).
+A message is `<u4 size, u4 kind`, and then `size` bytes: a u4 count of items for each field of its kind, in the order of
+`MESSAGES`, then the items of each. Counts and each field's items are filled up with zeros to a multiple of 16 bytes, so
+that arrays can be used where they lie. Everything is little-endian. A list of names is one text with a line for each.
+`docs/isolation.schema.json` says the same for programs.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ from typing import Any, Final
 
 import numpy as np
 
-VERSION: Final = 1
+VERSION: Final = 2
 HEAD = struct.Struct("<II")
 # More than any command has; an observation or a map may be larger, and comes from the referee.
 MOST_BYTES: Final = 1 << 20
+# As whoever allocates memory aligns it: what sums arrays sums them alike wherever they are from.
+ALIGNED: Final = 16
 
-F8, I4, TEXT = "f8", "i4", "text"
-_DTYPES: Mapping[str, np.dtype[Any]] = {F8: np.dtype("<f8"), I4: np.dtype("<i4")}
-_COUNT = struct.Struct("<I")
+F8, I4, I1, TEXT = "f8", "i4", "i1", "text"
+_DTYPES: Mapping[str, np.dtype[Any]] = {F8: np.dtype("<f8"), I4: np.dtype("<i4"), I1: np.dtype("i1")}
+_LETTERS: Mapping[str, str] = {F8: "d", I4: "i", I1: "b"}
 
 
 class Kind(IntEnum):
@@ -32,13 +35,16 @@ class Kind(IntEnum):
     MAP = 3
     CONTEXT = 4
     ROUTE = 5
-    TRUTH = 6
-    OBSERVATION = 7
-    DONE = 8
-    CONTROL = 9
-    TRAJECTORY = 10
-    INVALID = 11
-    FAILED = 12
+    ACTORS = 6
+    SIGNS = 7
+    OBSTACLES = 8
+    TRUTH = 9
+    OBSERVATION = 10
+    DONE = 11
+    CONTROL = 12
+    TRAJECTORY = 13
+    INVALID = 14
+    FAILED = 15
 
 
 Field = tuple[str, str, str]
@@ -50,7 +56,7 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         (
             "facts",
             TEXT,
-            "JSON: protocol (1), name, privileged, sign_access, floor, weights_sha256; or problem",
+            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file; or problem",
         ),
     ),
     Kind.MAP: (
@@ -91,40 +97,55 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("limits", F8, "q x 2: arc length, speed limit from there on"),
         ("destination", F8, "arc length of the destination"),
     ),
+    Kind.ACTORS: (
+        ("ids", I4, "n"),
+        ("kinds", I1, "n: 0 car, 1 bus, 2 bicycle, 3 pedestrian"),
+        ("lengths", F8, "n"),
+        ("widths", F8, "n"),
+    ),
+    Kind.SIGNS: (
+        ("names", TEXT, "m codes, then m edges"),
+        ("lanes", I4, "m: lane of the edge, -1 = all"),
+        ("numbers", F8, "m x 5: value, x, y, heading, arc length"),
+    ),
+    Kind.OBSTACLES: (
+        ("names", TEXT, "k ids, then k shapes, then k lanes"),
+        ("numbers", F8, "k x 5: x, y, heading, length, width"),
+    ),
     Kind.TRUTH: (
-        ("ego_lane", I4, "lane, on the road?"),
-        ("ego", F8, "as in OBSERVATION"),
+        ("ego_lane", I4, "lane; what is not here is as in OBSERVATION"),
+        ("ego", F8, "s, d on it"),
         ("new", TEXT, "JSON: road users that were not told of yet: id, kind, length, width, route"),
-        ("index", I4, "n x 2: which road user, lane"),
-        ("actors", F8, "n x 5: x, y, heading, speed, arc length of the front on the lane"),
+        ("index", I4, "n: which road user, counted as they were told of"),
+        ("poses", F8, "n x 3: x, y, heading"),
+        ("speeds", F8, "n"),
+        ("lanes", I4, "n"),
+        ("places", F8, "n: arc length of the front on the lane"),
     ),
     Kind.OBSERVATION: (
-        ("clock", F8, "step, time"),
-        ("ego", F8, "x, y, heading, speed, acceleration, steering, yaw rate, s, d"),
+        (
+            "numbers",
+            F8,
+            "step, time; of the ego x, y, heading, speed, acceleration, steering, yaw rate, s, d; on the line of the "
+            "last ROUTE s, d, remaining m",
+        ),
         ("ego_lane", I4, "lane, on the road?"),
         ("history", F8, "h x 4: x, y, heading, speed, oldest first"),
-        ("route", F8, "s, d, remaining m, on the line of the last ROUTE"),
-        (
-            "actor_words",
-            I4,
-            "n x 4: id, kind (car bus bicycle pedestrian), lane, indicator (none left right)",
-        ),
-        ("actors", F8, "n x 6: x, y, heading, speed, length, width"),
-        ("sign_names", TEXT, "m codes, then m edges"),
-        ("sign_lanes", I4, "m: lane of the edge, -1 = all"),
-        ("signs", F8, "m x 6: value, x, y, heading, arc length, distance"),
-        ("obstacle_names", TEXT, "k ids, then k shapes, then k lanes"),
-        ("obstacles", F8, "k x 5: x, y, heading, length, width"),
+        ("poses", F8, "n x 3: x, y, heading of each of the last ACTORS"),
+        ("speeds", F8, "n"),
+        ("lanes", I4, "n"),
+        ("indicators", I1, "n: 0 none, 1 left, 2 right"),
+        ("distances", F8, "m: to each of the last SIGNS"),
     ),
     Kind.DONE: (),
     Kind.CONTROL: (
         ("numbers", F8, "acceleration, steering"),
         ("intent", TEXT, "edge ids, may be empty"),
-        ("has_plan", I4, "1 where a plan follows"),
+        ("has_plan", I1, "1 where a plan follows"),
         ("plan", F8, "k x 2: x, y"),
     ),
     Kind.TRAJECTORY: (
-        ("single", I4, "2: were the times, were the poses of single precision?"),
+        ("single", I1, "2: were the times, were the poses of single precision?"),
         ("times", F8, "k"),
         ("poses", F8, "k x 3: x, y, heading"),
         ("intent", TEXT, "edge ids, may be empty"),
@@ -138,40 +159,57 @@ class ProtocolError(Exception):
     """What came is no message of the protocol."""
 
 
+# Of each kind: the item of each field, and what is before its items, with and without the head.
+_ITEMS = {kind: tuple(item for _, item, _ in fields) for kind, fields in MESSAGES.items()}
+_STARTS = {
+    kind: struct.Struct(f"<II{len(items)}I{-4 * len(items) % ALIGNED}x") for kind, items in _ITEMS.items()
+}
+_COUNTS = {
+    kind: struct.Struct(f"<{len(items)}I{-4 * len(items) % ALIGNED}x") for kind, items in _ITEMS.items()
+}
+_ZEROS = tuple(bytes(-size % ALIGNED) for size in range(ALIGNED))
+
+
 def pack(kind: Kind, *fields: Any) -> bytes:
-    """A message; arrays of the field's kind (any shape), text as str."""
-    parts = [b""]
-    for (_, item, _), value in zip(MESSAGES[kind], fields, strict=True):
+    """A message; arrays of the field's kind (any shape) or tuples of numbers, text as str."""
+    counts, parts = [], [b""]
+    for item, value in zip(_ITEMS[kind], fields, strict=True):
         if item == TEXT:
-            data = value.encode()
-            parts += (_COUNT.pack(len(data)), data)
+            # Half a character, in what a planner says, is no reason to say nothing.
+            data = value.encode(errors="backslashreplace")
+            counts.append(len(data))
+        elif type(value) is tuple:
+            data = struct.pack(f"<{len(value)}{_LETTERS[item]}", *value)
+            counts.append(len(value))
         else:
             array = np.asarray(value, _DTYPES[item])
-            parts += (_COUNT.pack(array.size), array.tobytes())
-    body = b"".join(parts)
-    return HEAD.pack(len(body), kind) + body
+            data = array.tobytes()
+            counts.append(array.size)
+        parts += (data, _ZEROS[len(data) % ALIGNED])
+    start = _STARTS[kind]
+    parts[0] = start.pack(start.size - HEAD.size + sum(map(len, parts)), kind, *counts)
+    return b"".join(parts)
 
 
 def unpack(kind: Kind, body: bytes) -> list[Any]:
     """The fields of a message: flat read-only arrays, and texts. Raises ProtocolError."""
     found: list[Any] = []
-    at = 0
+    counts = _COUNTS[kind]
+    at = counts.size
     try:
-        for _, item, _ in MESSAGES[kind]:
-            (count,) = _COUNT.unpack_from(body, at)
-            at += 4
+        for item, count in zip(_ITEMS[kind], counts.unpack_from(body), strict=True):
             if item == TEXT:
-                if len(body) < at + count:
-                    raise ProtocolError("a field is cut short")
-                found.append(body[at : at + count].decode())
-                at += count
+                size = count
+                found.append(body[at : at + size].decode())
             else:
-                found.append(np.frombuffer(body, _DTYPES[item], count, at))
-                at += count * _DTYPES[item].itemsize
+                dtype = _DTYPES[item]
+                size = count * dtype.itemsize
+                found.append(np.frombuffer(body, dtype, count, at))
+            at += size + -size % ALIGNED
     except (struct.error, ValueError, UnicodeDecodeError) as problem:
         raise ProtocolError(f"{kind.name}: {problem}") from None
     if at != len(body):
-        raise ProtocolError(f"{kind.name}: {len(body) - at} bytes too many")
+        raise ProtocolError(f"{kind.name}: {len(body)} bytes, its counts say {at}")
     return found
 
 
@@ -192,7 +230,8 @@ def schema() -> dict[str, Any]:
     return {
         "protocol": VERSION,
         "head": ["u4 size of the fields in bytes", "u4 kind"],
-        "field": "u4 count, then the items; little-endian, no padding; text is UTF-8, its count is bytes",
+        "fields": "a u4 count for each field, then the items of each; counts and each field's items are filled up with "
+        "zeros to a multiple of 16 bytes; little-endian; text is UTF-8, its count is bytes",
         "messages": {
             kind.name: {
                 "kind": int(kind),

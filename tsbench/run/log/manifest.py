@@ -19,6 +19,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.plain import from_plain
 from tsbench.core.textfile import read_json
+from tsbench.metrics.aggregate import FLOOR
+from tsbench.planners.builtin import origin
 from tsbench.run import arithmetic
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
@@ -94,9 +96,15 @@ def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     return [from_plain(PlannerInfo, planner) for planner in manifest["planners"]]
 
 
-def floors_of(manifest: Mapping[str, Any]) -> frozenset[str]:
-    """Names of the planners of a run that read no plate and are there as a floor."""
-    return frozenset(planner.name for planner in planners_of(manifest) if planner.floor)
+def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """What tables write behind the names of a run's planners: of floors, and of those that others made.
+
+    By name; the others have none. Where a planner is from is not in the manifest: its registered name says it.
+    """
+    marks = {
+        planner.name: FLOOR if planner.floor else origin(planner.spec) for planner in planners_of(manifest)
+    }
+    return {name: mark for name, mark in marks.items() if mark}
 
 
 def city_of(manifest: Mapping[str, Any]) -> str:

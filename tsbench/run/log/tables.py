@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
-from tsbench.core.parquet import VERSION_KEY, open_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, open_table
 from tsbench.metrics.episode import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.schema import LATER, SCHEMA_VERSION, TABLES
@@ -23,7 +23,8 @@ _GROUP = 4096
 def write_tables(folder: Path, journal: Journal, contract: str) -> None:
     """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
     keys = sorted(journal.done)
-    metadata = {VERSION_KEY: str(SCHEMA_VERSION), "tsbench_contract": contract}
+    # Rows name places of OpenStreetMap's roads: its licence goes along.
+    metadata = {VERSION_KEY: str(SCHEMA_VERSION), "tsbench_contract": contract, **OSM_LICENCE}
     with io_errors_as_input_errors(folder), ExitStack() as stack:
         writers = {}
         for name, schema in TABLES.items():

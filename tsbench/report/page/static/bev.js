@@ -3,8 +3,9 @@
  * A drawing (drawing.py) is {unit, x0, y0, areas, lines, plates, bodies}:
  *   areas: [{c: colour, a: opacity, r: [ring, …]}], lines: [{c, w: metres, p: [line, …]}]; rings and lines are flat lists
  *   of whole numbers, the first point from (x0, y0), each other from the one before, in `unit` metres;
- *   plates: [{x, y, ax, ay, clear, plate, target}] in metres: post, unit vector off the road in the picture, distance to
- *   the kerb, key of the plate; bodies: [{x, y, h, l, w, c}], c being a kind of bodies.
+ *   plates: [{x, y, ax, ay, clear, plate, below, target}] in metres: post, unit vector off the road in the picture,
+ *   distance to the kerb, keys of the plate and of one beneath it ("" = none); bodies: [{x, y, h, l, w, c}], c being a kind of bodies;
+ *   of those that move also signals (1: the left side flashes, -1: the right one) and brakes (are their lights on?).
  * Colours are names of report/style.py: CSS variables --bev-NAME. North is up. */
 tsb.Bev = class {
   static KINDS = ["car", "bus", "bicycle", "pedestrian", "convoy", "ego"];
@@ -78,7 +79,7 @@ tsb.Bev = class {
     this.redraw();
   }
 
-  /* What moves: {bodies: as in a drawing, lines: [{c, w, points: flat metres, dash}], marks: [{x, y, h}]}. */
+  /* What moves: {bodies: as in a drawing, lines: [{c, w, points: flat metres, dash}], marks: [{x, y, h}], labels: [{name, x, y, left}]}. */
   draw(moving) { this.moving = moving; this.redraw(); }
 
   resize() {
@@ -144,7 +145,6 @@ tsb.Bev = class {
         c.stroke(line.path);
       }
       c.globalAlpha = 1;
-      for (const body of drawing.bodies || []) this.body(body);
     }
     for (const line of this.moving?.lines || []) {
       c.strokeStyle = this.colour(line.c);
@@ -156,14 +156,16 @@ tsb.Bev = class {
       c.stroke();
     }
     c.setLineDash([]);
+    for (const drawing of this.drawings) for (const body of drawing.bodies || []) this.body(body);
     for (const mark of this.moving?.marks || []) this.mark(mark);
     for (const body of this.moving?.bodies || []) this.body(body);
     c.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.placePlates();
+    for (const one of this.moving?.labels || []) this.label(one);
     this.scaleBar();
   }
 
-  body({ x, y, h, l, w, c: kind, brakes = false }) {
+  body({ x, y, h, l, w, c: kind, signals = 0, brakes = false }) {
     const { context: c, camera } = this, edge = 1 / camera.scale;
     if (kind === "pedestrian" || kind === "bicycle") { this.person({ x, y, h, l, kind }); return; }
     if (kind === "cone") {
@@ -195,13 +197,24 @@ tsb.Bev = class {
     outline([[0.26, 0.4], [0.1, 0.33], [0.1, -0.33], [0.26, -0.4]]);
     c.fillStyle = this.colour("glass");
     c.fill();
-    if (!brakes) return;
-    c.fillStyle = this.colour("brake");
-    for (const side of [0.4, -0.4]) {
+    const lamp = (u, v, colour) => {
       c.beginPath();
-      c.arc(...at(-0.46, side), Math.max(0.22, 2 / camera.scale), 0, 7);
+      c.arc(...at(u, v), Math.max(0.22, 2 / camera.scale), 0, 7);
+      c.fillStyle = this.colour(colour);
       c.fill();
-    }
+    };
+    if (brakes) for (const side of [0.4, -0.4]) lamp(-0.46, side, "brake");
+    if (signals) for (const end of [0.46, -0.46]) lamp(end, 0.4 * signals, "lamp");
+  }
+
+  /* The name of somebody, beside it, legible on any ground. */
+  label({ x, y, name, left = false }) {
+    const { context: c } = this, [px, py] = this.px(x, y);
+    c.font = "13px system-ui, sans-serif";
+    c.textAlign = "left";
+    const width = c.measureText(name).width, from = left ? px - 14 - width : px + 14;
+    c.fillStyle = this.colour("panel"); c.fillRect(from - 4, py - 34, width + 8, 19);
+    c.fillStyle = this.colour("ink"); c.fillText(name, from, py - 20);
   }
 
   /* Somebody on foot, shoulders across the heading, or on a bicycle: two wheels in a line and a handlebar. */
@@ -247,7 +260,8 @@ tsb.Bev = class {
     const plates = this.drawings.flatMap((drawing) => drawing.plates || []).sort((a, b) => Boolean(b.target) - Boolean(a.target));
     for (const plate of plates) {
       const [px, py] = this.px(plate.x, plate.y), off = size / 2 + 4 + plate.clear * this.camera.scale;
-      let x = px + plate.ax * off, y = py + plate.ay * off;
+      // What hangs beneath is not to cover the road.
+      let x = px + plate.ax * off, y = py + plate.ay * off - (plate.below && plate.ay < 0 ? 0.75 * size + 4 : 0);
       while (placed.some(([a, b]) => Math.abs(a - x) < size && Math.abs(b - y) < size)) {
         x += plate.ax * size / 2; y += plate.ay * size / 2;
       }
@@ -263,6 +277,8 @@ tsb.Bev = class {
       }
       const image = this.plates.get(plate.plate);
       if (image?.complete && image.naturalWidth) c.drawImage(image, x - size / 2, y - size / 2, size, size);
+      const below = this.plates.get(plate.below), small = 0.75 * size;
+      if (below?.complete && below.naturalWidth) c.drawImage(below, x - small / 2, y + size / 2 + (plate.target ? 4 : 0), small, small);
     }
   }
 

@@ -76,7 +76,7 @@
   const show = async () => {
     const asked = row, cell = (name) => table.text(name, row);
     id("scene-title").textContent = cell("scenario_id");
-    id("scene-sub").textContent = `${cell("scenario_type")} · ${cell("group")} · ${cell("split")} · variant ${cell("variant")}`;
+    id("scene-sub").textContent = `${cell("scenario_type")} · ${cell("group")} · ${cell("split")} · variant ${cell("variant")}, ${cell("half")} half`;
     id("scene-facts").replaceChildren(...facts().map(([name, words]) => el("div", {}, el("dt", {}, name), el("dd", {}, words))));
     const at = rows.indexOf(row);
     id("scene-before").disabled = at <= 0;
@@ -86,11 +86,11 @@
     try {
       const packed = await tsb.blob(`scene/${cell("scenario_type")}/${cell("map_id")}`);
       if (asked !== row) return;
-      const scene = packed.scenes[table.table.values.variant[row]];
+      const scene = packed.scenes[cell("scenario_id")];
       const target = scene.plates.find((plate) => plate.target);
       id("scene-plate").src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(tsb.json("plates")[target.plate]);
       id("scene-plate").alt = `plate ${target.plate}`;
-      bev.show([packed.roads, scene]);
+      bev.show([packed.roads[scene.net], scene]);
       box = around(scene);
       bev.fit(box, 14);
       legend(scene);

@@ -101,8 +101,9 @@ tsb.PlaceMap = class {
       if (x > -4 && y > -4 && x < this.width + 4 && y < this.height + 4) c.fillRect(x - size / 2, y - size / 2, size, size);
     }
     const r = Math.min(Math.max(2.2 + 60 * metres, 2.4), 7);
-    const colours = { test: tsb.colour("--group-speed"), train: tsb.colour("--group-priority") };
-    for (const split of ["train", "test"]) {
+    const colours = { test: tsb.colour("--group-speed"), train: tsb.colour("--group-priority"),
+      dev: tsb.colour("--group-routing"), holdout: tsb.colour("--group-obstacles") };
+    for (const split of ["train", "holdout", "test", "dev"]) {
       c.fillStyle = colours[split];
       for (const place of places.used) {
         if (place.split !== split) continue;

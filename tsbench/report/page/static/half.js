@@ -11,6 +11,7 @@ tsb.Half = class {
   constructor(suffix) {
     this.get = (id) => document.getElementById(`player${suffix}-${id}`);
     this.episode = null;
+    this.curves = false; // all of them, or speed alone?
     this.onseek = null; // called with ticks when the time line is pressed
     this.onjump = null; // called with an event when its time is pressed
   }
@@ -19,7 +20,7 @@ tsb.Half = class {
   static async load(row) {
     const episode = await tsb.blob(`episode/${row}`);
     const roads = await tsb.blob(`roads/${episode.roads}`);
-    const keys = [...new Set([episode.plate, ...episode.scene.plates.map((plate) => plate.plate)])];
+    const keys = [...new Set([episode.plate, ...episode.scene.plates.flatMap((plate) => [plate.plate, plate.below].filter(Boolean))])];
     const svgs = await Promise.all(keys.map(async (key) => [key, (await tsb.blob(`plate/${key}`)).svg]));
     if (!episode.unpacked) tsb.Half.unpack(episode);
     return { row, episode, roads, svgs };
@@ -31,11 +32,15 @@ tsb.Half = class {
       x: tsb.summed(array[`${name}_x`], lengths, units.m).map((v) => v + e.middle[0]),
       y: tsb.summed(array[`${name}_y`], lengths, units.m).map((v) => v + e.middle[1]),
       h: tsb.summed(array[`${name}_h`], lengths, units.rad) });
-    e.track = { ...motion("ego", one), v: tsb.summed(array.ego_v, one, units.mps) };
+    const near = (name) => of(name, units.s).map((v) => v > e.farthest_s ? null : v);
+    const of = (name, unit) => Array.from(tsb.summed(array[`ego_${name}`], one, unit));
+    e.track = { ...motion("ego", one), v: tsb.summed(array.ego_v, one, units.mps), a: of("a", units.mps2),
+      steer: of("steer", units.rad * 180 / Math.PI), ttc: near("ttc"), conflict: array.ego_conflict ? near("conflict") : null };
     const others = motion("actor", e.pieces.map((piece) => piece[2]));
     let at = 0;
     e.parts = e.pieces.map(([actor, first, count]) => {
-      const part = { kind: e.actors[actor][1], l: e.actors[actor][2], w: e.actors[actor][3], first, count, at, ...others };
+      const [name, kind, l, w] = e.actors[actor];
+      const part = { name, kind, l, w, from: e.named[name] ?? Infinity, lights: array.actor_lights, first, count, at, ...others };
       at += count;
       return part;
     });
@@ -84,27 +89,22 @@ tsb.Half = class {
     return { x: mix(track.x), y: mix(track.y), h: mix(track.h) };
   }
 
-  /* Does somebody brake, by the ways before and behind a tick? Places are of whole 5 cm: half a second of each will do. */
-  static slows(part, t, dt) {
-    const n = Math.round(0.5 / dt);
-    if (t < n || t + n > part.count - 1) return false;
-    const way = (a, b) => Math.hypot(part.x[part.at + b] - part.x[part.at + a], part.y[part.at + b] - part.y[part.at + a]);
-    return (way(t - n, t) - way(t, t + n)) / (n * dt) ** 2 > 1.0;
-  }
+  /* Which lights are on: 1 left, 2 right indicator, 4 brakes. */
+  static lights(bits) { return { signals: bits & 1 ? 1 : bits & 2 ? -1 : 0, brakes: Boolean(bits & 4) }; }
 
   /* The state at a tick, or at the end where that came before. whole: ticks of the time axis. */
   draw(wanted, whole, follow) {
-    const { episode } = this, tick = Math.min(wanted, this.last), { between } = tsb.Half;
+    const { episode } = this, tick = Math.min(wanted, this.last), { between, lights } = tsb.Half;
+    const time = episode.start + tick * episode.dt + 1e-6;
     const ego = between(episode.track, 0, episode.ticks, tick), bodies = [];
     for (const part of episode.parts) {
       const t = tick - part.first;
       if (t < 0 || t > part.count - 1 + 1e-9) continue;
-      const brakes = tsb.Half.slows(part, Math.round(t), episode.dt);
-      bodies.push({ ...between(part, part.at, part.count, t), l: part.l, w: part.w, c: part.kind, brakes });
+      bodies.push({ ...between(part, part.at, part.count, t), l: part.l, w: part.w, c: part.kind,
+        ...lights(part.lights[part.at + Math.min(Math.round(t), part.count - 1)]), name: part.from <= time ? part.name : "" });
     }
-    const v = episode.track.v, now = Math.min(Math.round(tick), this.last);
-    const brakes = now > 0 && (v[now - 1] - v[now]) / episode.dt > 0.8;
-    bodies.push({ ...ego, l: episode.ego[0], w: episode.ego[1], c: "ego", brakes });
+    bodies.push({ ...ego, l: episode.ego[0], w: episode.ego[1], c: "ego", ...lights(episode.array.ego_lights[Math.min(Math.round(tick), this.last)]) });
+    const labels = [...bodies, ...episode.obstacles.filter(([name]) => episode.named[name] <= time).map(([name, x, y]) => ({ name, x, y }))];
     const trail = [];
     for (let k = 0; k <= tick; k++) trail.push(episode.track.x[k], episode.track.y[k]);
     trail.push(ego.x, ego.y);
@@ -112,52 +112,33 @@ tsb.Half = class {
     if (follow) this.view.follow(ego.x, ego.y);
     const plan = episode.planned.get(Math.floor(tick)) ?? [];
     const lines = [{ c: "trail", w: 0.35, points: trail }, { c: "plan", w: 0.35, points: plan }];
-    this.view.draw({ lines, marks: past, bodies });
+    this.view.draw({ lines, marks: past, bodies, labels: labels.filter((one) => one.name).map((one) => ({ ...one, left: one.x < ego.x })) });
     this.line(wanted, whole);
   }
 
-  /* Speed over time; red where a rule of the target is broken, amber where that of another sign is. */
+  /* What the ego did over time; red where a rule of the target is broken, amber where that of another sign is. */
   line(tick, ticks) {
-    const { episode } = this, colour = (name) => tsb.Half.colour(name);
-    const canvas = this.get("line"), c = canvas.getContext("2d"), ratio = devicePixelRatio || 1;
-    const box = canvas.getBoundingClientRect(), ink = colour("--ink");
-    canvas.width = Math.round(box.width * ratio); canvas.height = Math.round(box.height * ratio);
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const left = 34, right = 10, top = 6, bottom = 20, w = box.width - left - right, h = box.height - top - bottom;
-    const kmh = episode.track.v.map((v) => 3.6 * v), drawn = episode.events.filter((e) => e.unit === "km/h");
-    const highest = Math.max(20, ...kmh, ...drawn.map((e) => e.threshold)), step = highest > 90 ? 40 : highest > 40 ? 20 : 10;
-    const limit = Math.ceil(highest / step) * step, whole = Math.max(ticks, 1) * episode.dt;
-    const px = (s) => left + w * (s - episode.start) / whole, py = (v) => top + h * (1 - v / limit);
-    c.font = "11px system-ui, sans-serif"; c.fillStyle = ink; c.strokeStyle = ink;
-    for (let v = 0; v <= limit; v += step) {
-      c.globalAlpha = 0.18; c.beginPath(); c.moveTo(left, py(v)); c.lineTo(left + w, py(v)); c.stroke();
-      c.globalAlpha = 0.75; c.textAlign = "right"; c.fillText(v === limit ? `${v}` : v, left - 5, py(v) + 4);
+    const { episode } = this, { dt, start, track } = episode;
+    const panel = (name, unit, values, low, high, share) => ({ name, unit, values, dt, low, high, share });
+    const panels = [panel("speed", "km/h", track.v.map((v) => 3.6 * v), 0, 20, 3)];
+    if (this.curves) {
+      panels.push(panel("acceleration", "m/s²", track.a, -2, 2, 2), panel("steering, left is positive", "°", track.steer, -10, 10, 2),
+        { ...panel("time to collision", "s", track.ttc, 0, 10, 2), empty: `on collision course with nobody within ${episode.farthest_s} s` });
     }
-    const every = [1, 2, 5, 10, 20, 30].find((s) => s * w / whole >= 44) ?? 60;
-    c.textAlign = "center";
-    for (let s = 0; s <= whole; s += every) c.fillText(`${s}`, px(episode.start + s), top + h + 14);
-    c.textAlign = "left"; c.fillText("km/h", left + 3, top + 9);
-    c.textAlign = "right"; c.fillText("s", left + w + right - 2, top + h + 14);
-    c.globalAlpha = 1;
-    for (const event of episode.events) {
-      const a = px(event.start_s), b = Math.max(px(event.end_s), a + 2);
-      c.fillStyle = colour(event.target ? "--bad" : "--warn-line");
-      c.globalAlpha = 0.22; c.fillRect(a, top, b - a, h);
-      c.globalAlpha = 1; c.fillRect(a - 1, top, 2, h);
-      if (event.target) { c.beginPath(); c.moveTo(a - 6, top - 5); c.lineTo(a + 6, top - 5); c.lineTo(a, top + 6); c.fill(); }
-      if (event.unit === "km/h") {
-        c.strokeStyle = c.fillStyle; c.setLineDash([5, 4]); c.beginPath();
-        c.moveTo(left, py(event.threshold)); c.lineTo(left + w, py(event.threshold)); c.stroke(); c.setLineDash([]);
-      }
+    if (this.curves && track.conflict) {
+      panels.push({ ...panel("time to conflict", "s", track.conflict, 0, 10, 2), empty: `nobody comes within ${episode.farthest_s} s`, line: episode.gap_s });
     }
-    c.strokeStyle = colour("--accent"); c.lineWidth = 2; c.beginPath();
-    kmh.forEach((v, k) => c[k ? "lineTo" : "moveTo"](px(episode.start + k * episode.dt), py(v)));
-    c.stroke();
-    const now = px(episode.start + tick * episode.dt);
-    c.strokeStyle = ink; c.lineWidth = 1.5; c.beginPath(); c.moveTo(now, top); c.lineTo(now, top + h); c.stroke();
+    const canvas = this.get("line");
+    canvas.classList.toggle("taller", panels.length > 4);
+    canvas.classList.toggle("tall", this.curves);
+    const { left, width } = tsb.curves(canvas, panels, {
+      start, whole: Math.max(ticks, 1) * dt, now: start + tick * dt, colour: (name) => tsb.Half.colour(name),
+      marks: episode.events.map((event) => ({ from: event.start_s, to: event.end_s, strong: event.target })),
+      bands: episode.events.filter((event) => event.unit === "km/h").map((event) => ({ unit: event.unit, value: event.threshold, strong: event.target })),
+    });
     canvas.onpointerdown = canvas.onpointermove = (event) => {
       if (event.type === "pointermove" && !event.buttons) return;
-      this.onseek(((event.offsetX - left) / w) * ticks);
+      this.onseek(((event.offsetX - left) / width) * ticks);
     };
   }
 
@@ -190,11 +171,13 @@ tsb.Half = class {
   story(event) {
     const { el } = tsb;
     const low = Math.min(0, event.value, event.threshold), high = Math.max(0, event.value, event.threshold, low + 1e-9);
+    // As many decimals as tell the two apart.
+    const digits = [1, 2, 3].find((n) => event.value.toFixed(n) !== event.threshold.toFixed(n)) ?? 1;
     const place = (value) => (92 * (value - low)) / (high - low) + 4; // %
     const bar = (label, value, name) => el("div", { class: "measure" }, el("span", {}, label),
       el("span", { class: "bar" }, el("span", { class: name, style:
         `left:${place(Math.min(0, value)).toFixed(1)}%;width:${Math.max(place(Math.max(0, value)) - place(Math.min(0, value)), 0.8).toFixed(1)}%` })),
-      el("span", { class: "figure" }, `${tsb.number(value, 1)} ${event.unit}`));
+      el("span", { class: "figure" }, `${tsb.number(value, digits)} ${event.unit}`));
     return el("div", { class: event.target ? "story" : "story other" },
       el("p", {}, el("button", { type: "button", on: { click: () => this.onjump(event) } }, `${tsb.number(event.start_s, 1)} s`),
         ` ${event.sentence}`),

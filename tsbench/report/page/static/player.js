@@ -1,7 +1,8 @@
 /* The player: one episode, both halves of a pair, or two planners' drives of one scene, side by side on one time axis.
  *
  * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)`, `partner(row)`
- * (the other half's row, null without one) and `rivals(row)` (rows of the same scene by planner) are the table's. */
+ * (the other half's row, null without one), `rivals(row)` (rows of the same scene by planner), `who(row)` (its
+ * planner) and `name(row)` (in links) are the table's. */
 tsb.player = (() => {
   const { el, Half } = tsb, get = (id) => document.getElementById(`player-${id}`);
   const dialog = document.getElementById("player");
@@ -9,7 +10,7 @@ tsb.player = (() => {
   let shown = [], main = null; // the halves that are played, the signed one first; the one that was opened
   let tick = 0, playing = false, last = 0, row = -1, rows = [], asked = 0;
   let beside = ""; // the planner that is shown beside; "": the other half
-  const api = { open, can: () => false, partner: () => null, rivals: () => new Map(), get episode() { return main?.episode ?? null; },
+  const api = { open, can: () => false, partner: () => null, rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
     get halves() { return shown.map((half) => half.episode); }, get cameras() { return shown.map((half) => half.view.camera); },
     get tick() { return tick; }, get playing() { return playing; } };
 
@@ -18,7 +19,7 @@ tsb.player = (() => {
 
   function draw() {
     if (!main) return;
-    for (const half of shown) half.draw(tick, end(), get("follow").checked);
+    for (const half of shown) { half.curves = get("curves").checked; half.draw(tick, end(), get("follow").checked); }
     get("time").value = Math.round(tick);
     get("time").setAttribute("aria-valuetext", `${seconds().toFixed(1)} seconds`);
     const speeds = shown.map((half) => half.kmh(tick).toFixed(0)).join(" | ");
@@ -63,8 +64,7 @@ tsb.player = (() => {
   /* --- opening ------------------------------------------------------------------------------------------------ */
   function remember() {
     if (!main || playing) return;
-    const { planner, scenario } = main.episode;
-    history.replaceState(null, "", `#play=${encodeURIComponent(`${planner}/${scenario}`)}&t=${seconds().toFixed(1)}`);
+    history.replaceState(null, "", `#play=${encodeURIComponent(api.name(row))}&t=${seconds().toFixed(1)}`);
   }
   async function open(wanted, list, time = null) {
     row = wanted; rows = list;
@@ -87,7 +87,7 @@ tsb.player = (() => {
     if (!beside) found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
     arrange(found.length);
     get("alone").hidden = beside !== "" || other === null || found.length > 1;
-    const name = ({ episode }) => found.length < 2 ? "" : beside ? episode.planner : `${episode.half} half`;
+    const name = ({ episode, row: at }) => found.length < 2 ? "" : beside ? api.who(at) : `${episode.half} half`;
     found.forEach((one, k) => stages[k].show(one, name(one)));
     main = shown[found.findIndex((one) => one.row === row)];
     get("time").max = end();
@@ -153,6 +153,8 @@ tsb.player = (() => {
   on("out", "click", () => zoom(1 / 1.4));
   on("whole", "click", whole);
   on("follow", "change", draw);
+  get("curves").checked = matchMedia("(min-width: 800px)").matches;
+  on("curves", "change", draw);
   on("beside", "change", () => { beside = get("beside").value; if (main) open(row, rows, seconds()); });
   on("before", "click", () => go(-1));
   on("next", "click", () => go(1));
@@ -174,7 +176,9 @@ tsb.player = (() => {
     if (action) { event.preventDefault(); action(); }
   });
   const named = { ego: "ego", trail: "its trail", plan: "its plan", route: "navigation's way", compliant: "an obedient way", plate_line: "target plate, its line, its rule's zone",
-    destination: "destination", convoy: "held for the ego", car: "car", bus: "bus", bicycle: "bicycle", pedestrian: "pedestrian", violation: "violation" };
+    destination: "destination", convoy: "held for the ego", car: "car", bus: "bus", bicycle: "bicycle", pedestrian: "pedestrian",
+    lamp: "indicator", brake: "brakes", violation: "violation" };
+  get("legend").parentElement.open = matchMedia("(min-width: 800px)").matches;
   get("legend").append(...Object.entries(named).map(([name, text]) =>
     el("span", { class: "key" }, el("i", { style: `background:var(--bev-${name})` }), text)));
   return api;

@@ -18,6 +18,8 @@ tsb.tableOptions = { "episode-table": (() => {
     label: name,
     ready: (api) => {
       table = api;
+      tsb.player.name = name;
+      tsb.player.who = (row) => api.text("planner", row);
       tsb.player.can = (row) => playable(api, row);
       tsb.player.partner = (row) => api.table.values.partner[row];
       tsb.player.rivals = (row) => {

@@ -1,0 +1,78 @@
+"""From an extract to maps and scenes anew: what comes with tsbench, to the byte (`make again OSM=DIR`)."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tsbench.dataset.maps.harvest import harvest
+from tsbench.dataset.maps.source import load_source
+from tsbench.dataset.scenes.map_scenarios import SiteBuilder
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.scenarios.map_pool import read_pool
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.sumo import Simulation
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+# The extract of the old quarter: small, and Moscow's scenes of this type on it need no second draw.
+EXTRACT, TYPE = "ostankino-2013", "residential_zone"
+
+
+@pytest.fixture(scope="module")
+def osm(workplace: Path) -> Path:
+    """A folder with this extract alone."""
+    given = Path(os.environ.get("OSM", REPOSITORY / "sumo_nets" / "sources"))
+    found = sorted(given.glob(f"{EXTRACT}.osm*"))
+    if not found:
+        pytest.skip(
+            f"{given} has no extract {EXTRACT} (make again OSM=DIR; cities/moscow.yaml says where it is)"
+        )
+    folder = workplace / "again"
+    folder.mkdir()
+    shutil.copy(found[0], folder)
+    return folder
+
+
+@pytest.mark.whole
+def test_the_extract_gives_the_maps_of_the_pool(osm: Path, workplace: Path) -> None:
+    shipped = {
+        row.map_id: row
+        for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet")
+        if row.source == EXTRACT
+    }
+    pool = workplace / "again.parquet"
+    harvest(osm, pool, workplace / "again.json", 1, lambda *_: None)
+    made = {row.map_id: row for row in read_pool(pool)}
+    # Alone, the extract keeps the maps that it leaves to better ones elsewhere.
+    assert set(shipped) <= set(made)
+    assert [name for name, row in shipped.items() if made[name] != row] == []
+    print(
+        f"{EXTRACT}: {len(shipped)} maps as in the pool, {len(made) - len(shipped)} that better extracts have too"
+    )
+
+
+@pytest.mark.whole
+def test_maps_give_the_scenes_that_are_shipped(osm: Path, workplace: Path, tmp_path: Path) -> None:
+    scenarios = REPOSITORY / "scenarios"
+    (workplace / "scenarios").mkdir(exist_ok=True)
+    shutil.copy(scenarios / "nuplan_statistics.json", workplace / "scenarios")
+    rows = read_table(table_path("test", scenarios))
+    pool = {row.map_id: row for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet")}
+    maps = sorted({r.map_id for r in rows if r.pair_type == TYPE and pool[r.map_id].source == EXTRACT})
+    assert len(maps) == 3
+    recipe = load_recipe(TYPE, load_catalog(), scenarios / "recipes")
+    builder, source = SiteBuilder(recipe, tmp_path, Simulation()), load_source(EXTRACT, osm)
+    for one in maps:
+        built = builder.build(pool[one], source, "test")
+        assert built.reason == ""
+        shipped = {r.scenario_id: r for r in rows if r.map_id == one and r.pair_type == TYPE}
+        assert {r.scenario_id for r in built.rows} == set(shipped)
+        for row in built.rows:
+            same = shipped[row.scenario_id]
+            assert (row.net_sha256, row.additional_sha256) == (same.net_sha256, same.additional_sha256)
+            assert (row.seed, row.sign_code, row.sign_value) == (same.seed, same.sign_code, same.sign_value)
+        print(f"{TYPE}, {one}: {len(built.rows)} rows with the hashes of their files")

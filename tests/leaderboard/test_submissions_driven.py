@@ -1,0 +1,213 @@
+"""From the drive to the row: driven isolated, submitted, driven again as on another processor; forgeries are found.
+
+A planner in C always; tsbench's own expert and its network with `pytest -m submissions` (`make submissions`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from forgeries import flip_byte, pass_all, slow_down
+
+import tsbench
+from tsbench.core.files import sha256_of
+from tsbench.leaderboard.submission import Episode, figures_of, read_submission
+from tsbench.leaderboard.verify import read_verification
+from tsbench.run.contract import contract_hash
+from tsbench.run.edition import LOCAL, edition_of
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+
+ROOT = Path(tsbench.__file__).parent.parent
+SAMPLE = ("--sample", "16", "--seed", "20261", "--workers", "2")
+# What a processor without FMA and AVX chooses: the C library's, torch's, MKL's and OpenBLAS' kernels.
+OTHER_CPU = {
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4",
+    "ATEN_CPU_CAPABILITY": "default",
+    "MKL_ENABLE_INSTRUCTIONS": "SSE4_2",
+    "OPENBLAS_CORETYPE": "Prescott",
+}
+PLANNERS = [
+    pytest.param(
+        "exe", marks=pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) here")
+    ),
+    *(pytest.param(name, marks=pytest.mark.submissions) for name in ("idm-e", "plant2-ft")),
+]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(3600),
+    pytest.mark.skipif(
+        edition_of(contract_hash(read_table(table_path("dev")), load_catalog())).endswith(LOCAL),
+        reason="code or data were changed since the release: nothing can be submitted",
+    ),
+]
+
+
+def command(*arguments: object, expect: int = 0, **settings: str) -> str:
+    """What a command of tsbench prints in a process of its own, under these settings of the environment."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from tsbench.cli import main; main()", *map(str, arguments)],
+        env={**os.environ, **settings}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == expect, done.stdout
+    return done.stdout
+
+
+@pytest.fixture(scope="module", params=PLANNERS)
+def spec(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    if request.param != "exe":
+        return str(request.param)
+    binary = tmp_path_factory.mktemp("c") / "follow_route"
+    source = ROOT / "examples" / "follow_route.c"
+    subprocess.run(["cc", "-O2", "-o", str(binary), str(source), "-lm"], check=True)
+    return f"exe:{binary}"
+
+
+@pytest.fixture(scope="module")
+def run(spec: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("driven") / "run"
+    command(
+        "run",
+        "--planner",
+        spec,
+        "--split",
+        "dev",
+        "--isolate",
+        "--trace",
+        "all",
+        "--workers",
+        "2",
+        "--out",
+        out,
+    )
+    return out
+
+
+@pytest.fixture(scope="module")
+def submitted(run: Path) -> Path:
+    path = run.parent / "mine.json"
+    assert "108 judged again from their traces" in command(
+        "submit", run, "--authors", "us", "--copy-traces", "2", "--out", path
+    )
+    return path
+
+
+def test_an_honest_one_is_confirmed_on_another_processor(submitted: Path, tmp_path: Path) -> None:
+    record = tmp_path / "record.json"
+    said = command("verify", submitted, *SAMPLE, "--by", "me", "--out", record, **OTHER_CPU)
+    assert said.splitlines()[-1] == "confirmed"
+    found = read_verification(record)
+    assert found.confirmed
+    assert found.equal + len(found.explained) == 16
+    assert not found.mostly_explained
+    if "fma" in Path("/proc/cpuinfo").read_text().split():
+        # The settings do something, and it is seen.
+        theirs = read_submission(submitted).arithmetic["answers"]
+        assert found.arithmetic["answers"]["libm"] != theirs["libm"]
+    board = tmp_path / "board"
+    shutil.copytree(submitted.with_suffix(".traces"), board / "mine.traces")
+    for path in (submitted, record):
+        shutil.copy(path, board)
+    command("leaderboard", "build", board, "--out", tmp_path / "site")
+    assert "confirmed" in (tmp_path / "site" / "index.html").read_text()
+
+
+def test_an_edited_table_is_found(run: Path, submitted: Path, tmp_path: Path) -> None:
+    # In the run: its own traces say otherwise.
+    forged = Path(shutil.copytree(run, tmp_path / "run"))
+    pass_all(forged)
+    made = read_submission(submitted)
+    if all(episode.scd for episode in made.episodes):
+        pytest.skip("it passed everything: nothing to make better")
+    said = command("submit", forged, "--authors", "us", "--out", tmp_path / "x.json", expect=2)
+    assert "disagreements with its own traces" in said
+    # In the submission, with all that follows from it: the second drive says otherwise.
+    better = tuple(
+        e if e.scd else Episode(e.scenario_id, "arrived", True, (), e.digest) for e in made.episodes
+    )
+    table = read_table(table_path("dev"))
+    figures = figures_of(better, table, made.planner, made.contract)
+    (tmp_path / "x.json").write_text(replace(made, episodes=better, figures=figures).to_json())
+    said = command("verify", tmp_path / "x.json", *SAMPLE, expect=1)
+    assert "verdict is arrived, passed as submitted" in said
+    assert said.splitlines()[-1] == "refuted"
+
+
+def test_an_edited_trace_is_found(run: Path, submitted: Path, tmp_path: Path) -> None:
+    forged = Path(shutil.copytree(run, tmp_path / "run"))
+    slow_down(next((forged / "traces").rglob("*.parquet")))
+    said = command("submit", forged, "--authors", "us", "--out", tmp_path / "x.json", expect=2)
+    assert "disagreements with its own traces" in said
+    # Nor does the site play one that was edited after the submission.
+    shutil.copy(submitted, tmp_path / "mine.json")
+    traces = Path(shutil.copytree(submitted.with_suffix(".traces"), tmp_path / "mine.traces"))
+    paths = list(traces.iterdir())
+    for path in paths:
+        slow_down(path)
+    if paths:
+        (tmp_path / "board").mkdir()
+        for path in (tmp_path / "mine.json", traces):
+            shutil.move(path, tmp_path / "board")
+        command("leaderboard", "build", tmp_path / "board", "--out", tmp_path / "site", expect=2)
+
+
+MINE = '''"""plant2-ft with weights of its own: `plant2-ft.safetensors` and `plant2-ft.json` beside this file."""
+
+from pathlib import Path
+
+from tsbench.planners.plant2.planner_ft import Plant2Ft
+
+
+class Mine(Plant2Ft):
+    def __init__(self):
+        super().__init__(folder=Path(__file__).parent)
+'''
+
+
+def test_other_weights_are_found(tmp_path: Path) -> None:
+    """One bit of a network's file, which its description then names: it drives, and is another planner."""
+    weights = tmp_path / "plant2-ft.safetensors"
+    for path in (ROOT / "tsbench" / "planners" / "weights").glob("plant2-ft.*"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    planner, out = f"{tmp_path / 'mine.py'}:Mine", tmp_path / "run"
+    few = ("--types", "yield", "--split", "dev", "--isolate", "--workers", "1", "--trace", "none")
+    command("run", "--planner", planner, *few, "--out", out)
+    honest = command("verify", out, "--sample", "2", "--seed", "1", "--workers", "1")
+    assert honest.splitlines()[-1] == "confirmed"
+    flip_byte(weights, weights.stat().st_size - 64)
+    description = json.loads((tmp_path / "plant2-ft.json").read_text())
+    description["sha256"] = sha256_of(weights)
+    (tmp_path / "plant2-ft.json").write_text(json.dumps(description))
+    forged = command("verify", out, "--sample", "2", "--seed", "1", "--workers", "1", expect=1)
+    # Its own text names no file of weights, so its code's hash is the same: what it drives betrays it.
+    assert "0 of 2 episodes as submitted" in forged
+    assert "digest is" in forged
+    assert forged.splitlines()[-1] == "refuted"
+
+
+@pytest.fixture
+def changed(spec: str, tmp_path: Path) -> Callable[[], str]:
+    """Makes a program of which one byte is another."""
+
+    def make() -> str:
+        binary = Path(shutil.copy(spec.removeprefix("exe:"), tmp_path / "follow_route"))
+        flip_byte(binary, binary.read_bytes().rindex(b"GCC:"))  # a remark of the compiler
+        return f"exe:{binary}"
+
+    return make
+
+
+def test_another_program_is_found(spec: str, submitted: Path, changed: Callable[[], str]) -> None:
+    if not spec.startswith("exe:"):
+        pytest.skip("no program")
+    said = command("verify", submitted, *SAMPLE, "--planner", changed(), expect=1)
+    assert "the planner's code_sha256 is" in said

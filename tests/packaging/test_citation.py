@@ -1,0 +1,49 @@
+"""CITATION.cff: what citation tools read, by the schema of the format, and of this version."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+
+import tsbench
+
+ROOT = Path(__file__).resolve().parents[2]
+SCHEMA = json.loads((Path(__file__).parent / "cff-1.2.0.schema.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def citation() -> dict[str, Any]:
+    told = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    return json.loads(json.dumps(told, default=str))  # the format's dates are text
+
+
+def problems(citation: dict[str, Any]) -> list[str]:
+    validator = jsonschema.Draft7Validator(SCHEMA, format_checker=jsonschema.Draft7Validator.FORMAT_CHECKER)
+    return [error.message for error in validator.iter_errors(citation)]
+
+
+def test_it_is_valid_and_of_this_version(citation: dict[str, Any]) -> None:
+    assert problems(citation) == []
+    assert citation["version"] == tsbench.__version__
+    assert citation["license"] == "MIT"
+    assert (ROOT / "LICENSE").read_text(encoding="utf-8").startswith("MIT License")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("authors", []),
+        ("cff-version", "1.3"),
+        ("date-released", "November 2026"),
+        ("type", "program"),
+        ("web", "x"),
+        ("license", "Mit"),
+    ],
+)
+def test_what_the_format_does_not_know_is_found(citation: dict[str, Any], field: str, value: Any) -> None:
+    assert problems({**citation, field: value})

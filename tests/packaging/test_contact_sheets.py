@@ -1,0 +1,44 @@
+"""Sheets to look at: which pairs they show."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image as PilImage
+
+from tsbench.scenarios.table import read_table, table_path
+
+SCRIPT = Path(__file__).resolve().parents[2] / "packaging" / "contact_sheets.py"
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("contact_sheets", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_each_pair_has_its_halves_and_a_choice_has_all_types(script: ModuleType) -> None:
+    rows = read_table(table_path("dev"))
+    pairs = script.pairs_of(rows)
+    assert len(pairs) == sum(row.half != "contrast" for row in rows)
+    assert sum(other is not None for _, other in pairs) == sum(row.half == "contrast" for row in rows)
+    assert all(other is None or other.pair_id == signed.pair_id for signed, other in pairs)
+    routing = [pair for pair in pairs if pair[0].group == "routing"]
+    chosen = script.spread(routing, 12)
+    assert len(chosen) == 12
+    assert {signed.scenario_type for signed, _ in chosen} == {signed.scenario_type for signed, _ in routing}
+
+
+def test_a_sheet_has_both_halves_side_by_side(script: ModuleType, tmp_path: Path) -> None:
+    pairs = script.pairs_of(read_table(table_path("dev")))[:1]
+    script._save(tmp_path, "two", pairs, None)
+    with PilImage.open(tmp_path / "two-1.png") as picture:
+        assert picture.width > 2 * script._VIEW.width
+        assert picture.height < 2 * script._VIEW.height

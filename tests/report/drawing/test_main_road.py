@@ -1,0 +1,112 @@
+"""Plate 8.13 and what plates of priority have painted: read from the plates that stand before a junction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from lxml import etree
+
+from tsbench.report.drawing.main_road import MainRoad, main_road_rgba, main_roads
+from tsbench.report.drawing.roads import mark_shapes, stop_lines
+from tsbench.report.drawing.scene import furniture_shapes
+from tsbench.report.drawing.shapes import Area, Plate
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.scene import Scene
+
+LOADER = SceneLoader()
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[tuple[str, str], ScenarioSpec]:
+    """The first row of each type and half."""
+    table = read_table(table_path("dev"))
+    return {(row.scenario_type, row.half): row for row in reversed(table) if row.half}
+
+
+def scene_of(rows: dict[tuple[str, str], ScenarioSpec], kind: str, half: str) -> Scene:
+    scene, _ = LOADER.load(rows[kind, half])
+    return scene
+
+
+def test_a_main_road_that_turns_has_its_shape_beneath_each_plate(
+    rows: dict[tuple[str, str], ScenarioSpec],
+) -> None:
+    """In `main_road` it comes from the ego and leads to its right, where the convoy comes from."""
+    scene = scene_of(rows, "main_road", "signed")
+    found = main_roads(scene.network, scene.signs)
+    target = found[scene.target]
+    assert 180 in target.main
+    (right,) = (angle for angle in target.main if angle != 180)
+    assert -150 <= right <= -30
+    assert target.others
+    assert all(-30 <= angle <= 150 for angle in target.others)
+    for other in (s for s in scene.signs if s.code == "2.1" and s.id != scene.target):
+        (left,) = (angle for angle in found[other.id].main if angle != 180)
+        assert left == pytest.approx(-right, abs=15)
+    plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, Plate)}
+    assert plates[scene.target].below == target.key
+    assert MainRoad.of(target.key) == target
+
+
+def test_a_main_road_that_goes_straight_on_or_ends_has_none(
+    rows: dict[tuple[str, str], ScenarioSpec],
+) -> None:
+    for kind, half in (("yield", "signed"), ("stop", "signed"), ("main_road", "contrast")):
+        scene = scene_of(rows, kind, half)
+        assert any(sign.code == "2.1" for sign in scene.signs)
+        assert main_roads(scene.network, scene.signs) == {}
+
+
+def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
+    """The same junctions with the plates of both halves."""
+    asked = {"2.1": None, "2.3.2": None, "2.4": "give_way", "2.5": "stop"}
+    seen = set()
+    for kind in ("main_road", "yield", "stop", "secondary_road"):
+        for half in ("signed", "contrast"):
+            if (kind, half) not in rows:
+                continue
+            scene = scene_of(rows, kind, half)
+            lines = stop_lines(scene.network, scene.signs)
+            for sign in (s for s in scene.signs if s.code in asked):
+                seen.add(sign.code)
+                for index in scene.network.edges[sign.edge].lanes:
+                    assert lines.get(index) == asked[sign.code], (kind, half, sign.code)
+    assert seen == {*asked}
+
+
+def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
+    scene = scene_of(rows, "crosswalk", "signed")
+    assert any(isinstance(shape, Area) for shape in mark_shapes(scene.network, scene.signs))
+    others = [replace(sign, code="3.24", params=None) for sign in scene.signs]
+    assert not any(isinstance(shape, Area) for shape in mark_shapes(scene.network, others))
+
+
+def test_the_plate_is_a_picture_of_its_roads() -> None:
+    road = MainRoad((180, -90), (0, 90))
+    assert etree.fromstring(road.svg()).get("viewBox") == "0 0 200 200"
+    pixels = main_road_rgba(road.key, 100)
+    ink = pixels[..., :3].astype(int).sum(axis=2) < 200
+    # Thick from below and to the right, thin ahead and to the left.
+    assert ink[70, 20:80].sum() > 2 * ink[30, 20:80].sum() > 0
+    assert ink[20:80, 70].sum() > 2 * ink[20:80, 30].sum() > 0
+    with pytest.raises(ValueError, match="no main road"):
+        MainRoad.of("3.24|40")
+
+
+def test_the_reserved_lane_is_the_plates_in_each_half(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
+    """In both halves two lanes are closed to cars; the plate reserves another one in each."""
+    found = []
+    for half in ("signed", "contrast"):
+        scene = scene_of(rows, "bus_lane", half)
+        (area,) = (
+            s.polygon
+            for s in mark_shapes(scene.network, scene.signs)
+            if isinstance(s, Area) and s.colour == "reserved"
+        )
+        found.append(area)
+        assert not any(isinstance(s, Area) and s.colour == "reserved" for s in mark_shapes(scene.network))
+    assert found[0].area > 100.0
+    assert found[0].intersection(found[1]).area == 0.0

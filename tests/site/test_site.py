@@ -1,0 +1,117 @@
+"""The documentation as a site: it builds without a warning, every page has its place, and it asks nobody."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+from pathlib import Path, PurePosixPath
+from types import ModuleType
+from urllib.parse import unquote
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_page_is_there_with_its_pictures(site: Path) -> None:
+    pages = {p.relative_to(ROOT / "docs").with_suffix("") for p in (ROOT / "docs").rglob("*.md")}
+    built = {p.relative_to(site).with_suffix("") for p in site.rglob("*.html")}
+    renamed = {p.with_name("index") if p.name == "README" else p for p in pages}
+    assert renamed <= built
+    for page in site.rglob("*.html"):
+        for source in re.findall(r'<img[^>]* src="([^":]+)"', page.read_text(encoding="utf-8")):
+            assert (page.parent / source).is_file(), (page, source)
+
+
+def test_every_picture_is_shown_by_a_page() -> None:
+    """Pictures that no page shows are weight without use. A page names a picture by its path from its own folder."""
+    pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    named = re.compile(r'(?:\]\(|src="|href=")([^)"\s]+\.(?:png|gif|svg|jpg))')
+    shown = set()
+    for page in pages:
+        for name in named.findall(page.read_text(encoding="utf-8")):
+            shown.add((page.parent / unquote(name)).resolve())
+    there = {*(ROOT / "docs" / "images").iterdir(), *(ROOT / "docs" / "signs" / "pictures").iterdir()}
+    assert sorted(str(p.relative_to(ROOT)) for p in there - shown) == []
+
+
+def _targets(page: Path) -> list[tuple[Path, str]]:
+    """Links of a page into the site: the file, and the place in it."""
+    found = re.findall(r'<a[^>]* href="(?![a-z]+:)([^"#]*)(?:#([^"]*))?"', page.read_text(encoding="utf-8"))
+    return [
+        ((page.parent / unquote(file)).resolve() if file else page, unquote(anchor)) for file, anchor in found
+    ]
+
+
+def test_every_link_leads_to_a_file_and_a_place_in_it(site: Path) -> None:
+    ids = {p: set(re.findall(r' id="([^"]+)"', p.read_text(encoding="utf-8"))) for p in site.rglob("*.html")}
+    for page in (p for p in ids if p.name != "404.html"):
+        for file, anchor in _targets(page):
+            there = file / "index.html" if file.is_dir() else file
+            assert there.is_file(), (page, file)
+            assert not anchor or there not in ids or anchor in ids[there], (page, file, anchor)
+
+
+def test_every_command_has_its_section(site: Path) -> None:
+    text = (site / "reference/commands.html").read_text(encoding="utf-8")
+    for name in ("tsbench run", "tsbench scenarios certify", "tsbench train plant2-ft", "tsbench city build"):
+        assert f'id="{name.replace(" ", "-")}"' in text
+    assert "--memory-limit" in text
+
+
+def test_it_asks_no_other_server(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r'<(?:script|img|link rel="stylesheet")[^>]* (?:src|href)="https?:', text), page
+
+
+def test_names_of_the_package_are_explained(site: Path) -> None:
+    text = (site / "api.html").read_text(encoding="utf-8")
+    for name in ("Observation", "PlannerContext", "Control", "RoadAhead", "pursue_route", "RoadMap"):
+        assert f'.{name}"' in text
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "packaging/site_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("page", "text", "shown"),
+    [
+        ("a.md", "[x](b.md#c)", "[x](b.md#c)"),
+        ("signs/a.md", "[x](../b.md)", "[x](../b.md)"),
+        ("a.md", "[the seed](../tsbench/core/seeds.py)", "the seed (`tsbench/core/seeds.py`)"),
+        ("signs/a.md", "[`Makefile`](../../Makefile)", "`Makefile`"),
+        ("a.md", "![x](../README.md) [y](https://a.b/../c)", "![x](../README.md) [y](https://a.b/../c)"),
+    ],
+)
+def test_links_that_leave_the_pages_are_words(hooks: ModuleType, page: str, text: str, shown: str) -> None:
+    assert hooks.without_links_out(text, PurePosixPath(page)) == shown
+
+
+def test_a_link_to_no_file_is_a_warning(hooks: ModuleType, caplog: pytest.LogCaptureFixture) -> None:
+    hooks.without_links_out("[x](../tsbench/core/seeds.py) [y](../tsbench/no_such.py)", PurePosixPath("a.md"))
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert "'../tsbench/no_such.py'" in record.getMessage()
+    assert record.name.startswith("mkdocs.")
+
+
+def test_the_notebook_is_a_page(site: Path, hooks: ModuleType) -> None:
+    page = (site / "guides/first_run_notebook.html").read_text(encoding="utf-8")
+    cells = json.loads((ROOT / "docs/guides/first_run.ipynb").read_text(encoding="utf-8"))["cells"]
+    assert page.count('<div class="highlight">') == sum(cell["cell_type"] == "code" for cell in cells)
+    assert "my_planner.py" in page
+    assert "%%writefile" not in page
+    assert 'href="first_run.ipynb"' in page
+    assert "make base EXTRAS=report" in page
+    assert 'href="../guides/first_run_notebook.html"' in (site / "start/first_run.html").read_text(
+        encoding="utf-8"
+    )

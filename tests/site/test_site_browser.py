@@ -1,0 +1,115 @@
+"""The documentation in headless Chromium, served as a reader serves it: on a desktop and on a phone."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import pytest
+from patience import HANG_S
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+ROOT = Path(__file__).resolve().parents[2]
+# Pages with what does not wrap: tables, commands, signatures, formulas, long names, pictures.
+WIDE = (
+    "index", "api", "architecture", "dataset", "floor", "guides/first_run_notebook", "metrics", "reference/commands",
+    "reference/tables", "results", "rules", "run", "scenarios", "signs/yield", "spec/scenes", "training",
+)  # fmt: skip
+# How much wider than its window a page is, px.
+TOO_WIDE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+@pytest.fixture(scope="module")
+def pictures() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_pictures", ROOT / "packaging/site_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def address(site: Path, pictures: ModuleType) -> Iterator[str]:
+    with pictures.served(site) as where:
+        yield where
+
+
+@contextmanager
+def window(browser: Browser, address: str, size: tuple[int, int]) -> Iterator[Page]:
+    """A window in which nothing may go wrong and which may ask only the site's own server."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]})
+    page = context.new_page()
+    page.set_default_timeout(1_000 * HANG_S)
+    problems: list[str] = []
+    asked: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("console", lambda said: problems.append(said.text) if said.type in ("error", "warning") else None)
+    page.on("response", lambda got: problems.append(f"{got.status} {got.url}") if got.status >= 400 else None)
+    page.on("request", lambda request: asked.append(request.url))
+    yield page
+    context.close()
+    assert problems == []
+    assert [u for u in asked if not u.startswith((address, "data:", "blob:"))] == []
+
+
+@pytest.mark.parametrize("device", ["DESKTOP", "PHONE"])
+def test_search_leads_to_a_page(chromium: Browser, address: str, pictures: ModuleType, device: str) -> None:
+    with window(chromium, address, getattr(pictures, device)) as page:
+        page.goto(f"{address}/index.html")
+        if device == "PHONE":
+            page.locator("label[for=__search].md-header__button").click()
+        field = page.locator(".md-search__input")
+        field.click()
+        field.press_sequentially("held stop")
+        found = page.locator(".md-search-result__link").first
+        found.wait_for(state="visible")
+        found.click()
+        page.wait_for_url(lambda url: "/index.html" not in url)
+        assert "stop" in page.locator("article").inner_text().lower()
+
+
+def test_no_page_is_wider_than_a_phone(
+    chromium: Browser, site: Path, address: str, pictures: ModuleType
+) -> None:
+    with window(chromium, address, pictures.PHONE) as page:
+        wide = {}
+        for name in WIDE:
+            page.goto(f"{address}/{name}.html")
+            if (excess := page.evaluate(TOO_WIDE)) > 0:
+                wide[name] = excess
+    assert wide == {}
+
+
+def test_the_menu_opens_on_a_phone_and_stands_beside_the_text_on_a_desktop(
+    chromium: Browser, address: str, pictures: ModuleType
+) -> None:
+    with window(chromium, address, pictures.PHONE) as page:
+        page.goto(f"{address}/rules.html")
+        menu = page.locator(".md-sidebar--primary")
+        assert not menu.is_visible() or menu.bounding_box()["x"] < 0
+        page.locator("label[for=__drawer].md-header__button").click()
+        page.get_by_text("Guides", exact=True).last.wait_for(state="visible")
+    with window(chromium, address, pictures.DESKTOP) as page:
+        page.goto(f"{address}/rules.html")
+        assert page.evaluate(TOO_WIDE) <= 0
+        text = page.locator("article").bounding_box()
+        menu = page.locator(".md-sidebar--primary").bounding_box()
+        assert text is not None
+        assert menu is not None
+        assert menu["x"] + menu["width"] <= text["x"]
+
+
+def test_pictures_of_the_site_are_taken(
+    chromium: Browser, address: str, pictures: ModuleType, tmp_path: Path
+) -> None:
+    pictures.take_pictures(chromium, address, tmp_path)
+    for name in pictures.PICTURES:
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+        assert (ROOT / "docs/images" / name).is_file()

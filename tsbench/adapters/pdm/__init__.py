@@ -1,0 +1,21 @@
+"""A proposal planner after PDM-Closed (Dauner et al., CoRL 2023), written against nuPlan's protocol. Sign-blind.
+
+Reimplemented from the paper's description; no line of its code is here. It is told what any nuPlan planner is told and
+nothing of tsbench; `Pdm` is the class that `--planner` names.
+"""
+
+from typing import ClassVar
+
+from tsbench.adapters.nuplan import NuPlanPlanner
+from tsbench.adapters.pdm.planner import PdmPlanner
+
+
+class Pdm(NuPlanPlanner):
+    """`tsbench.adapters.pdm:Pdm`: asked every second tick."""
+
+    sign_access = False
+    make = staticmethod(PdmPlanner)
+    every: ClassVar[int] = 2
+
+
+__all__ = ["Pdm", "PdmPlanner"]

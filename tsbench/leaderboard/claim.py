@@ -1,0 +1,111 @@
+"""What can be driven again: a submission, or the records of a planner in a run folder."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.plain import from_plain
+from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.leaderboard.submission import Episode, Figure, episode_of, read_submission
+from tsbench.run.log.manifest import city_of, planners_of
+from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.tables import read_table
+from tsbench.run.planner_info import PlannerInfo
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What some file says of one planner's episodes, and how they were driven.
+
+    sha256: of the file. isolated: the planner had a process of its own. perception: how plates reached it; None:
+    exactly. figures: None where the file has none. episodes: sorted by scenario_id.
+    """
+
+    path: Path
+    sha256: str
+    title: str
+    tsbench: str
+    edition: str
+    contract: str
+    city: str
+    split: str
+    planner: PlannerInfo
+    device: str
+    arithmetic: dict[str, Any]
+    isolated: bool
+    mask_signs: bool
+    perception: PerceptionLevel | None
+    figures: tuple[Figure, ...] | None
+    episodes: tuple[Episode, ...]
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Of what runs episodes: as `Setup` takes them."""
+        return {} if self.perception is None else {"perception": asdict(self.perception)}
+
+
+def claim_of(path: Path) -> Claim:
+    """What a submission says. Raises InputError as `read_submission` does."""
+    s = read_submission(path)
+    return Claim(
+        path=path, sha256=_sha256(path), title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
+        city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
+        isolated=s.isolation is not None, mask_signs=False,
+        perception=s.perception, figures=s.figures, episodes=s.episodes,
+    )  # fmt: skip
+
+
+def claims_of(folder: Path) -> list[Claim]:
+    """What a run says of each of its planners, in its order, as far as it has got. Raises InputError for no run."""
+    run = read_run(folder)
+    path = folder / "episodes.parquet"
+    told = events_of(folder)
+    m, effective = run.manifest, run.manifest["effective"]
+    return [
+        Claim(
+            path=path, sha256=_sha256(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
+            edition=run.edition, contract=run.contract, city=city_of(m), split=str(effective["split"]), planner=info,
+            device=str(effective["device"]), arithmetic=m["arithmetic"],
+            isolated=bool(effective.get("isolate", False)), mask_signs=bool(effective["mask_signs"]),
+            perception=level_of(run),
+            figures=None, episodes=episodes_of(run, info, told),
+        )
+        for info in planners_of(m)
+    ]  # fmt: skip
+
+
+def level_of(run: StoredRun) -> PerceptionLevel | None:
+    """How plates reached a run's planners, None: exactly. Raises InputError for a malformed level."""
+    told = run.manifest["effective"].get("perception")
+    try:
+        return None if told is None else from_plain(PerceptionLevel, told)
+    except ValueError as error:
+        raise InputError(f"{run.path}: perception: {error}") from None
+
+
+Events = Mapping[tuple[str, str], list[dict[str, object]]]
+
+
+def events_of(folder: Path) -> Events:
+    """The violations of a run, by planner and scenario_id."""
+    events: dict[tuple[str, str], list[dict[str, object]]] = {}
+    for event in read_table(folder / "violations.parquet").to_pylist():
+        events.setdefault((event["planner"], event["scenario_id"]), []).append(event)
+    return events
+
+
+def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[Episode, ...]:
+    """A planner's episodes in a run, with their digests, sorted by scenario_id."""
+    rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
+    if not rows:
+        raise InputError(f"{run.path}: no episode of {info.name} yet")
+    return tuple(episode_of(row, events.get((info.name, row["scenario_id"]), ())) for row in rows)
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,167 @@
+"""Failures of submissions that can be watched: which ones, and what the page's player shows of them.
+
+Traces lie in a folder beside a submission, named as it (`mine-dev.json`, `mine-dev.traces/`); it is a run's folder of
+one planner's traces, or some files of it. A trace is shown where it has, judged again, the verdict of the submission.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.paths import using_city
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.trace import read_trace, trace_path
+from tsbench.leaderboard.rows import Row
+from tsbench.leaderboard.submission import Episode, Submission, episode_of
+from tsbench.report.page.episode import EpisodePacker
+from tsbench.report.page.packing import pack_table
+from tsbench.report.page.report import Embedded
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.tools.rescore import Judge
+
+_COLUMNS: tuple[dict[str, Any], ...] = (
+    {"name": "planner", "label": "driven", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
+    {"name": "half", "label": "half", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "failure", "label": "failure", "kind": "text", "filter": "choice",
+     "title": "the clause that was violated, or how the drive ended"},
+    {"name": "told", "label": "what happened", "kind": "text", "minor": True, "wide": True},
+    {"name": "scenario_id", "label": "scenario", "kind": "text", "minor": True},
+    {"name": "playable", "label": "player", "kind": "flag", "hidden": True},
+    {"name": "partner", "label": "other half", "kind": "number", "hidden": True},
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Shown:
+    """blobs: of the page, with the table that opens the players; none where there is no trace. count: of failures."""
+
+    blobs: dict[str, bytes]
+    count: int
+
+
+def failure_of(episode: Episode) -> str:
+    """The name of what failed in an episode that failed: the first of its clauses, or how it ended."""
+    return episode.clauses[0] if episode.clauses else episode.outcome
+
+
+def telling(episodes: Sequence[Episode], most: int) -> list[Episode]:
+    """At most so many failures: of the most frequent ones first, each kind in its turn."""
+    kinds: dict[str, list[Episode]] = {}
+    for episode in episodes:
+        if not episode.scd:
+            kinds.setdefault(failure_of(episode), []).append(episode)
+    queues = [kinds[name] for name in sorted(kinds, key=lambda name: (-len(kinds[name]), name))]
+    turns = zip_longest(*queues)
+    return [episode for turn in turns for episode in turn if episode is not None][:most]
+
+
+def traces_beside(path: Path) -> Path:
+    """The folder for the traces of a submission."""
+    return path.with_suffix(".traces")
+
+
+def copy_traces(run: Path, submission: Submission, path: Path, most: int) -> int:
+    """Copy the traces of the most telling failures of a run beside its submission at `path`; how many there are.
+
+    With each that of the other half of its pair, where the run has it. Raises InputError.
+    """
+    with using_city(submission.city):
+        specs = {spec.scenario_id: spec for spec in read_table(table_path(submission.split))}
+    beside = traces_beside(path)
+
+    def trace(episode: Episode) -> Path:
+        return trace_path(run, submission.planner.name, episode.scenario_id)
+
+    with io_errors_as_input_errors(beside):
+        beside.mkdir(parents=True, exist_ok=True)
+        chosen = list(_chosen(submission, specs, most, trace))
+        for episode in chosen:
+            write_atomic(beside / trace(episode).name, trace(episode).read_bytes())
+    return len(chosen)
+
+
+def show_failures(rows: Sequence[Row], labels: Sequence[str], most: int) -> Shown:
+    """The most telling failures of each submission that have a trace, with the other half of each pair that has one.
+
+    labels: of the submissions. most: failures of each; halves beside them are not counted. Raises InputError for a
+    trace that cannot be read, or is not of what was submitted.
+    """
+    found, packed = _Table(), Embedded()
+    for row, label in zip(rows, labels, strict=True):
+        if not row.checked or not traces_beside(row.path).is_dir():
+            continue
+        with using_city(row.submission.city):
+            _add(row, label, most, found, packed)
+    if not packed.rows:
+        return Shown({}, 0)
+    return Shown({"episodes": found.packed(), **packed.blobs}, len(packed.rows))
+
+
+class _Table:
+    """Rows of the table that opens the players."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, list[Any]] = {column["name"]: [] for column in _COLUMNS}
+        self._halves: dict[tuple[str, str], int] = {}
+
+    def add(self, label: str, spec: ScenarioSpec, failure: str, told: str) -> int:
+        """A new row; its number."""
+        number = len(self._values["planner"])
+        row = {
+            "planner": label, "scenario_type": spec.pair_type, "half": spec.half, "failure": failure, "told": told,
+            "scenario_id": spec.scenario_id, "playable": True, "partner": None,
+        }  # fmt: skip
+        for name, value in row.items():
+            self._values[name].append(value)
+        other = self._halves.setdefault((label, spec.pair_name), number)
+        if other != number:
+            self._values["partner"][number], self._values["partner"][other] = other, number
+        return number
+
+    def packed(self) -> bytes:
+        return pack_table(_COLUMNS, self._values)
+
+
+def _add(row: Row, label: str, most: int, table: _Table, packed: Embedded) -> None:
+    s = row.submission
+    specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
+    judge, packer = Judge(load_catalog()), EpisodePacker()
+
+    def trace_of(episode: Episode) -> Path:
+        return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name
+
+    for episode in _chosen(s, specs, most, trace_of):
+        path = trace_of(episode)
+        trace = read_trace(path)
+        if trace.spec != specs[episode.scenario_id]:
+            raise InputError(f"{path}: is of another scenario than {episode.scenario_id}")
+        record, events = judge.record(trace, s.planner.privileged)
+        if (now := episode_of(record, events)).verdict != episode.verdict:
+            raise InputError(f"{path}: its verdict is {now.verdict}, as submitted {episode.verdict}")
+        told = next((str(event["sentence"]) for event in events if event["target"]), "")
+        failure = "" if episode.scd else failure_of(episode)
+        number = table.add(label, trace.spec, failure, told)
+        packed.take(number, packer.pack(path, (s.planner.name, episode.scenario_id)), sys.maxsize)
+
+
+def _chosen(
+    submission: Submission, specs: Mapping[str, ScenarioSpec], most: int, trace: Callable[[Episode], Path]
+) -> Iterator[Episode]:
+    """Failures that have a trace, each with the other half of its pair, signed halves first."""
+    # Of an error outcome no record follows from the trace.
+    there = [e for e in submission.episodes if not Outcome(e.outcome).is_error and trace(e).is_file()]
+    pairs: dict[str, list[Episode]] = {}
+    for episode in sorted(there, key=lambda e: specs[e.scenario_id].half != SIGNED):
+        pairs.setdefault(specs[episode.scenario_id].pair_name, []).append(episode)
+    for name in dict.fromkeys(specs[e.scenario_id].pair_name for e in telling(there, most)):
+        yield from pairs[name]

@@ -1,0 +1,150 @@
+"""Rows of the leaderboard: submissions below a folder, each with the verifications of it, checked as they are read."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.paths import using_city
+from tsbench.core.provenance import digest
+from tsbench.core.textfile import read_json
+from tsbench.leaderboard.submission import KIND as SUBMISSION
+from tsbench.leaderboard.submission import Figure, Submission, figures_of, problem_of_level, read_submission
+from tsbench.leaderboard.verify import KIND as VERIFICATION
+from tsbench.leaderboard.verify import Verification, read_verification
+from tsbench.metrics.records import PAIRED, SIGNED_ONES
+from tsbench.run.contract import contract_hash
+from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.signs.catalog import load_catalog
+
+_SHORT = 8
+
+
+@dataclass(frozen=True)
+class Row:
+    """A submission as the site shows it. path: of its file; checked: its figures were computed again here."""
+
+    submission: Submission
+    path: Path
+    sha256: str
+    checked: bool
+    verifications: list[Verification] = field(default_factory=list)
+
+    @property
+    def refuted(self) -> bool:
+        return any(not found.confirmed for found in self.verifications)
+
+    @property
+    def flags(self) -> list[str]:
+        s = self.submission
+        told = {
+            "floor": s.planner.floor,
+            "third-party": s.third_party,
+            "isolated": s.isolation is not None and bool(s.isolation.get("namespaces")),
+            "shared process": s.isolation is None,
+            "privileged": s.planner.privileged,
+            "reads no plates": not s.planner.sign_access and not s.planner.floor,
+        }
+        return [name for name, holds in told.items() if holds]
+
+    @property
+    def planner_id(self) -> str:
+        """Equal for submissions of one planner: by name, code and weights. Where nothing is hashed, each is its own."""
+        p = self.submission.planner
+        hashes = [p.code_sha256, p.weights_sha256]
+        return digest([p.name, *(hashes if any(hashes) else [self.sha256])])[:_SHORT]
+
+    @property
+    def page(self) -> str:
+        """File name of the page of its planner."""
+        name = re.sub(r"[^A-Za-z0-9]+", "-", self.submission.planner.name).strip("-").lower() or "planner"
+        return f"{name}-{self.planner_id}.html"
+
+    @property
+    def anchor(self) -> str:
+        """Where on that page it stands."""
+        return f"s-{self.sha256[:_SHORT]}"
+
+    @property
+    def data_set(self) -> tuple[str, str, str]:
+        """Edition, split, contract: what rows must have in common to be compared."""
+        return self.submission.edition, self.submission.split, self.submission.contract
+
+    @property
+    def level_rank(self) -> tuple[float, str, str]:
+        """Of its perception level: exact first, then by the share that is read right. Equal for equal levels only."""
+        level = self.submission.perception
+        return (-2.0, "", "") if level is None else (-level.right, level.name, digest(asdict(level)))
+
+    def figure(self, name: str, over: str = "all") -> Figure | None:
+        return next((f for f in self.submission.figures if (f.figure, f.over) == (name, over)), None)
+
+    @property
+    def primary(self) -> Figure | None:
+        """Paired SCD; of a data set without pairs signed SCD."""
+        return self.figure(PAIRED) or self.figure(SIGNED_ONES)
+
+    @property
+    def rank_by(self) -> tuple[bool, float, str]:
+        """Refuted rows last, then by the primary figure."""
+        first = self.primary
+        value = -1.0 if first is None or first.value is None else first.value
+        return self.refuted, -value, self.submission.title
+
+
+def latest(rows: Iterable[Row]) -> Row:
+    """The row to show where a planner was submitted more than once: one that nobody refuted, then the last."""
+    return max(rows, key=lambda row: (not row.refuted, row.submission.finished, row.sha256))
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """All submissions below a folder with their verifications.
+
+    Raises InputError: no such folder, a JSON file of another kind, a verification of no submission that is there, or a
+    submission whose figures do not follow from its episodes (where its data are here).
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of submissions")
+    rows: dict[str, Row] = {}
+    records: list[tuple[Path, Verification]] = []
+    for path in sorted(folder.rglob("*.json")):
+        data = read_json(path, "submission or record of a verification")
+        kind = data.get("kind") if isinstance(data, dict) else None
+        if kind == SUBMISSION:
+            submission = read_submission(path)
+            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+            rows[sha256] = Row(submission, path, sha256, _check(path, submission))
+        elif kind == VERIFICATION:
+            records.append((path, read_verification(path)))
+        else:
+            raise InputError(f"{path}: neither a submission nor the record of a verification")
+    for path, record in records:
+        if record.submission_sha256 not in rows:
+            raise InputError(f"{path}: is of a submission that is not below {folder}, or was changed since")
+        rows[record.submission_sha256].verifications.append(record)
+    return list(rows.values())
+
+
+def _check(path: Path, submission: Submission) -> bool:
+    """Do the figures follow from the episodes? False where the data of its contract are not here."""
+    with using_city(submission.city):
+        if submission.split not in splits_there():
+            return False
+        table = read_table(table_path(submission.split))
+        if contract_hash(table, load_catalog()) != submission.contract:
+            return False
+        found = figures_of(submission.episodes, table, submission.planner, submission.contract)
+    if problem := problem_of_level(submission.perception):
+        raise InputError(f"{path}: {problem}")
+    if found != submission.figures:
+        wrong = next(
+            (f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number"
+        )
+        raise InputError(
+            f"{path}: its figures do not follow from its episodes ({wrong}): it is no submission of tsbench"
+        )
+    return True
