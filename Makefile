@@ -20,13 +20,9 @@ run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
-# A part for each folder, with workers of its own, or every one would hold what draws and what learns beside all else:
-# they stay below 700 MB (tests/helpers/memory_guard.py).
-LARGE := tests/learn tests/planners tests/report
-TESTS := $(filter-out %/__pycache__/ %/cases/ %/helpers/ tests/planners/data/ $(LARGE:=/),$(wildcard tests/*/ $(LARGE:=/*/)))
-PYTEST = $(BIN)/pytest -n $(WORKERS) --dist worksteal
+# TEST_ARGS: for example tests/rules, or "-k stop".
 test: setup
-	for part in $(TESTS) "$(wildcard tests/test_*.py $(LARGE:=/test_*.py))"; do $(PYTEST) $$part || exit; done
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(TEST_ARGS)
 
 # All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
 # masked, an entrant from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and

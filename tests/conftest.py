@@ -12,7 +12,7 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.sim.sumo import Simulation
 
-pytest_plugins = ["browsing", "own_process"]
+pytest_plugins = ["browsing"]
 
 settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")

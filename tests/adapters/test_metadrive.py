@@ -189,7 +189,6 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 def test_it_drives_as_published_and_the_same_again(wheel: Path) -> None:
     rows = [
         row

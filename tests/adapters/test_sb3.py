@@ -29,7 +29,6 @@ from tsbench.scenarios.table import read_table, table_path
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
-pytestmark = pytest.mark.own_process
 PLAIN = {"action": None, "hold": 1, "draws": False, "name": "Policy"}
 
 

@@ -18,7 +18,6 @@ TYPES = ("speed_limit", "stop")
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 def test_both_judges_agree_on_drives_that_keep_and_break_limits_and_stops(tmp_path: Path) -> None:
     if not (JUDGE / "crmonitor").is_dir():
         pytest.skip(

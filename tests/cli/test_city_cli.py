@@ -32,7 +32,6 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     osm = ("--osm", str(clone / "osm"), "--types", "yield", "--types", "roundabout", "--workers", "1")
     built = call(capsys, "city", "build", "nowhere", *osm)
@@ -87,7 +86,6 @@ def described(clone: Path, name: str, content: bytes, **more: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 def test_a_town_with_traffic_on_the_left(
     clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,7 +135,6 @@ def test_a_town_with_traffic_on_the_left(
         DriveEnv(split="dev")
 
 
-@pytest.mark.own_process
 def test_a_city_without_any_scene_says_why_in_one_line(
     clone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,7 +147,6 @@ def test_a_city_without_any_scene_says_why_in_one_line(
     assert not (clone / "cities" / "data" / "motorway" / "edition.yaml").exists()
 
 
-@pytest.mark.own_process
 def test_an_extract_in_the_next_zone_says_which_to_write(
     clone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

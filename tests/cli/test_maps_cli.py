@@ -35,7 +35,6 @@ def test_convert_says_what_is_wrong(tmp_path: Path) -> None:
         call("convert", str(tmp_path / "none.osm"), "--out", str(tmp_path / "one.net.xml"))
 
 
-@pytest.mark.own_process
 def test_stats_of_the_committed_pool(tmp_path: Path) -> None:
     said = call("stats", "--png", str(tmp_path / "map.png"))
     assert "Maps by family and shape" in said
@@ -47,7 +46,6 @@ def test_harvest_of_an_empty_folder(tmp_path: Path) -> None:
         call("harvest", "--osm", str(tmp_path), "--out", str(tmp_path / "pool.parquet"))
 
 
-@pytest.mark.own_process
 def test_show_of_an_unknown_map(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="j-nowhere-0: no such map"):
         call("show", "j-nowhere-0", "--out", str(tmp_path / "x.png"))

@@ -25,7 +25,6 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 @pytest.mark.parametrize("file", sorted(BUILT))
 def test_an_odd_extract_ends_in_a_data_set_or_in_a_line(
     file: str, clone: Path, capsys: pytest.CaptureFixture[str]

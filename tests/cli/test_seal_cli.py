@@ -14,7 +14,7 @@ from town_clone import call, town_clone
 
 from tsbench.dataset.seeds import SECRET, rng_of, root_sequence, seed_of, using_secret
 
-pytestmark = [pytest.mark.slow, pytest.mark.own_process]
+pytestmark = pytest.mark.slow
 WITH = ("--types", "yield", "--workers", "1")
 
 

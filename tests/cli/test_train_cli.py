@@ -8,7 +8,6 @@ import pytest
 from command_line import in_process, refused
 
 
-@pytest.mark.own_process
 def test_a_fine_tuning_without_drives_or_base_is_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -30,7 +29,6 @@ def test_measure_refuses_what_is_not_there(capsys: pytest.CaptureFixture[str], t
     )
 
 
-@pytest.mark.own_process
 def test_measure_says_how_weights_drive_by_type(capsys: pytest.CaptureFixture[str]) -> None:
     """tsbench's own weights keep limits on maps that they were not made from; who always halts does not arrive."""
     train = in_process("train", capsys)

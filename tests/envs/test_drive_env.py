@@ -53,10 +53,9 @@ def test_gymnasiums_checker_passes(kind: str) -> None:
     made.close()
 
 
-@pytest.mark.own_process
 @pytest.mark.filterwarnings("ignore")
 def test_the_checker_of_stable_baselines_passes() -> None:
-    from stable_baselines3.common.env_checker import check_env as check  # brings torch: a process of its own
+    from stable_baselines3.common.env_checker import check_env as check
 
     for kind in ("vector", "bev", "objects"):
         made = gymnasium.make(DRIVE, split="test", observation=kind)

@@ -224,7 +224,6 @@ def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
     return hashes
 
 
-@pytest.mark.own_process
 def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> None:
     pair = next(r.pair_id for r in read_table(table_path("dev")) if r.scenario_type == "speed_limit")
     names = [
@@ -247,7 +246,6 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
     assert told == tuple(from_plain(Told, asdict(one)) for one in told)
 
 
-@pytest.mark.own_process
 def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:
     row = next(r for r in read_table(table_path("dev")) if r.scenario_type == "yield")
     runner = EpisodeRunner(resolve("idm"))

@@ -16,7 +16,6 @@ from tsbench.core.files import sha256_of
 
 ROOT = Path(__file__).resolve().parents[2]
 DAY = datetime.date(2026, 11, 24)
-pytestmark = pytest.mark.own_process
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tsbench.dataset.maps.stats import count_tables, draw_pool
 from tsbench.geometry.angles import wrap_deg
 from tsbench.scenarios.map_pool import SLOTS, PoolRow, read_pool
-from tsbench.dataset.maps.stats import count_tables, draw_pool
 
 POOL = Path(__file__).resolve().parents[2] / "sumo_nets" / "pool.parquet"
 

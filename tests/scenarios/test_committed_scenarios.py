@@ -11,22 +11,21 @@ import pytest
 from simworld import simulation
 
 from tsbench.core.benchmark import MAPS, VARIANTS_OF
-from tsbench.scenarios.map_pool import pool_file
-from tsbench.scenarios.map_pool import PoolRow, read_pool
-from tsbench.dataset.scenes.build import APART_M, stratum_of
-from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.core.seeds import seed_of
-from tsbench.run.edition import editions
-from tsbench.scenarios.editions import scene_editions
-from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.dataset.city import load_city
+from tsbench.dataset.scenes.build import APART_M, stratum_of
+from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.split import split_pool
-from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.dataset.scenes.verify import verify_pairs, verify_rows, verify_split
+from tsbench.run.edition import editions
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
+from tsbench.scenarios.editions import scene_editions
+from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.scenarios.store import SceneStore, store_path
+from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 

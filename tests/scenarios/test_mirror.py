@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import math
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,28 +12,20 @@ import pytest
 from drives_in_mirror import MIRROR, compared, evidence
 from simworld import cross_plain
 
-from tsbench import Control
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, MIRRORED, OWN_CITY, dataset_root, using_city
+from tsbench.core.paths import CITY, OWN_CITY, dataset_root, using_city
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.lint import lint_scene
-from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.result import EpisodeResult
-from tsbench.episode.runner import EpisodeLoop
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
-from tsbench.planners.registry import resolve
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.rules.events import Violation
 from tsbench.scenarios.mirror import mirrored_network, mirrored_row
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.mirror import mirrored_code
 from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.signs.plates import plate_rgba
 from tsbench.sim.scene import SceneFile
-from tsbench.sim.world import ActorKind, WorldSnapshot
 
 # Two drivers who look at no side: one who obeys, and one whose drives break most rules.
 DRIVERS = ("idm-e", "idm")
@@ -45,7 +36,6 @@ def own_city(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(CITY, raising=False)
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize("name", DRIVERS)
 def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: str) -> None:
     """All types, both halves: tick by tick the same world, the same outcome, the same events."""

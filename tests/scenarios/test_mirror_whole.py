@@ -1,4 +1,4 @@
-"""The test split in the mirror, one pair of each map (`make mirrored`): as `test_mirror.py`, on ten times the scenes."""
+"""One pair of each test map in the mirror (`make mirrored`): as `test_mirror.py`, on ten times the scenes."""
 
 from __future__ import annotations
 

@@ -162,7 +162,9 @@ def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> No
 
 
 def test_no_table(tmp_path: Path) -> None:
-    assert "no such table (tsbench data fetch --from DIR|URL train brings" in refuse(tmp_path / "train.parquet")
+    assert "no such table (tsbench data fetch --from DIR|URL train brings" in refuse(
+        tmp_path / "train.parquet"
+    )
 
 
 def pair(number: int) -> list[ScenarioSpec]:

@@ -11,14 +11,14 @@ import pytest
 from simworld import SceneMaker, plate
 
 from tsbench.core.errors import InputError
+from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.dataset.scenes.verify import verify_rows
+from tsbench.roads.destination import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
-from tsbench.dataset.scenes.verify import verify_rows
-from tsbench.sim.scene import (EgoStart)
-from tsbench.roads.destination import Destination
-from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.sim.scene import EgoStart
 
 
 @pytest.fixture
@@ -124,5 +124,7 @@ def test_a_row_of_an_unknown_type(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     odd = replace(spec, scenario_type="fly")
     counted: list[int] = []
-    assert verify_rows([odd, spec], SceneLoader(SceneFolder(root)), counted.append) == [("one", "unknown scenario type 'fly'")]
+    assert verify_rows([odd, spec], SceneLoader(SceneFolder(root)), counted.append) == [
+        ("one", "unknown scenario type 'fly'")
+    ]
     assert counted == [1, 2]

@@ -14,16 +14,18 @@ from hypothesis import strategies as st
 from simworld import SceneMaker, plate, store_scenes
 
 from tsbench.core.errors import InputError
+from tsbench.core.xmlfile import sha256
+from tsbench.roads.destination import Destination
 from tsbench.scenarios import store as store_module
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import MOST_BYTES, SCHEMA, SceneStore, store_path, write_store
-from tsbench.sim.scene import (EgoStart)
-from tsbench.roads.destination import Destination
-from tsbench.core.xmlfile import sha256
+from tsbench.sim.scene import EgoStart
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=12)
-MAPS = st.dictionaries(NAMES, st.dictionaries(NAMES, st.binary(max_size=300), min_size=1, max_size=5), max_size=7)
+MAPS = st.dictionaries(
+    NAMES, st.dictionaries(NAMES, st.binary(max_size=300), min_size=1, max_size=5), max_size=7
+)
 
 
 @pytest.fixture
@@ -52,7 +54,6 @@ def refuse(root: Path, spec: ScenarioSpec) -> str:
     return str(told.value)
 
 
-@pytest.mark.own_process
 @given(maps=MAPS)
 def test_what_is_written_is_read_and_always_the_same_bytes(
     maps: dict[str, dict[str, bytes]], tmp_path_factory: pytest.TempPathFactory
@@ -111,7 +112,9 @@ def test_a_store_that_is_not_there(made: ScenarioSpec, tmp_path: Path) -> None:
 
 def test_a_map_and_a_file_that_a_store_does_not_have(made: ScenarioSpec, tmp_path: Path) -> None:
     path = store_path("test", "yield", tmp_path)
-    assert refuse(tmp_path, replace(made, map_id="gone")).endswith(f"{path / made.additional}: no such scene file")
+    assert refuse(tmp_path, replace(made, map_id="gone")).endswith(
+        f"{path / made.additional}: no such scene file"
+    )
     assert refuse(tmp_path, replace(made, net="gone")).endswith(f"{path / 'gone'}: no such scene file")
 
 
@@ -121,14 +124,16 @@ def test_changed_content_and_a_size_that_is_not_so(made: ScenarioSpec, tmp_path:
     place = table["name"].index(made.additional)
     contents = [c.replace(b"13.89", b"13.98") for c in table["content"]]
     rewrite(tmp_path, made, {"content": contents})
-    assert refuse(tmp_path, made) == f"{path / made.net}: is not the file that row stored names (SHA-256 differs)"
+    assert (
+        refuse(tmp_path, made)
+        == f"{path / made.net}: is not the file that row stored names (SHA-256 differs)"
+    )
     sizes = [n + (k == place) for k, n in enumerate(table["size"])]
     rewrite(tmp_path, made, {"content": table["content"], "size": sizes})
     told = f"has {sizes[place] - 1} bytes, not the {sizes[place]} that it says"
     assert refuse(tmp_path, made) == f"{path / made.additional}: {told}"
 
 
-@pytest.mark.own_process
 def test_what_would_unpack_to_too_much_is_not_unpacked(
     made: ScenarioSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,6 @@ from tsbench.tools import bench_isolation
 from tsbench.tools.bench_isolation import Price
 
 
-@pytest.mark.own_process
 def test_it_measures_both_ways_and_leaves_the_process_where_it_may_run(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

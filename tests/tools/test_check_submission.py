@@ -58,7 +58,6 @@ def check(spec: str) -> dict[str, Finding]:
     return by_topic(subject.check_submission(spec, 2, "dev", lambda _: None))
 
 
-@pytest.mark.own_process
 def test_a_planner_that_may_be_submitted_has_no_problem(spec: str, released: None) -> None:
     found = check(f"{spec}:Steady")
     assert {finding.level for finding in found.values()} <= {Level.OK, Level.NOTE}
@@ -67,7 +66,6 @@ def test_a_planner_that_may_be_submitted_has_no_problem(spec: str, released: Non
     assert found["determinism"].level is found["code"].level is Level.OK
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize("name", ["Dice", "Remembers"])
 def test_other_commands_on_the_same_scene_are_a_problem(spec: str, name: str, released: None) -> None:
     found = check(f"{spec}:{name}")

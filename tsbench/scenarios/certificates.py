@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
 from tsbench.core.paths import dataset_file, mirrored_in_use
+from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
@@ -37,9 +37,10 @@ class Certificate:
     asked_density, realised_density: moving cars per lane-km (0 without traffic). road_users: how many others the
     tempted driver met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
     agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
-    broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`): a certificate of another basis
-    says nothing. code: SHA-256 of the code that drove them last; other code voids nothing, it may be asked to prove them
-    again. reproduced: another process, maybe with other code or on another machine, found the same (None = not tried).
+    broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`); one of another
+    basis says nothing. code: SHA-256 of the code that drove them last. Other code does not void a certificate, but may
+    be asked to prove it again. reproduced: another process, maybe with other code or on another machine, found the same
+    (None = not tried).
     Of a pair, in both its rows, None where there is none: exclusive: neither half's certified commands pass in the
     other half. passed_by: who passes both halves without reading a plate, "" = nobody who was tried. blind_equal: the
     first view of the halves is the same bytes but for what the plates say. differs_s: time from which on others do

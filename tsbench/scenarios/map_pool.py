@@ -11,8 +11,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from tsbench.core.paths import dataset_file
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, read_rows, save_rows
+from tsbench.core.paths import dataset_file
 
 SCHEMA_VERSION = 1
 FAMILIES = ("junction", "roundabout", "dual_path", "corridor")

@@ -172,7 +172,6 @@ def prepared(
     return fine_tuning(recipe, rows), Place(out, "cpu", 1, 10**9)
 
 
-@pytest.mark.own_process
 def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
 ) -> None:
@@ -197,7 +196,6 @@ def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     )
 
 
-@pytest.mark.own_process
 def test_a_masked_training_is_of_another_network_and_refuses_the_others_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
 ) -> None:

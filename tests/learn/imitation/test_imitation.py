@@ -145,7 +145,6 @@ def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec
     return recipe, Place(out, "cpu", 1, 10**9)
 
 
-@pytest.mark.own_process
 def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
@@ -188,7 +187,6 @@ def breaking(subject: Callable[..., Any], call: int) -> Callable[..., Any]:
     return breaks
 
 
-@pytest.mark.own_process
 def test_it_goes_on_within_a_window_and_after_a_broken_validation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:
@@ -210,7 +208,6 @@ def test_it_goes_on_within_a_window_and_after_a_broken_validation(
     assert sum("batch" in line for line in said) == 24
 
 
-@pytest.mark.own_process
 def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> None:
     recipe, place = prepared(tmp_path, monkeypatch, rows)
     said: list[str] = []
@@ -219,7 +216,6 @@ def test_it_learns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[S
     assert speeds[-1] < 0.8 * speeds[0]
 
 
-@pytest.mark.own_process
 def test_another_training_is_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
 ) -> None:

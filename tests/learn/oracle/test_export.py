@@ -64,10 +64,9 @@ def test_both_halves_come_out_as_they_were_driven(tmp_path: Path) -> None:
     assert sorted(found.values(), key=str) == [{"contrast"}, {"signed"}]
 
 
-@pytest.mark.own_process
 def test_the_guides_data_set_gives_drives(tmp_path: Path) -> None:
     """The lines of docs/oracle.md as they stand there, and PyTorch's loader over them."""
-    import torch  # large: in a process of its own
+    import torch
 
     guide = (Path(__file__).resolve().parents[3] / "docs" / "oracle.md").read_text(encoding="utf-8")
     (lines,) = re.findall(r"```python\n(import numpy.*?class Ticks.*?)```", guide, re.S)

@@ -14,7 +14,6 @@ from tsbench.learn.oracle.select import select
 from tsbench.scenarios.spec import ScenarioSpec
 
 
-@pytest.mark.own_process
 def test_a_collection_begins_again_from_its_tables(full: Path, rows: list[ScenarioSpec]) -> None:
     """Other experts may be added; what was there is chosen from again, to the same bytes."""
     made = full / "made"

@@ -173,7 +173,6 @@ def collected(out: Path, workers: int) -> list[str]:
     return said.getvalue().splitlines()
 
 
-@pytest.mark.own_process
 def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
     """A journal that ends in the middle of a line, then other workers: the same bytes, and every drive replays."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"

@@ -186,7 +186,6 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         select(folder, full / "oracle.parquet", allow_partial=False)
 
 
-@pytest.mark.own_process
 def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> None:
     """Coverage over the whole split, shares by expert, all files."""
     select(full / "c", full / "oracle.parquet", allow_partial=False)

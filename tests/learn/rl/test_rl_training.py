@@ -49,7 +49,6 @@ def policy(planner: str) -> Any:
     return made
 
 
-@pytest.mark.own_process
 def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     made = policy("ppo")
     save_weights("ppo", tmp_path, actor_tensors("ppo", made), {})
@@ -64,7 +63,6 @@ def test_the_exported_mlp_acts_as_the_trained_one(tmp_path: Path) -> None:
     assert network("ppo", tmp_path).parameters == 275 * 256 + 256 + 256 * 256 + 256 + 256 * 2 + 2 + 2
 
 
-@pytest.mark.own_process
 def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
     made = policy("carl")
     save_weights("carl", tmp_path, actor_tensors("carl", made), {})
@@ -123,7 +121,6 @@ class Still(gymnasium.Env[Any, Any]):
         return self.observation_space.sample(), float(action[0]), False, False, {}
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize("planner", ["ppo", "carl"])
 def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path) -> None:
     kind, arguments = policy_of(planner)
@@ -176,7 +173,6 @@ def dying_once(learn: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.own_process
 def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1)
     monkeypatch.setattr(rl_train, "HYPER", {"ppo": small})

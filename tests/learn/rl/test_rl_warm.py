@@ -58,7 +58,6 @@ class Mirror(gymnasium.Env[Any, Any]):
         return np.full(SIZE, self._value, dtype=np.float32)
 
 
-@pytest.mark.own_process
 def test_the_policy_learns_what_the_teacher_says() -> None:
     torch.set_num_threads(1)
     kind, arguments = policy_of("ppo")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
-import pytest
-
 from tsbench.episode.perception_level import load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
@@ -30,7 +28,6 @@ def passed(planner: str, right: float | None, kind: str = "direction_right") -> 
     return found
 
 
-@pytest.mark.own_process
 def test_who_reads_passes_both_halves_and_who_does_not_never_both() -> None:
     for planner in (READER, CAREFUL):
         assert passed(planner, None) == [True, True]

@@ -59,7 +59,6 @@ def engine(net: Plant2Network, size: str = "mini") -> Engine:
     return Engine(size, {name: value.numpy() for name, value in net.state_dict().items()})
 
 
-@pytest.mark.own_process
 def test_counts_are_the_published_ones() -> None:
     counted = {part.name: part.parameters for part in parts("medium")}
     assert counted["+ signs"] == 34 * (6 * 512 + 512)
@@ -98,7 +97,7 @@ def test_same_company_of_equals_does_not_matter_either() -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("size", ["mini", pytest.param("medium", marks=pytest.mark.own_process)])
+@pytest.mark.parametrize("size", ["mini", "medium"])
 def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: str) -> None:
     net = made(kind, size)
     infer = engine(net, size)
@@ -185,7 +184,6 @@ def test_on_a_cpu_no_planner_imports_torch(name: str) -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-@pytest.mark.own_process
 def test_the_list_prints_counts_beside_the_published_ones() -> None:
     printed = CliRunner().invoke(planners, ["list", "--parts"]).output
     rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}

@@ -17,7 +17,6 @@ from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo
 
 # Ray is large: it is imported where it is needed, in processes of their own.
-pytestmark = pytest.mark.own_process
 WHO = PlannerInfo("fake", "fake", False, False, (), None, None)
 SETUP = Setup((WHO,), False, "cpu", "none", "/nowhere", "test", "")
 

@@ -40,7 +40,6 @@ def digests(folder: Path) -> dict[str, Episode]:
     }
 
 
-@pytest.mark.own_process
 def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
     kinds = ("yield", "crosswalk", "detour_either", "speed_limit", "no_entry")
     for name, isolate in (("together", False), ("apart", True)):
