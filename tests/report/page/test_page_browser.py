@@ -175,7 +175,7 @@ def test_lights_and_names_of_others(chromium: Browser, report: Path) -> None:
 def test_the_legend_is_open_where_there_is_room(chromium: Browser, report: Path) -> None:
     link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}"
     for size, shown in ((DESKTOP, True), (PHONE, False)):
-        with opened(chromium, report.as_uri() + link, size) as page:
+        with opened(chromium, report.as_uri() + link, size=size) as page:
             until(page, "tsb.player.episode !== null")
             assert page.is_visible("#player-legend") is shown
             told = page.text_content("#player-legend") or ""
