@@ -20,12 +20,24 @@ from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.roads.sealed import seal
 from tsbench.rules.base import Verdict
 from tsbench.rules.registry import make_monitor
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+
+KMH = 3.6
+
+
+def target_plate(
+    code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str
+) -> SignInstance:
+    """The plate that an expert is told, on all lanes of an edge, at an arc length in m."""
+    return SignInstance(
+        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, plate_params(code, params)
+    )
+
 
 DATA = Path(__file__).parents[1] / "planners" / "data"
 

@@ -20,7 +20,7 @@ from tsbench.planners.weights import load_weights, network
 
 COMMAND = (sys.executable, "-c", "from tsbench.cli import main; main()", "train")
 IMITATION = (
-    "plant2", "--episodes", "4", "--epochs", "2", "--validation", "1", "--batch", "16", "--workers", "1", "--types",
+    "plant2", "--drives", "4", "--epochs", "2", "--validation", "1", "--batch", "16", "--workers", "1", "--types",
     "speed_limit",
 )  # fmt: skip
 # `tsbench train` with rollouts of 128 decisions in place of 4,096, and a checkpoint after each.
@@ -35,10 +35,26 @@ train._CHECKPOINT_S = 0.0
 if __name__ == "__main__":
     main(["train", *sys.argv[1:]])
 """
+# `tsbench train`, killed by itself as soon as it has written a checkpoint: no test has to be quicker than it.
+KILLED = """
+import os, signal
+from tsbench.cli import main
+from tsbench.learn.imitation import trainer
+
+save = trainer.save_checkpoint
+
+def save_and_die(*arguments):
+    save(*arguments)
+    os.killpg(0, signal.SIGKILL)
+
+trainer.save_checkpoint = save_and_die
+if __name__ == "__main__":
+    main()
+"""
 REINFORCEMENT = ("ppo", "--imitation", "1", "--workers", "1", "--types", "speed_limit")
 
 
-def killed(command: tuple[str, ...], when: Callable[[], bool]) -> None:
+def kill(command: tuple[str, ...], when: Callable[[], bool]) -> None:
     """Start a command and kill it, with all its processes, as soon as `when` holds."""
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
@@ -64,9 +80,11 @@ def test_imitation_comes_to_the_weights_of_an_undisturbed_one(tmp_path: Path) ->
     said((*COMMAND, *IMITATION, "--out", str(whole)))
     # Frames are a cache: what is there is not driven again.
     shutil.copytree(whole / "frames", broken / "frames")
-    again = (*COMMAND, *IMITATION, "--out", str(broken))
-    killed(again, (broken / "checkpoint.safetensors").is_file)
-    assert "continues in epoch" in said(again)
+    killing = (sys.executable, "-c", KILLED, "train", *IMITATION, "--out", str(broken))
+    killed = subprocess.run(killing, capture_output=True, check=False, timeout=HANG_S, start_new_session=True)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert (broken / "checkpoint.safetensors").is_file()
+    assert "continues in epoch" in said((*COMMAND, *IMITATION, "--out", str(broken)))
     ours, theirs = (load_weights("plant2", folder) for folder in (broken, whole))
     assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
     assert [row["epoch"] for row in read_rows(broken / "curve.jsonl")] == [1, 2]
@@ -79,7 +97,7 @@ def test_reinforcement_goes_on_from_its_last_checkpoint(tmp_path: Path) -> None:
     script, out = tmp_path / "small.py", tmp_path / "out"
     script.write_text(SMALL, encoding="utf-8")
     command = (sys.executable, str(script), *REINFORCEMENT, "--out", str(out))
-    killed((*command, "--steps", "100000"), lambda: len(read_rows(out / "curve.jsonl")) >= 2)
+    kill((*command, "--steps", "100000"), lambda: len(read_rows(out / "curve.jsonl")) >= 2)
     steps = int(read_rows(out / "curve.jsonl")[-1]["steps"])
     told = said((*command, "--steps", str(steps + 128)))
     assert "continues at" in told

@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from planner_loop import Body, World, cones, constant, front_of, load, verdict
-from test_expert import KMH, target_plate
+from planner_loop import KMH, Body, World, cones, constant, front_of, load, target_plate, verdict
 
 import tsbench
 from tsbench.planners.base import SignView

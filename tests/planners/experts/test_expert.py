@@ -6,7 +6,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from planner_loop import Body, World, constant, front_of, ids, load, verdict
+from planner_loop import KMH, Body, World, constant, front_of, ids, load, target_plate, verdict
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
@@ -15,20 +15,8 @@ from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
-from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
-
-KMH = 3.6
-
-
-def target_plate(
-    code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str
-) -> SignInstance:
-    return SignInstance(
-        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, plate_params(code, params)
-    )
-
 
 # --- give way ---
 
