@@ -43,8 +43,8 @@ class Control:
 class Trajectory:
     """Future poses that the harness's own tracker follows.
 
-    times: (k,) s from now, increasing, first > 0. poses: (k, 3) x, y, heading of the ego's centre in the
-    world frame; they are its plan. intent: as in `Control`.
+    times: (k,) s from now, increasing, first > 0: the present pose is no part of it. poses: (k, 3) x, y, heading of the
+    ego's centre in the world frame; they are its plan. At most 1,000. intent: as in `Control`.
     """
 
     times: Array
@@ -56,8 +56,9 @@ class Trajectory:
 class SignView:
     """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
 
-    distance: m from the ego's centre in a straight line; edge, lane (order, -1 = all lanes) and position_m:
-    where its line is, on the map.
+    code: of the catalogue. value: the number that it sets (km/h), None where it sets none. x, y: where the post stands.
+    heading: direction of travel of the traffic that it faces. edge, lane (order, -1 = all lanes) and position_m: whose
+    traffic it addresses, and how far along its edge it stands. distance: m from the ego's centre in a straight line.
     """
 
     code: str
@@ -79,7 +80,8 @@ class SignView:
 class Observation:
     """Everything that a planner may see at one tick. Lanes and edges are those of the map.
 
-    ego: own state; history: (h, 4) x, y, heading, speed of the last ticks, oldest first, the present last.
+    ego: own state; history: (h, 4) x, y, heading, speed of the ego's centre at the last ticks, oldest first, the
+    present last: one row at the first tick, 20 from the twentieth on.
     route: navigation path and the ego's place on it. actors: road users within range. signs: plates within range,
     nearest first. obstacles: fixed things within range. truth: the world as it is, for experts only, else None.
     """

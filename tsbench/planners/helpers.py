@@ -48,7 +48,12 @@ class RoadAhead:
 
 
 def sign_ahead(observation: Observation, sign: SignView) -> float:
-    """Distance along the route from the ego's front to a plate's line, negative once past; inf: not on the route."""
+    """Distance along the route from the ego's front to where a plate stands, negative once past.
+
+    At a junction that is 3 m before the line that the rule judges: `tsbench.planners.sign_lines.line_ahead` has that
+    one. inf: the plate faces other traffic, or is 20 m or more beside the route. A plate of another road may be nearer
+    and is told all the same: `sign.edge in observation.route.path.edges` says whether the route leads past it.
+    """
     route = observation.route
     s, d = route.path.line.project(sign.x, sign.y)
     faces = math.cos(route.path.line.heading_at(s) - sign.heading) > 0.5

@@ -23,7 +23,9 @@ from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country
+from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, WorldSnapshot
@@ -44,11 +46,24 @@ def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, floa
 
 
 def plate_line(network: RoadNetwork, sign: SignInstance) -> Array:
-    """The cross-section of the road at which a plate begins to bind, (2, 2)."""
+    """The cross-section of the road at which a plate's rule judges the ego's front, (2, 2).
+
+    Of a junction's sign the end of its edge, each lane's own; of a pedestrian crossing the near side of its strip.
+    """
     lanes = network.edge_lanes(sign.edge)
     outer, inner, kerb = lanes[0], lanes[-1], network.to_kerb
-    at = min(sign.position_m, outer.line.length)
-    ends = outer.line.point_at(at, kerb * outer.width / 2), inner.line.point_at(at, -kerb * inner.width / 2)
+    at = min(sign.position_m, outer.line.length), min(sign.position_m, inner.line.length)
+    if load_catalog().sign(sign.code).placement.reference == "line":
+        at = outer.line.length, inner.line.length
+    elif isinstance(sign.params, CrosswalkParams):
+        crossing = network.crossings[sign.params.crossing]
+        middle = crossing.line.point_at(crossing.line.length / 2)
+        begin = outer.line.project(*middle)[0] - crossing.width / 2
+        at = begin, begin
+    ends = (
+        outer.line.point_at(at[0], kerb * outer.width / 2),
+        inner.line.point_at(at[1], -kerb * inner.width / 2),
+    )
     return np.array(ends)
 
 

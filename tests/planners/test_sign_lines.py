@@ -1,0 +1,156 @@
+"""Where plates and their lines are for a planner, against the monitors, in the dev split's nominal scenes."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from simworld import simulation
+
+from tsbench.episode.runner import EpisodeLoop
+from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.idm import Idm
+from tsbench.planners.sign_lines import line_ahead
+from tsbench.rules.lines import ApproachLine
+from tsbench.rules.registry import Unbound
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import EGO_LENGTH_M, EgoState
+
+TICKS = range(0, 200, 10)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A plate as it is told at one tick. judged: m from the front to the line as the monitor of the target has it."""
+
+    scenario: str
+    sign: SignView
+    reference: str
+    on_route: bool
+    ahead: float
+    line: float
+    place: float
+    judged: float | None
+
+
+def judged(monitor: Any, ego: EgoState) -> float | None:
+    """Metres from the ego's front to where a monitor begins to judge; None where the ego does not drive there.
+
+    None too where the target of a contrast scene binds nobody who is watched.
+    """
+    if isinstance(monitor, Unbound):
+        return None
+    line: Any = getattr(monitor, "line", getattr(monitor, "_line", None))
+    if isinstance(line, ApproachLine):
+        return line.to_go(ego)
+    zone = getattr(monitor, "_zone", None)
+    road = monitor._road if zone is None else zone.road
+    begins = (getattr(monitor, name, None) for name in ("_line", "_plate", "_begin"))
+    begin: float = zone.start if zone is not None else next(at for at in begins if at is not None)
+    front: float | None = road.front(ego)
+    return None if front is None else begin - front
+
+
+def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
+    planner, moments = Idm(), loop.play(row, "idm")
+    context = next(moments)
+    assert isinstance(context, PlannerContext)
+    planner.reset(context)
+    moment: object = moments.send(None)
+    episode = loop.episode
+    assert episode is not None
+    target = episode.scene.target_sign
+    for tick in range(TICKS.stop):
+        o = moment
+        assert isinstance(o, Observation)
+        for sign in o.signs if tick in TICKS else ():
+            own = (sign.x, sign.y, sign.code) == (target.x, target.y, target.code)
+            yield Look(
+                row.scenario_id, sign, load_catalog().sign(sign.code).placement.reference,
+                sign.edge in o.route.path.edges, sign_ahead(o, sign), line_ahead(context, o, sign),
+                _place(context, o, sign),
+                judged(episode.monitors.target, episode.snapshots[-1].ego) if own else None,
+            )  # fmt: skip
+        try:
+            moment = moments.send(planner.act(o))
+        except StopIteration:
+            return
+    moments.close()
+
+
+def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
+    """Where `edge` and `position_m` put a plate, along the route from the ego's front."""
+    lanes = [context.network.lanes[piece.lane] for piece in o.route.path.pieces]
+    lane = next((lane for lane in lanes if lane.edge == sign.edge), None)
+    if lane is None:
+        return math.nan
+    return o.route.path.line.project(*lane.line.point_at(sign.position_m))[0] - o.route.s - EGO_LENGTH_M / 2
+
+
+@pytest.fixture(scope="module")
+def looks() -> list[Look]:
+    loop = EpisodeLoop(simulation=simulation())
+    rows = [row for row in read_table(table_path("dev")) if row.variant == 0]
+    return [look for row in rows for look in looks_of(loop, row)]
+
+
+def test_sign_ahead_is_the_way_to_the_plates_place(looks: list[Look]) -> None:
+    far = [look for look in looks if look.on_route and abs(look.ahead - look.place) > 0.1]
+    assert far == []
+
+
+def test_a_junctions_line_is_three_metres_behind_the_plate(looks: list[Look]) -> None:
+    junction = [
+        look for look in looks if look.on_route and look.reference == "line" and look.judged is not None
+    ]
+    assert len({look.sign.code for look in junction}) > 12
+    assert [look.line - look.ahead for look in junction] == pytest.approx([3.0] * len(junction), abs=0.05)
+
+
+def test_line_ahead_is_what_the_monitor_judges(looks: list[Look]) -> None:
+    seen = [look for look in looks if look.on_route and look.judged is not None]
+    assert {look.reference for look in seen} == {"line", "exit_start", "crossing", "obstacle", "own_line"}
+    off = [abs(look.line - look.judged) for look in seen if look.judged is not None]
+    # On the curve through a junction front and centre are on no straight line.
+    assert max(off) < 0.35
+    assert sum(one > 0.05 for one in off) < len(off) / 50
+
+
+def test_the_page_names_the_plates_of_each_line() -> None:
+    page = (Path(__file__).parents[2] / "docs/planners.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*) \| .* \| (?:3 m on|1 m on|at the plate) \|$", page, re.M)
+    signs = load_catalog().signs.values()
+    found = []
+    for row in rows[:3]:
+        words = [re.escape(word).replace("x", r"\d") for word in re.findall(r"\d[\d.]*\.(?:x|\d+)", row)]
+        found.append({sign.code for sign in signs if any(re.fullmatch(word, sign.code) for word in words)})
+    wanted = [
+        {s.code for s in signs if s.placement.reference == name} for name in ("line", "crossing", "obstacle")
+    ]
+    assert found == wanted
+
+
+def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Look]) -> None:
+    others = [look for look in looks if not look.on_route]
+    assert any(math.isfinite(look.ahead) for look in others), "sign_ahead alone does not tell"
+    assert all(look.line == math.inf for look in others)
+
+
+def test_a_masked_plate_has_no_line() -> None:
+    loop = EpisodeLoop(simulation=simulation(), mask_signs=True)
+    row = next(row for row in read_table(table_path("dev")) if row.scenario_type == "stop")
+    moments = loop.play(row, "nobody")
+    context, o = next(moments), next(moments)
+    moments.close()
+    assert isinstance(context, PlannerContext)
+    assert isinstance(o, Observation)
+    assert o.signs
+    assert {line_ahead(context, o, sign) for sign in o.signs} == {math.inf}
