@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsbench.geometry.polyline import Array
 from tsbench.metrics.intervals import MIN_CLUSTERS, ClusterBootstrap, wilson
 
 
@@ -89,6 +90,41 @@ def test_maps_that_are_all_alike_claim_no_certainty() -> None:
     assert (estimate.method, estimate.low, estimate.high) == ("wilson", 0.0, pytest.approx(0.1611, abs=5e-5))
     plain = ClusterBootstrap("h").estimate("x", np.full((20, 1), 7.0), np.ones((20, 1)), 1.0, False)
     assert (plain.value, plain.low, plain.reason) == (7.0, None, "all places alike")
+
+
+def one_type_passed(places: int = 40, types: int = 4) -> tuple[Array, Array]:
+    """Each place has episodes of two types; the first type is passed everywhere, the others nowhere."""
+    count = np.zeros((places, types))
+    for k in range(places):
+        count[k, [k % types, (k + 1) % types]] = 10
+    total = np.zeros_like(count)
+    total[:, 0] = count[:, 0]
+    return total, count
+
+
+def test_types_that_are_wholly_passed_or_failed_claim_no_certainty() -> None:
+    """Places differ, as they have different types, but the macro mean is the same in every draw."""
+    total, count = one_type_passed()
+    estimate = ClusterBootstrap("h").estimate("x", total, count, 100.0, True)
+    # Wilson of 10 in 40.
+    assert (estimate.value, estimate.method) == (25.0, "wilson")
+    assert (estimate.low, estimate.high) == (pytest.approx(14.19, abs=0.01), pytest.approx(40.19, abs=0.01))
+    plain = ClusterBootstrap("h").estimate("x", total, count, 1.0, False)
+    assert (plain.low, plain.high, plain.reason) == (None, None, "places of a type alike")
+
+
+def test_a_type_that_few_draws_lack_gives_no_interval_without_width() -> None:
+    total, count = one_type_passed(16, 2)
+    # Of the second type at four places alone: some draws lack it, fewer than one in forty.
+    count[4:, 1] = 0
+    count[4:, 0] = total[4:, 0] = 10
+    count[:4, 0] = total[:4, 0] = 0
+    draws = ClusterBootstrap("h").draws("x", total, count)
+    assert np.ptp(draws) > 0.0
+    estimate = ClusterBootstrap("h").estimate("x", total, count, 100.0, True)
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 50.0 < estimate.high
 
 
 def test_macro_mean_weighs_parts_alike() -> None:

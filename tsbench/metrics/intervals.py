@@ -18,6 +18,7 @@ LEVEL = 0.95
 RESAMPLES = 10_000
 MIN_CLUSTERS = 5
 _DIGITS = 9
+_ALIKE = 1e-12
 
 _Codes = npt.NDArray[np.intp]
 
@@ -95,12 +96,18 @@ class ClusterBootstrap:
         if binary and alone:
             return *wilson(round(float(total.sum())), clusters), "wilson", "one episode at each place"
         rates = total.sum(axis=1) / count.sum(axis=1)
-        if np.ptp(rates) < 1e-12:
+        if np.ptp(rates) < _ALIKE:
             if binary:
                 # All draws would be equal: an interval of no width would claim certainty.
                 return *wilson(round(value * clusters), clusters), "wilson", "all places alike: over places"
             return None, None, "none", "all places alike"
-        return *percentiles(self.draws(label, total, count)), "cluster bootstrap", ""
+        low, high = percentiles(self.draws(label, total, count))
+        if high - low >= _ALIKE:
+            return low, high, "cluster bootstrap", ""
+        # Every type is wholly passed or wholly failed, so the macro mean of nearly all draws is the same.
+        if binary:
+            return *wilson(round(value * clusters), clusters), "wilson", "places of a type alike: over places"
+        return None, None, "none", "places of a type alike"
 
     def draws(self, label: str, total: Array, count: Array) -> Array:
         """(resamples,) the macro mean in each draw. total, count: as for `estimate`, no row or column of them empty."""

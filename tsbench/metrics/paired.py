@@ -207,13 +207,14 @@ def _interval(
     if clusters < MIN_CLUSTERS:
         return None, None, None, "none", f"only {clusters} places, fewer than {MIN_CLUSTERS}"
     draws = bootstrap.draws(label, total, count)
-    if np.ptp(draws) > _ALIKE:
-        return *percentiles(draws), float(draws.std(ddof=1)), "cluster bootstrap", ""
+    low, high = percentiles(draws)
+    if high - low > _ALIKE:
+        return low, high, float(draws.std(ddof=1)), "cluster bootstrap", ""
     if flips is None:
         return None, None, None, "none", "all places alike"
     from statsmodels.stats.proportion import confint_proportions_2indep
 
-    # All draws are equal: an interval of no width would claim certainty.
+    # Nearly all draws are equal: an interval of no width would claim certainty.
     won, lost = (rate * clusters for rate in flips)
     low, high = confint_proportions_2indep(won, clusters, lost, clusters, method="newcomb", alpha=ALPHA)
     return float(low), float(high), None, "newcombe", "all places alike: over places"
