@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 from command_line import in_process, refused
 from PIL import Image
-from run_builders import CONTRACT, episodes, failed, lost, make_run
+from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
 from tsbench.report.analyses.correlations import metric_mean
 from tsbench.report.analyses.model import ALL
 from tsbench.report.analyses.pool import read_pool
 from tsbench.report.analyses.registry import analyse_runs
 from tsbench.report.analyses.writing import write_analysis
+from tsbench.signs.catalog import load_catalog
 
 KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
 
@@ -59,35 +60,71 @@ def four(folder: Path, **effective: Any) -> Path:
     return make_run(folder, rows, **effective)
 
 
+def every_type(folder: Path) -> Path:
+    """Three planners with an episode of every type."""
+    rows = [
+        episode(planner, 0, 0, 0)
+        | {
+            "scenario_type": kind.id,
+            "group": kind.group,
+            "scenario_id": f"{kind.id}-m0-v0",
+            "map_id": kind.id,
+        }
+        for planner in ("idm", "idm-e", "mine")
+        for kind in load_catalog().types
+    ]
+    return make_run(folder, rows)
+
+
 def table(path: Path) -> list[dict[str, str]]:
     with path.open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_main_has_the_published_figures_below_its_own(run, tmp_path: Path) -> None:
+def test_main_is_strict_and_completed(run, tmp_path: Path) -> None:
     four(tmp_path / "r")
     out, _ = run("main", "r", "--out", "out")
     assert out.startswith("Main table: 2 of 29 types, 192 episodes asked, test split, variants all\n")
     assert f"contract {CONTRACT}" in out
     rows = table(tmp_path / "out" / "main.csv")
     assert [(r["planner"], r["figure"]) for r in rows] == [
-        ("idm", "strict"), ("idm", "published"), ("ppo", "strict"), ("ppo", "completed"), ("ppo", "published"),
-        ("idm-e", "strict"), ("idm-e", "published"), ("mine[1]_$x$", "strict"),
+        ("idm", "strict"), ("ppo", "strict"), ("ppo", "completed"), ("idm-e", "strict"), ("mine[1]_$x$", "strict"),
     ]  # fmt: skip
-    strict, completed, published = rows[2:5]
+    strict, completed = rows[1:3]
     # Yield 22 of 24; speed limit 23 of 24, without the error 23 of 23.
     assert float(strict["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 23 / 24) / 2, abs=1e-6)
     assert float(completed["signed_scd_overall"]) == pytest.approx(100 * (22 / 24 + 1) / 2, abs=1e-6)
     assert (strict["n"], completed["n"], completed["signed_scd_speed_n"]) == ("48", "47", "23")
-    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == (
-        "3.2",
-        "35.6",
-        "",
-    )
     assert {r["contract"] for r in rows} == {CONTRACT}
     assert "mine[1]_$x$" in out
     assert r"mine[1]\_\$x\$" in (tmp_path / "out" / "main.tex").read_text()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_published_figures_stand_beside_all_types_alone(run, tmp_path: Path) -> None:
+    every_type(tmp_path / "whole")
+    four(tmp_path / "some")
+    for command, told in (("main", "published"), ("intervals", "published"), ("correlations", "published")):
+        whole, _ = run(command, "whole", "--out", "whole-out")
+        some, _ = run(command, "some", "--out", "some-out")
+        note = f"{told}: "
+        assert (note in whole, note in some) == (True, False)
+    rows = {(r["planner"], r["figure"]): r for r in table(tmp_path / "whole-out" / "main.csv")}
+    published = rows["idm", "published"]
+    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == (
+        "7.2",
+        "35.7",
+        "",
+    )
+    assert ("mine", "published") not in rows
+    first = table(tmp_path / "whole-out" / "intervals.csv")[0]
+    assert (first["planner"], first["group"], first["published"]) == ("idm", "all types", "7.2")
+    found = {
+        (r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "whole-out" / "correlations.csv")
+    }
+    score = found["all types", "driving_score", "strict"]
+    assert (score["planners"], score["planners_published"]) == ("3", "17")
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -150,7 +187,7 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
         "48",
         "12",
     )
-    assert (first["method"], first["published"]) == ("cluster bootstrap", "7.2")
+    assert (first["method"], first["published"]) == ("cluster bootstrap", "")
     assert float(first["scd_low"]) < float(first["scd"]) < float(first["scd_high"])
 
 
@@ -162,7 +199,7 @@ def test_correlations_are_over_planners(run, tmp_path: Path) -> None:
     assert "fewer than 5 planners: no interval" in out
     rows = {(r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "out" / "correlations.csv")}
     score = rows["all types", "driving_score", "strict"]
-    assert (score["planners"], score["planners_published"]) == ("4", "17")
+    assert (score["planners"], score["planners_published"]) == ("4", "")
     # Strict SCD: idm-e > mine > ppo > idm; strict driving score in the same order.
     assert float(score["rho"]) == 1.0
     assert rows["all types", "comfort", "strict"]["rho"] == ""

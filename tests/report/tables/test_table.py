@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import io
+from itertools import pairwise
 
+import pytest
 from rich.console import Console
 from table_builders import random_rows, records, row
 
 from tsbench.metrics.aggregate import Summary, summarise
 from tsbench.report.analyses import writing as markdown
 from tsbench.report.analyses.main_table import run_tables
+from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.shown import print_analysis
+from tsbench.signs.catalog import load_catalog
 
 HOSTILE = "[red]<b>my.py:Planner|x[/red]"
 
@@ -111,6 +115,58 @@ def test_many_planners_still_fit() -> None:
     assert text.count("planner-15") == 3  # in both parts of the main table, and over its column by type
 
 
+def in_columns(summary: Summary, width: int) -> list[str]:
+    """The lines of the printed tables, without the one that holds a hash and stays whole."""
+    return [line.rstrip() for line in printed(summary, width).splitlines() if "contract " not in line]
+
+
+@pytest.mark.parametrize("planners", [("idm",), ("idm", "idm-e", "plant2-ft"), (HOSTILE, "idm")])
+def test_tables_fit_eighty_columns_with_every_head(planners: tuple[str, ...]) -> None:
+    summary = made(planners)
+    lines = in_columns(summary, 80)
+    assert max(map(len, lines)) <= 80
+    heads = [line.split() for line, below in pairwise(lines) if below.startswith("───")]
+    wide = [line.split() for line, below in pairwise(in_columns(summary, 1000)) if below.startswith("───")]
+    # Every head of the wide table stands in some part of the narrow one.
+    assert {word for head in wide for word in head} == {word for head in heads for word in head}
+
+
+def test_a_long_text_is_folded() -> None:
+    reason = "none (only 3 places, fewer than 5 of them, and they are all of one and the same road)"
+    columns = (
+        Column("planner", "planner", Kind.TEXT),
+        Column("scd", "SCD"),
+        Column("why", "interval", Kind.TEXT),
+    )
+    table = Table(columns, (Row(("a" * 40, Value(12.5, n=3), reason)),), 1)
+    file = io.StringIO()
+    print_analysis(Analysis("x", "title", "", table, ()), Console(file=file, width=60, color_system=None))
+    text = file.getvalue()
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 60
+    assert "interval" in text
+    assert set(reason.replace("(", "").split()) <= set(text.replace("(", "").split())
+
+
+def whole(kinds: list[tuple[str, str]]) -> Summary:
+    rows = [row(kind=kind, group=group, map_id=f"{kind}-{k}") for kind, group in kinds for k in range(5)]
+    return summarise(records(rows), contract_hash="c", asked={"idm": len(rows)})
+
+
+def test_published_figures_stand_beside_all_types_alone() -> None:
+    kinds = [(kind.id, kind.group) for kind in load_catalog().types]
+    published = "idm | published"
+    assert published in to_markdown(whole(kinds))
+    # A selection of the types: another mean, and so no published one beside it.
+    assert published not in to_markdown(
+        whole([(kind, group) for kind, group in kinds if kind != "yield" and group != "speed"][:9])
+    )
+    # Of a group that is there wholly the published figure is comparable.
+    (line,) = [
+        x for x in to_markdown(whole([k for k in kinds if k[1] == "speed"])).splitlines() if published in x
+    ]
+    assert line.split(" | ")[3:5] == ["–", "26.6"]
+
+
 def test_hostile_names_are_text() -> None:
     summary = made((HOSTILE,))
     text = printed(summary)
@@ -126,6 +182,5 @@ def test_markdown_is_a_table() -> None:
     assert (heads[0], len(heads)) == (1, 2)  # the main table, and the one by type
     for part in (table[: heads[1] - 1], table[heads[1] - 1 :]):
         assert len({line.count("|") for line in part}) == 1
-    # Head, rule, and for each planner its own figures and the published ones.
-    assert len(table[: heads[1] - 1]) == 6
+    assert len(table[: heads[1] - 1]) == 4  # head, rule, and each planner's own figures
     assert any(line.startswith("Contract `") for line in lines)

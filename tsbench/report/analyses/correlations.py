@@ -28,13 +28,15 @@ from tsbench.report.analyses.columns import (
 )
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
-from tsbench.report.analyses.published import published, published_metric, published_scd
+from tsbench.report.analyses.published import is_whole, published, published_metric, published_scd
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.
 _METRICS = tuple(name for name, metric in METRICS.items() if not metric.about_rule)
+
+_TOLD = "published: from the reference's table, which has no metric by group, over its planners, whichever ran here"
 
 _Points = Sequence[float | None]
 
@@ -86,7 +88,7 @@ def correlations(pool: Pool) -> Analysis:
                 first = reading == STRICT
                 values = (
                     _ours(pool, panel, panel, metric, reading), _ours(pool, panel, ALL, metric, reading),
-                    _published(panel, metric) if first else None,
+                    _published(pool, panel, metric) if first else None,
                 )  # fmt: skip
                 cells = [part for value in values for part in (value, None if value is None else value.n)]
                 rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))
@@ -94,7 +96,7 @@ def correlations(pool: Pool) -> Analysis:
         f"ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with {scd} (macro mean over "
         "types); below it its 95 % interval (Bonett and Wright 2000), from 5 planners on",
         "strict: error outcomes count as failures where a metric has a value for that; completed: episodes without one",
-        "published: from the reference's table, which has no metric by group, over its planners, whichever ran here",
+        *([_TOLD] if any(row.cells[7] is not None for row in rows) else []),
         *_without(rows),
     )
     title = pool.title(f"Conventional metrics and {scd} over {len(pool.planners)} planners")
@@ -122,7 +124,10 @@ def metric_mean(pool: Pool, planner: str, panel: str, metric: str, reading: str)
     return round(column.scale * float(values.mean()), 9) if len(values) else None
 
 
-def _published(panel: str, metric: str) -> Value | None:
+def _published(pool: Pool, panel: str, metric: str) -> Value | None:
+    """The correlation in the reference's table; None beside a selection of the panel's types."""
+    if not all(is_whole(p, panel) for p in pool.summaries):
+        return None
     x = [published_metric(name, metric) for name in published()]
     y = [published_scd(name, panel) for name in published()]
     return None if set(x) == {None} else spearman(x, y)
@@ -142,15 +147,16 @@ def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
     for panel in present_panels(pool.summaries):
         rows = []
         for metric in _METRICS:
-            ours, told = _ours(pool, panel, panel, metric, STRICT), _published(panel, metric)
+            ours, told = _ours(pool, panel, panel, metric, STRICT), _published(pool, panel, metric)
             mark = Mark(ours.value, ours.low, ours.high, colour_of(panel), width=2.0)
             marks = (published_mark(None if told is None else told.value), mark)
             rows.append(ForestRow(metric.replace("_", " "), marks, str(ours.n)))
         panels[panel] = rows
     key = {
         "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
-        "published, metric over all episodes": published_mark(0.0),
     }
+    if any(row.marks[0].value is not None for rows in panels.values() for row in rows):
+        key["published, metric over all episodes"] = published_mark(0.0)
     unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
     if not stacked:

@@ -62,7 +62,7 @@ def failures(pool: Pool) -> Analysis:
     for (planner, group, half, reading), split in splits.items():
         cells: list[Cell] = [Value.of(split.shares.get(column.key)) for column in columns[5:]]
         first = reading == STRICT
-        starts = first and group == ALL
+        starts = first and not any(row.cells[0] == pool.label(planner) for row in rows)
         names = (pool.label(planner), group, half, reading)
         rows.append(Row((*names, split.n, *cells), starts=starts, faint=not first))
     notes = (

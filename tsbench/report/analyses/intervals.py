@@ -23,7 +23,7 @@ from tsbench.report.analyses.columns import (
 )
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
-from tsbench.report.analyses.published import NOTE, published_scd
+from tsbench.report.analyses.published import NOTE, scd_beside
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
 
@@ -35,9 +35,10 @@ def intervals(pool: Pool) -> Analysis:
         Column("places", "places", Kind.COUNT), Column("types", "types\naveraged", Kind.COUNT),
         Column("published", "published\n%", Kind.NUMBER), Column("method", "interval", Kind.TEXT),
     )  # fmt: skip
-    notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, NOTE)
-    title = pool.title("SCD with intervals")
     table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p)), 4)
+    told = [NOTE] if any(row.cells[8] is not None for row in table.rows) else []
+    notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, *told)
+    title = pool.title("SCD with intervals")
     draw = partial(_draw, pool, title)
     return Analysis("intervals", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
@@ -49,7 +50,7 @@ def _rows(p: PlannerSummary) -> Iterator[Row]:
             for reading in readings(p):
                 e, first = figure.read(reading), reading == STRICT
                 told = f"{e.method} ({e.reason})" if e.reason else e.method
-                reference = published_scd(p.planner, panel) if first and part == SIGNED_ONES else None
+                reference = scd_beside(p, panel) if first and part == SIGNED_ONES else None
                 names = (p.label, panel, NAMES[part], reading)
                 cells = (*names, Value.of(e), e.n, e.clusters, e.parts, reference, told)
                 yield Row(cells, starts=starts, faint=not first)
@@ -66,7 +67,7 @@ def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
         m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]
     ):
         key[f"no interval: fewer than {MIN_CLUSTERS} places"] = Mark(0.0, None, None, INK, filled=False)
-    if primary == SIGNED_ONES:
+    if any(row.marks[0].value is not None for rows in panels.values() for row in rows):
         key["published"] = published_mark(0.0)
     if any(len(readings(p)) > 1 for p in pool.summaries):
         key["completed only"] = Mark(0.0, None, None, INK, marker="x")
@@ -78,7 +79,7 @@ def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
 
 
 def _row(p: PlannerSummary, part: str, panel: str, colour: str) -> ForestRow:
-    told = published_scd(p.planner, panel) if part == SIGNED_ONES else None
+    told = scd_beside(p, panel) if part == SIGNED_ONES else None
     marks, counts = [published_mark(told)], ""
     if (figure := panels_of(p, part).get(panel)) is not None:
         strict, completed = figure.main, figure.completed

@@ -23,8 +23,9 @@ from tsbench.report.analyses.columns import (
 )
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.per_type import per_type
-from tsbench.report.analyses.published import NOTE, published, published_metric, published_scd
+from tsbench.report.analyses.published import NOTE, metric_beside, scd_beside
 
+PUBLISHED = "published"
 _METRICS = {name: metric for name, metric in METRICS.items() if metric.head}
 
 
@@ -43,7 +44,7 @@ def main_table(planners: Sequence[PlannerSummary], title: str, contract: str) ->
         f"{SCD_NOTE}; other metrics are means over episodes. Below each figure its {INTERVAL_NOTE}",
         f"{READINGS_NOTE}. n: episodes; what fewer or pairs count for has its own n in the CSV",
         *(f"{p.label}: {line}" for p in planners for line in _warnings(p)),
-        *([NOTE] if any(p.planner in published() for p in planners) else []),
+        *([NOTE] if any(row.cells[1] == PUBLISHED for row in rows) else []),
     )
     return Analysis("main", title, contract, Table(columns, rows, 3), notes)
 
@@ -75,12 +76,12 @@ def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]]) -> Iterator[Row]:
         first = reading == STRICT
         n = p.recorded if first else p.completed
         yield Row((p.label, reading, n, *cells), starts=first, faint=not first)
-    if p.planner in published():
-        # What the reference published is over signed scenes.
-        told = [published_scd(p.planner, panel) if part == SIGNED_ONES else None for part, panel in shown]
-        told += [published_metric(p.planner, name) for name in _METRICS]
+    # What the reference published is over signed scenes.
+    told = [scd_beside(p, panel) if part == SIGNED_ONES else None for part, panel in shown]
+    told += [metric_beside(p, name) for name in _METRICS]
+    if any(number is not None for number in told):
         cells = [None if number is None else Value(number) for number in told]
-        yield Row((p.label, "published", None, *cells), faint=True)
+        yield Row((p.label, PUBLISHED, None, *cells), faint=True)
 
 
 def run_tables(summary: Summary) -> tuple[Analysis, ...]:

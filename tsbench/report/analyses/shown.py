@@ -15,14 +15,17 @@ from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, V
 DASH = "–"
 # Two lines in a cell: the value, below it the ends of its interval.
 _BREAK = "\n"
-# Longer names are folded where there is no room.
-_GAP, _NAME = 2, 28
+# Texts are folded where there is no room, but not to less than this.
+_LEAST = 8
+# Between columns: padding, and the box's own blank.
+_PAD = 1
+_GAP = _PAD + 1
 
 
 def print_analysis(analysis: Analysis, console: Console) -> None:
     console.print(Text(analysis.title, style="bold yellow" if is_partial(analysis) else "bold"))
     for block in _blocks(analysis.table, console.width):
-        console.print(_rich(analysis.table, block))
+        console.print(_rich(analysis.table, block, console.width))
     for line in (*analysis.notes, analysis.contract_line):
         if line:
             # A hash is copied, so it stays whole.
@@ -68,7 +71,7 @@ def _blocks(table: Table, width: int) -> list[tuple[int, ...]]:
     fixed = tuple(range(table.fixed))
     blocks: list[tuple[int, ...]] = [fixed]
     for k in range(table.fixed, len(table.columns)):
-        if len(blocks[-1]) > table.fixed and sum(wide[j] for j in (*blocks[-1], k)) > width:
+        if len(blocks[-1]) > table.fixed and sum(wide[j] for j in (*blocks[-1], k)) - _GAP > width:
             blocks.append(fixed)
         blocks[-1] += (k,)
     return blocks
@@ -80,14 +83,24 @@ def _width(table: Table, k: int) -> int:
     return max(cell_len(line) for line in lines)
 
 
-def _rich(table: Table, block: tuple[int, ...]) -> RichTable:
-    shown = RichTable(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, _GAP, 0, 0))
-    for k in block:
+def _fitted(table: Table, block: tuple[int, ...], width: int) -> list[int]:
+    """Widths of a part's columns: those that they need, the widest texts narrower where there is no room."""
+    fitted = [_width(table, k) for k in block]
+    texts = [at for at, k in enumerate(block) if table.columns[k].kind is Kind.TEXT]
+    while sum(fitted) + _GAP * (len(block) - 1) > width:
+        widest = max(texts, key=fitted.__getitem__, default=-1)
+        if widest < 0 or fitted[widest] <= _LEAST:
+            break
+        fitted[widest] -= 1
+    return fitted
+
+
+def _rich(table: Table, block: tuple[int, ...], width: int) -> RichTable:
+    shown = RichTable(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, _PAD, 0, 0))
+    for k, room in zip(block, _fitted(table, block, width), strict=True):
         column = table.columns[k]
         side: Literal["left", "right"] = "left" if column.kind is Kind.TEXT else "right"
-        shown.add_column(
-            Text(column.head), justify=side, overflow="fold", min_width=min(_width(table, k), _NAME)
-        )
+        shown.add_column(Text(column.head), justify=side, overflow="fold", min_width=room, max_width=room)
     for row in table.rows:
         if row.starts and shown.row_count:
             shown.add_section()
