@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from run_builders import episodes, failed, lost, make_run, pairs
 
 import tsbench
@@ -17,6 +19,17 @@ def test_tables(run: tsbench.Run) -> None:
     assert list(run.timing.scenario_id) == list(run.episodes.scenario_id)
     assert set(run.violations.planner) <= {"idm", "Parked"}
     assert {"clause", "sentence", "target"} <= set(run.violations)
+
+
+def test_the_type_of_a_pair_is_that_of_its_signed_half(tmp_path: Path) -> None:
+    rows = tsbench.load_run(make_run(tmp_path / "run", pairs("idm", yield_m0_v0_c={"scd": False}))).episodes
+    assert set(rows[rows.half == "contrast"].scenario_type) == {"main_road", "speed_limit"}
+    assert dict(rows.groupby("pair_type").size()) == {"speed_limit": 48, "yield": 48}
+    # As the summary has it: of yield 23 of 24 contrast halves are passed.
+    contrast = rows[rows.half == "contrast"].groupby("pair_type")["scd"].mean()
+    assert contrast["yield"] == pytest.approx(23 / 24)
+    alone = tsbench.load_run(make_run(tmp_path / "alone", episodes("idm"))).episodes
+    assert (alone.pair_type == alone.scenario_type).all()
 
 
 def test_a_folder_that_is_none(tmp_path: Path) -> None:
@@ -39,6 +52,22 @@ def test_summary(tmp_path: Path) -> None:
     assert set(summary.query("figure == 'mean_speed'").unit) == {"m/s"}
 
 
+def test_a_summary_shows_scd_on_a_narrow_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    rows = [
+        row for name in ("idm", "a-planner-with-a-long-name") for row in pairs(name, speed_limit_m0_v0=lost())
+    ]
+    summary = tsbench.load_run(make_run(tmp_path / "run", rows)).summary()
+    lines = str(summary).splitlines()
+    assert max(map(len, lines)) <= 80
+    whole = summary.query("planner == 'idm' and figure == 'paired_scd' and over == 'all'").iloc[0]
+    (line,) = [one.split() for one in lines if one.split()[:2] == ["idm", "paired_scd"]]
+    assert line[2:] == [*(f"{whole[name]:.1f}" for name in ("value", "low", "high")), str(whole.n)]
+    # It is a table of pandas, and what is taken from it is a plain one.
+    assert "idm" not in str(summary[["value", "n"]])
+    assert str(summary.drop(columns="value")).splitlines()[0].split()[0] == "planner"
+
+
 def test_holes_are_named(tmp_path: Path) -> None:
     run = tsbench.load_run(make_run(tmp_path / "run", episodes("idm"), asked=50))
     with pytest.raises(InputError, match=r"without a record \(idm: 2 of 50\)"):
@@ -53,6 +82,8 @@ def test_compare(tmp_path: Path) -> None:
         make_run(tmp_path / "b", [*episodes("idm", speed_limit_m1_v1=lost()), *episodes("ppo")])
     )
     with pytest.raises(InputError, match="has planners idm, ppo: name one"):
+        a.compare(b)
+    with pytest.raises(InputError, match=r"name one, other_planner='idm'$"):
         a.compare(b)
     found = a.compare(b, other_planner="idm")
     assert dict(zip(found.flips.scenario_id, found.flips.won, strict=True)) == {
@@ -92,7 +123,7 @@ def test_an_episode_that_cannot_be_shown(run: tsbench.Run) -> None:
         run.show("nothing")
     with pytest.raises(InputError, match="was driven by several planners, name one"):
         run.show(run.episodes.scenario_id[0])
-    with pytest.raises(InputError, match="--time 999: the episode lasts"):
+    with pytest.raises(InputError, match=r"^time 999: the episode lasts"):
         _ = run.show(f"idm/{run.episodes.scenario_id[0]}", time=999.0).frame
 
 
@@ -133,3 +164,31 @@ def test_scenarios() -> None:
     for split, types, words in (("exam", "", "split 'exam': expected"), ("dev", "speling", "no such type")):
         with pytest.raises(InputError, match=words):
             tsbench.load_scenarios(split, types)
+
+
+def test_what_is_refused_is_said_in_keywords(tmp_path: Path) -> None:
+    a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm")))
+    other = tsbench.load_run(make_run(tmp_path / "b", episodes("idm"), contract="beef" * 16))
+    with pytest.raises(InputError, match=r"force=True compares them all the same"):
+        a.compare(other)
+    assert a.compare(other, force=True).title.startswith("FORCED")
+    fewer = tsbench.load_run(make_run(tmp_path / "c", episodes("idm", maps=5)))
+    with pytest.raises(InputError, match=r"force=True compares the common ones"):
+        a.compare(fewer)
+    holes = tsbench.load_run(make_run(tmp_path / "d", episodes("idm"), asked=50))
+    with pytest.raises(InputError, match=r"or pass allow_partial=True$"):
+        holes.summary()
+    with pytest.raises(InputError, match=r"^types nope: no such type"):
+        tsbench.load_scenarios("dev", "nope")
+
+
+def test_a_picture_prints_no_bytes(run: tsbench.Run) -> None:
+    shown = run.show(f"idm/{run.episodes.scenario_id[0]}", time=1.0)
+    picture = shown.frame
+    assert picture == shown._repr_png_()
+    assert len(f"{picture}") == len(str(picture)) < 80
+    assert str(picture) == repr(picture)
+    width, height = Image.open(io.BytesIO(picture)).size
+    assert f"{width} x {height} px" in str(picture)
+    assert len(repr(shown)) < 200
+    assert "idm/" in repr(shown)

@@ -28,6 +28,8 @@ def test_list_names_every_sign_and_type() -> None:
 def test_list_keeps_type_ids_whole_on_a_narrow_terminal() -> None:
     printed = CliRunner(env={"COLUMNS": "80"}).invoke(signs, ["list"]).output
     assert "direction_straight_right" in printed
+    assert max(map(len, printed.splitlines())) <= 80
+    assert "…" not in printed
 
 
 @pytest.mark.parametrize("code", list(load_catalog().signs))

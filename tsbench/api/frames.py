@@ -15,6 +15,7 @@ from tsbench.metrics.compare import Comparison
 from tsbench.metrics.episode import METRICS
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.paired import Difference
+from tsbench.scenarios.spec import pair_type
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,10 +31,20 @@ def frame_of(table: pa.Table) -> pd.DataFrame:
     return frame
 
 
+def episodes_frame(table: pa.Table) -> pd.DataFrame:
+    """Episode records, with the type of each row's pair beside its own."""
+    frame = frame_of(table)
+    kinds = [pair_type(*row) for row in zip(frame["pair_id"], frame["scenario_type"], strict=True)]
+    frame.insert(frame.columns.get_loc("scenario_type") + 1, "pair_type", kinds)
+    return frame
+
+
 def summary_frame(summary: Summary) -> pd.DataFrame:
     """Every figure of every planner."""
     rows = [{"planner": p.planner, **row} for p in summary.planners for row in _rows(p.scores, p.metrics)]
-    return _frame(rows)
+    load("pandas")
+    frame: pd.DataFrame = load("tsbench.api.figures").figures_of(rows)
+    return frame
 
 
 def comparison_frame(comparison: Comparison) -> pd.DataFrame:

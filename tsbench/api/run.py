@@ -7,7 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsbench.api.frames import comparison_frame, flips_frame, frame_of, summary_frame
+from tsbench.api.frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
+from tsbench.api.words import keywords
+from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
@@ -76,8 +78,11 @@ class Run:
 
     @cached_property
     def episodes(self) -> pd.DataFrame:
-        """One row for each planner and scenario (docs/spec/metrics.md says what the columns are)."""
-        return frame_of(self._stored.episodes)
+        """One row for each planner and scenario (docs/reference/tables.md says what the columns are).
+
+        `pair_type`: the type that figures count a row to. A contrast row's own type is that of its other plate.
+        """
+        return episodes_frame(self._stored.episodes)
 
     @cached_property
     def violations(self) -> pd.DataFrame:
@@ -89,6 +94,7 @@ class Run:
         """One row for each episode: seconds by the clock."""
         return frame_of(read_table(self.path / "timing.parquet"))
 
+    @keywords()
     def summary(self, *, allow_partial: bool = False) -> pd.DataFrame:
         """Every figure with its 95 % interval and what it rests on: by planner, figure, part and reading.
 
@@ -102,6 +108,7 @@ class Run:
             )
         )  # fmt: skip
 
+    @keywords()
     def compare(
         self, other: Run, *, planner: str | None = None, other_planner: str | None = None,
         force: bool = False, allow_partial: bool = False,
@@ -112,11 +119,16 @@ class Run:
         """
         from tsbench.report.tables.compare import match, side_of
 
+        for run, name, keyword in ((self, planner, "planner"), (other, other_planner, "other_planner")):
+            if name is None and len(run.planners) != 1:
+                names = ", ".join(run.planners)
+                raise InputError(f"{run.path}: has planners {names}: name one, {keyword}={run.planners[0]!r}")
         a, b = side_of(self._stored, planner), side_of(other._stored, other_planner)
         found = match(a, b, force=force, allow_partial=allow_partial)
         comparison = found.comparison
         return Compared(found.title, found.notes, comparison_frame(comparison), flips_frame(comparison))
 
+    @keywords()
     def show(self, episode: str, time: float | None = None) -> Shown:
         """A player of an episode (scenario_id or planner/scenario_id) for a notebook; `.frame` is a picture.
 

@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import dataset_file, using_city
@@ -54,6 +55,7 @@ class Scenario:
         return picture
 
 
+@keywords()
 def load_scenarios(
     split: str = "test", types: str | Sequence[str] = (), *, city: str | None = None
 ) -> tuple[Scenario, ...]:

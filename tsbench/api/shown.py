@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from urllib.parse import quote
 
+from tsbench.api.words import keywords
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
@@ -22,7 +23,21 @@ from tsbench.scenarios.scene_loader import load_scene
 _HEIGHT_PX = 720
 
 
-@dataclass(frozen=True)
+class Picture(bytes):
+    """The bytes of a PNG file. A notebook shows the picture, and a terminal tells its size."""
+
+    def __repr__(self) -> str:
+        width, height = (int.from_bytes(self[at : at + 4]) for at in (16, 20))
+        return f"Picture({width} x {height} px, {len(self) / 1000:.0f} kB of PNG)"
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_png_(self) -> bytes:
+        return bytes(self)
+
+
+@dataclass(frozen=True, repr=False)
 class Shown:
     """An episode; the last value of a notebook's cell is shown as a player.
 
@@ -40,10 +55,10 @@ class Shown:
             return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
 
     @cached_property
-    def frame(self) -> bytes:
+    def frame(self) -> Picture:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
-        with using_city(city_of(self.run.manifest)):
-            return png_bytes(moment(self.trace, load_scene(self.trace.spec), self.time))
+        with keywords(), using_city(city_of(self.run.manifest)):
+            return Picture(png_bytes(moment(self.trace, load_scene(self.trace.spec), self.time)))
 
     def save(self, path: str | Path) -> Path:
         """Write the frame (a path that ends in .png) or else the player's page."""
@@ -52,6 +67,10 @@ class Shown:
         with io_errors_as_input_errors(target):
             write_atomic(target, content)
         return target
+
+    def __repr__(self) -> str:
+        name = f"{self.trace.planner}/{self.trace.spec.scenario_id}"
+        return f"Shown({name}: a player in a notebook; .frame is a picture, .save(path) writes a PNG or an HTML page)"
 
     def _repr_html_(self) -> str:
         at = "" if self.time is None else f"&t={self.time:g}"

@@ -32,7 +32,7 @@ def print_table(
     """Cells below heads; the first `left` columns begin, the others end at one edge."""
     table = Table(box=None, header_style="bold", title=title, title_justify="left", pad_edge=False)
     for k, head in enumerate(heads):
-        table.add_column(head, justify="left" if k < left else "right", no_wrap=not k)
+        table.add_column(head, justify="left" if k < left else "right", no_wrap=not k, overflow="fold")
     for row in rows:
         table.add_row(*row)
     table_console().print(table)

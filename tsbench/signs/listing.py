@@ -14,9 +14,10 @@ from tsbench.signs.model import MapNeeds, Placement, PostedValue, Sign
 def sign_table(catalog: Catalog) -> Table:
     """All signs in the order of the scenario types' rows, end plates behind the sign that they end."""
     caption = f"{len(catalog.signs)} signs, {len(catalog.types)} scenario types"
-    table = Table(caption=caption, box=None, pad_edge=False)
+    table = Table(caption=caption, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for heading in ("#", "type", "group", "sign", "name", "sets"):
-        table.add_column(heading, no_wrap=heading != "name")
+        named = heading == "name"
+        table.add_column(heading, no_wrap=not named, overflow="fold", min_width=12 if named else None)
     for kind in catalog.types:
         for code in (*kind.codes, *kind.end_codes):
             sign = catalog.sign(code)
