@@ -35,7 +35,7 @@ def episodes_frame(table: pa.Table) -> pd.DataFrame:
     """Episode records, with the type of each row's pair beside its own."""
     frame = frame_of(table)
     kinds = [pair_type(*row) for row in zip(frame["pair_id"], frame["scenario_type"], strict=True)]
-    frame.insert(frame.columns.get_loc("scenario_type") + 1, "pair_type", kinds)
+    frame.insert(list(frame.columns).index("scenario_type") + 1, "pair_type", kinds)
     return frame
 
 

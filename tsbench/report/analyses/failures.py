@@ -58,7 +58,7 @@ def failures(pool: Pool) -> Analysis:
     eyes = any("perception" in run.manifest["effective"] for run in pool.runs)
     if eyes:
         columns += [Column(f"told_{cause}", f"plate\n{cause}, %") for cause in CAUSES]
-    rows = []
+    rows: list[Row] = []
     for (planner, group, half, reading), split in splits.items():
         cells: list[Cell] = [Value.of(split.shares.get(column.key)) for column in columns[5:]]
         first = reading == STRICT
