@@ -120,6 +120,21 @@ def test_data_sets_are_as_large_as_the_page_says(name: str) -> None:
     assert cells("docs/install.md", f"`{name}`")[0] == f"{size:.1f} MB"
 
 
+def test_frames_in_the_prose_are_those_of_the_table() -> None:
+    *_, drives, frames = cells("docs/finetuning.md", "all")[:4]
+    each = int(frames.replace(",", "")) / int(drives)
+    text = text_of("docs/finetuning.md")
+    assert f"There are some {each:.0f} frames a drive" in text
+    assert f"2,000 drives are some {2000 * round(each):,} frames" in text
+
+
+def test_traces_in_the_prose_are_as_large_as_in_the_table() -> None:
+    kilobytes = int(cells("docs/cluster.md", "a trace")[0].split()[0])
+    found = re.search(r"leave a trace: ([\d,]+) traces, ([\d.]+) GB", text_of("docs/cluster.md"))
+    assert found is not None
+    assert float(found[2]) == pytest.approx(int(found[1].replace(",", "")) * kilobytes / 1e6, abs=0.05)
+
+
 def test_paths_of_data_on_the_data_card_exist() -> None:
     named = re.findall(
         r"`([\w/]+\.(?:parquet|json|yaml|md))`", (DOCS / "data-card.md").read_text(encoding="utf-8")
