@@ -19,8 +19,8 @@ from tsbench.report.analyses.registry import OF_POOL, analyse_runs
 from tsbench.report.analyses.writing import write_analysis
 from tsbench.run.log.read import read_run
 from tsbench.run.log.schema import LATER
-from tsbench.signs.catalog import load_catalog
 from tsbench.run.log.tables import file_hashes
+from tsbench.signs.catalog import load_catalog
 
 Command = Callable[..., tuple[str, str]]
 
