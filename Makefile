@@ -272,9 +272,12 @@ scenarios: setup
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
 
-# At a release: the contracts of this tsbench under the name of its edition (docs/editions.md).
-edition: setup
-	$(BIN)/python -m tsbench.run.edition
+# The contracts of this tsbench under the name of its edition (docs/editions.md). SAME_AS: the contract of an earlier state,
+# beside which they are entered if both drive dev with the same bytes.
+SAME_AS ?=
+edition: setup $(if $(SAME_AS),$(METADRIVE))
+	PYTHONPATH=$(abspath $(VENV)/commonroad) TSBENCH_METADRIVE=$(abspath $(METADRIVE)) \
+		$(BIN)/python -m $(if $(SAME_AS),tsbench.tools.same_edition $(SAME_AS) --workers $(WORKERS),tsbench.run.edition)
 
 bench: base
 	$(BIN)/tsbench bench

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import tsbench
 from tsbench.core.errors import InputError
 from tsbench.planners import registry
 from tsbench.planners.base import Planner
@@ -212,6 +213,20 @@ def test_a_file_that_does_not_import_names_file_and_line(tmp_path: Path, text: s
     assert "does not import" in message
     assert str(path) in message
     assert all(word in message for word in words), message
+
+
+def test_only_what_can_be_installed_is_said_to_be(tmp_path: Path) -> None:
+    path = tmp_path / "mine.py"
+    for line, told in (
+        ("import tsbench.nowhere", f"tsbench {tsbench.__version__} has no such module"),
+        ("import really_absent.part", "to install it: pip install really-absent"),
+        ("from math import nowhere", ""),
+    ):
+        path.write_text(line)
+        with pytest.raises(InputError) as caught:
+            registry.resolve(f"{path}:Mine")
+        assert str(caught.value).endswith(told)
+        assert ("pip install" in str(caught.value)) == ("pip install" in told)
 
 
 def test_a_module_whose_own_import_fails_names_the_line_of_the_cause(

@@ -18,6 +18,7 @@ from tsbench.leaderboard.verify import KIND as VERIFICATION
 from tsbench.leaderboard.verify import Verification, read_verification
 from tsbench.metrics.records import PAIRED, SIGNED_ONES
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -72,7 +73,7 @@ class Row:
     @property
     def data_set(self) -> tuple[str, str, str]:
         """Edition, split, contract: what rows must have in common to be compared."""
-        return self.submission.edition, self.submission.split, self.submission.contract
+        return self.submission.edition, self.submission.split, standing_contract(self.submission.contract)
 
     @property
     def level_rank(self) -> tuple[float, str, str]:
@@ -135,7 +136,7 @@ def _check(path: Path, submission: Submission) -> bool:
         if submission.split not in splits_there():
             return False
         table = read_table(table_path(submission.split))
-        if contract_hash(table, load_catalog()) != submission.contract:
+        if standing_contract(contract_hash(table, load_catalog())) != standing_contract(submission.contract):
             return False
         found = figures_of(submission.episodes, table, submission.planner, submission.contract)
     if problem := problem_of_level(submission.perception):

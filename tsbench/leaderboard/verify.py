@@ -19,6 +19,7 @@ from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Episode, Figure, episode_of, figures_of, problem_of_level
 from tsbench.run import arithmetic
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
@@ -123,7 +124,7 @@ def verify(
     """
     table = sorted(read_table(table_path(claim.split)), key=lambda row: row.scenario_id)
     contract = contract_hash(table, load_catalog())
-    if contract != claim.contract:
+    if standing_contract(contract) != standing_contract(claim.contract):
         raise InputError(
             f"{claim.path}: its contract is {claim.contract[:12]}, that of this tsbench {contract[:12]}: verify it "
             f"with tsbench {claim.tsbench} and the data of {claim.edition}"

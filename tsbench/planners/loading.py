@@ -10,6 +10,7 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
+import tsbench
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.extras import install_command
 
@@ -87,7 +88,13 @@ def cause_with_place(error: BaseException) -> str:
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
     own = [f for f in frames if f.filename != __file__ and "importlib" not in f.filename]
     place = f" ({own[-1].filename}, line {own[-1].lineno})" if own else ""
-    lacks = error.name if isinstance(error, ModuleNotFoundError) else None
-    return f"{cause_of(error).removesuffix(': ')}{place}" + (
-        f"; to install it: {install_command(lacks)}" if lacks else ""
-    )
+    return f"{cause_of(error).removesuffix(': ')}{place}{_remedy(error)}"
+
+
+def _remedy(error: BaseException) -> str:
+    """What to do about a module that is not there; "" for other errors."""
+    if not isinstance(error, ModuleNotFoundError) or not error.name:
+        return ""
+    if error.name.partition(".")[0] == tsbench.__name__:
+        return f"; tsbench {tsbench.__version__} has no such module"
+    return f"; to install it: {install_command(error.name)}"

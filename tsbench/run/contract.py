@@ -24,19 +24,20 @@ ROOTS = (
 # own hashes (`run.planner_info`). Who carries rows to other machines (`run.execution.ray`) runs the same pools there.
 
 
-def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
+def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog, code: str | None = None) -> str:
     """SHA-256 (hex) over the code from a row to its record, the rows, their signs with rules, and versions.
 
+    code: the hash of the code, None: that of this tsbench.
     Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
     That of a mirrored data set follows from that of the one it mirrors.
     """
     if mirrored_in_use():
         with using_city(stored_city()):
             stored = [mirrored_row(row) for row in rows]
-            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root)))
+            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root), code))
     contrast = any(row.half == CONTRAST for row in rows)
     data = data_hash(rows, catalog.judged((row.sign_code for row in rows), contrast))
-    return digest({"code": code_hash(), "data": data, "versions": versions()})
+    return digest({"code": code or code_hash(), "data": data, "versions": versions()})
 
 
 def mirrored_contract(contract: str) -> str:

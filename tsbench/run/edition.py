@@ -34,23 +34,63 @@ LOCAL = "+local"
 _OF_CITY = "edition.yaml"  # beside the data of a city
 _HEAD = (
     "# Editions, oldest first: docs/editions.md says what each is. released: contract hash of each split, by version\n"
-    "# of tsbench. Written by `python -m tsbench.run.edition`; titles by hand.\n"
+    "# of tsbench. same: earlier contracts with the same results, oldest first.\n"
+    "# Written by `make edition`; titles by hand.\n"
 )
 
 
 @dataclass(frozen=True)
+class SameResults:
+    """An earlier state of the code that gave the same bytes as the one after it (`tools.same_edition`).
+
+    contracts: of that state, by split. code: SHA-256 (hex) of its code. compared: what both states drove.
+    """
+
+    contracts: Mapping[str, str]
+    code: str
+    compared: str
+
+
+@dataclass(frozen=True)
 class Edition:
-    """name: as cited, such as "2026.1". title: one line. released: contract by split, by version of tsbench."""
+    """name: as cited, such as "2026.1". title: one line. released: contract by split, by version of tsbench.
+
+    same: earlier states with the results of the newest version, oldest first.
+    """
 
     name: str
     title: str
     released: Mapping[str, Mapping[str, str]]
+    same: tuple[SameResults, ...] = ()
+
+    def now(self) -> Mapping[str, str]:
+        """The contracts of the newest version, by split."""
+        return list(self.released.values())[-1]
+
+    def standing(self) -> dict[str, str]:
+        """For each contract of the newest version and of the states under `same`: the oldest with the same results."""
+        states = [*(state.contracts for state in self.same), self.now()]
+        oldest = {split: contract for state in reversed(states) for split, contract in state.items()}
+        return {contract: oldest[split] for state in states for split, contract in state.items()}
+
+    def contracts(self) -> set[str]:
+        """All contracts under this name."""
+        released = {contract for splits in self.released.values() for contract in splits.values()}
+        return released | self.standing().keys()
 
 
 @cache
 def editions() -> tuple[Edition, ...]:
     """All editions, oldest first; the last one is what this tsbench runs."""
-    return tuple(Edition(**entry) for entry in yaml.safe_load(PATH.read_text(encoding="utf-8")))
+    return _read(PATH)
+
+
+def _read(path: Path) -> tuple[Edition, ...]:
+    found = []
+    for entry in yaml.safe_load(path.read_text(encoding="utf-8")):
+        states = tuple(SameResults(**state) for state in entry.pop("same", ()))
+        found.append(Edition(**entry, same=states))
+    return tuple(found)
 
 
 def edition_of(contract: str, told: object = "") -> str:
@@ -59,13 +99,24 @@ def edition_of(contract: str, told: object = "") -> str:
     told: what the run that has this contract says of its edition. It is believed only as far as which one was changed.
     """
     for edition in (*editions(), *built_editions()):
-        released = {hash_ for splits in edition.released.values() for hash_ in splits.values()}
-        if contract in released:
+        known = edition.contracts()
+        if contract in known:
             return edition.name
-        if contract in map(mirrored_contract, released):
+        if contract in map(mirrored_contract, known):
             return _mirrored_name(edition.name)
     name = told.removesuffix(LOCAL) if isinstance(told, str) and told else edition_now()
     return f"{name}{LOCAL}"
+
+
+def standing_contract(contract: str) -> str:
+    """The contract that results are compared under: the oldest that has the same results, or `contract` itself."""
+    for edition in (*editions(), *built_editions()):
+        for known, oldest in edition.standing().items():
+            if contract == known:
+                return oldest
+            if contract == mirrored_contract(known):
+                return mirrored_contract(oldest)
+    return contract
 
 
 def _mirrored_name(name: str) -> str:
@@ -82,9 +133,7 @@ def edition_now() -> str:
 def built_editions() -> tuple[Edition, ...]:
     """Those of other cities whose data sets were built here, by city."""
     paths = sorted(data_file("cities/data").glob(f"*/{_OF_CITY}"))
-    return tuple(
-        Edition(**entry) for path in paths for entry in yaml.safe_load(path.read_text(encoding="utf-8"))
-    )
+    return tuple(edition for path in paths for edition in _read(path))
 
 
 def contract_now(split: str) -> str:
@@ -97,29 +146,54 @@ def earlier_splits(root: Path | None = None) -> dict[str, str]:
     return {split: name for split, name in scene_editions(root).items() if name != editions()[-1].name}
 
 
-def release_city(title: str) -> Mapping[str, str]:
-    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split."""
+def release_city(title: str, same: SameResults | None = None) -> Mapping[str, str]:
+    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split.
+
+    same: as for `release`.
+    """
     now = {split: contract_now(split) for split in splits_there()}
     scenes = dict.fromkeys(now, editions()[-1].name)
     write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(scenes).encode())
-    _write((Edition(edition_now(), title, {tsbench.__version__: now}),), dataset_root() / _OF_CITY)
+    path = dataset_root() / _OF_CITY
+    (before,) = _read(path) if path.is_file() else (None,)
+    states = () if before is None or before.name != edition_now() else _same(before, now, same)
+    _write((Edition(edition_now(), title, {tsbench.__version__: now}, states),), path)
     return now
 
 
-def release() -> Mapping[str, str]:
-    """Write the contracts of this tsbench down as those of its version; returns them by split."""
+def release(same: SameResults | None = None) -> Mapping[str, str]:
+    """Write the contracts of this tsbench down as those of its version; returns them by split.
+
+    same: the state before, where it was shown to have the same results. Without it, no earlier state is known to have
+    the results of changed contracts.
+    """
     *older, last = editions()
     now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
-    newest = replace(last, released={**last.released, tsbench.__version__: now})
+    newest = replace(last, released={**last.released, tsbench.__version__: now}, same=_same(last, now, same))
     _write((*older, newest), PATH)
     return now
 
 
+def _same(before: Edition, now: Mapping[str, str], same: SameResults | None) -> tuple[SameResults, ...]:
+    if before.now() == now:
+        return before.same
+    if same is None:
+        return ()
+    if dict(same.contracts) != dict(before.now()):
+        raise InputError(f"{before.name}: the state that was compared is not the one that was entered last")
+    return (*before.same, same)
+
+
 def _write(all_of_them: Sequence[Edition], path: Path) -> None:
     text = yaml.safe_dump(
-        [asdict(edition) for edition in all_of_them], sort_keys=False, allow_unicode=True, width=120
+        [_plain(edition) for edition in all_of_them], sort_keys=False, allow_unicode=True, width=120
     )
     write_atomic(path, f"{_HEAD}{text}".encode())
+
+
+def _plain(edition: Edition) -> dict[str, object]:
+    found = asdict(edition)
+    return found if edition.same else {key: value for key, value in found.items() if key != "same"}
 
 
 def shipped_titles() -> dict[str, str]:
@@ -129,13 +203,23 @@ def shipped_titles() -> dict[str, str]:
     return {city: named[name] for city, name in cities.items() if name in named}
 
 
+def release_all(same: Mapping[str, SameResults] | None = None) -> Mapping[str, Mapping[str, str]]:
+    """Write the contracts of this tsbench and of the cities that come with it down; returns them by city and split.
+
+    same: by city, as for `release`.
+    """
+    states = same or {}
+    found = {OWN_CITY: release(states.get(OWN_CITY))}
+    for city, title in shipped_titles().items():
+        with using_city(city):
+            found[city] = release_city(title, states.get(city))
+    return found
+
+
 if __name__ == "__main__":
     try:
-        for name, contract in release().items():
-            print(f"{name} {contract}")
-        for city, title in shipped_titles().items():
-            with using_city(city):
-                for name, contract in release_city(title).items():
-                    print(f"{city} {name} {contract}")
+        for city, contracts in release_all().items():
+            for name, contract in contracts.items():
+                print(f"{city} {name} {contract}")
     except InputError as problem:
         raise SystemExit(f"error: {problem}") from None

@@ -21,7 +21,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import edition_of
+from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
 from tsbench.run.execution.messages import ISOLATED, RUNNER, Setup
@@ -260,7 +260,7 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: O
     # Statistics take long to import, and nothing before the end needs them.
     from tsbench.metrics.aggregate import summarise
 
-    contract = folder.manifest["contract"]
+    contract = standing_contract(folder.manifest["contract"])
     episodes = read_table(folder.path / "episodes.parquet")
     holes = len(episodes) < sum(asked.values())
     summary = None

@@ -8,16 +8,16 @@ from functools import cached_property
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import mirrored_in_use
+from tsbench.core.xmlfile import sha256
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.sealed import SealedRoads, seal
 from tsbench.scenarios.mirror import mirrored_additional, mirrored_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
-from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.localization import LaneLocator
-from tsbench.roads.sealed import SealedRoads, seal
 from tsbench.sim.scene import Scene, SceneFile
 from tsbench.sim.scene_file import read_layout, scene_from_layout
-from tsbench.core.xmlfile import sha256
 
 _KEPT_NETWORKS = 4
 

@@ -19,10 +19,10 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns
 from tsbench.core.paths import dataset_file, fetch_hint, mirrored_in_use
+from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.scenarios.mirror import stored_type
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneFile
-from tsbench.core.xmlfile import read_plain, sha256
 
 # The files of one map, unpacked: ten times what the largest has. What Parquet adds to them is no more than they.
 MOST_BYTES = 4 << 20

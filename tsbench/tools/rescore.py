@@ -16,6 +16,7 @@ from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.aggregate import summarise
 from tsbench.rules.registry import make_monitors
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
 from tsbench.run.log.manifest import Manifest, marks_of, planners_of, read_manifest
@@ -61,8 +62,10 @@ def rescore(folder: Path) -> Rescore:
             lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
     catalog = load_catalog()
     table = read_scenarios(table_path(manifest["effective"]["split"]))
-    now = contract_hash(table, catalog)
-    known = {spec.scenario_id: spec for spec in table} if now == manifest["contract"] else None
+    now = standing_contract(contract_hash(table, catalog))
+    known = (
+        {spec.scenario_id: spec for spec in table} if now == standing_contract(manifest["contract"]) else None
+    )
     judge = Judge(catalog)
     judged = 0
     for key, row in rows.items():
@@ -173,7 +176,7 @@ class Judge:
 
 def _contract_note(manifest: Manifest, now: str) -> str:
     """Under another contract a disagreement is no wonder."""
-    if now == manifest["contract"]:
+    if now == standing_contract(manifest["contract"]):
         return ""
     return f"the run's contract is {manifest['contract'][:12]}, that of this tsbench {now[:12]}"
 
@@ -189,7 +192,7 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
         return
     now = summarise(
         episodes,
-        contract_hash=manifest["contract"],
+        contract_hash=standing_contract(manifest["contract"]),
         edition=str(manifest.get("edition", "")),
         asked=asked,
         marks=marks_of(manifest),

@@ -27,6 +27,7 @@ from tsbench.report.analyses.model import Analysis
 from tsbench.report.analyses.pool import Pool
 from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -46,7 +47,7 @@ def traffic(pool: Pool, index: EpisodeIndex) -> Analysis | None:
     if not path.is_file() or not certificates_path().is_file():
         return None
     table = read_table(path)
-    if contract_hash(table, load_catalog()) != pool.contract:
+    if standing_contract(contract_hash(table, load_catalog())) != pool.contract:
         return None
     driven = {row["scenario_id"] for row in index.rows}
     rows = [spec for spec in table if spec.scenario_id in driven]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.run.edition import edition_of
+from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.manifest import NAME, Manifest, planners_of, read_manifest
 from tsbench.run.log.rescored import tell_rescored
 from tsbench.run.log.tables import file_hashes, read_table
@@ -27,9 +28,10 @@ class StoredRun:
     episodes: pa.Table
     asked: dict[str, int]
 
-    @property
+    @cached_property
     def contract(self) -> str:
-        return str(self.manifest["contract"])
+        """The contract that its results are compared under (`edition.standing_contract`)."""
+        return standing_contract(str(self.manifest["contract"]))
 
     @property
     def edition(self) -> str:

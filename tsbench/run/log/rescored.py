@@ -11,7 +11,7 @@ from typing import Any
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
-from tsbench.run.edition import edition_of
+from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.tables import file_hashes
 
 NAME = "rescored.json"
@@ -70,5 +70,9 @@ def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) 
         return "rescored before its tables were changed: what stands in them was not judged again"
     total = found.traces + found.untraced
     agrees = f"{found.disagreements} disagreements" if found.disagreements else "all agree"
-    other = "" if found.contract == contract else f", under another contract ({found.contract[:12]})"
+    other = (
+        ""
+        if standing_contract(found.contract) == contract
+        else f", under another contract ({found.contract[:12]})"
+    )
     return f"rescored with edition {found.edition}{other}: {found.traces} of {total} episodes by their traces, {agrees}"
