@@ -33,6 +33,9 @@ class FakeRunner:
         self._beat = heartbeat
         self._scene = episode_builders.scene()
 
+    def prepare(self, spec: ScenarioSpec) -> None:
+        """A planner is made in each episode."""
+
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
         self._beat(LOADING)
         self._spec = spec

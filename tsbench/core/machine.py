@@ -7,11 +7,17 @@ import os
 import signal
 import sys
 
-_PR_SET_PDEATHSIG = 1
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def own_cores() -> int:
     return len(os.sched_getaffinity(0))
+
+
+def adopt_orphans() -> None:
+    """Ask the kernel to make this process the parent of what its descendants leave behind when they end."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
 def die_with(parent: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,12 @@ class EpisodeLoop:
         self._loader = SceneLoader() if loader is None else loader
         self._catalog: Catalog = load_catalog()
         self.episode: Episode | None = None
+
+    def prepare(self, spec: ScenarioSpec) -> None:
+        """Load the roads of a row, unless they cannot be loaded."""
+        self._beat(Phase.LOADING)
+        with suppress(InputError):
+            _ = self._loader.load(spec)[1].view
 
     def play(
         self, spec: ScenarioSpec, planner: str, privileged: bool = False, floor: bool = False
@@ -169,6 +176,15 @@ class EpisodeRunner:
     @property
     def simulation(self) -> Simulation:
         return self._loop.simulation
+
+    def prepare(self, spec: ScenarioSpec) -> None:
+        """Make the planner and load the roads of a row, for children of this process to begin with.
+
+        Raises whatever the planner's constructor does; roads that cannot be loaded are found in the episode.
+        """
+        if self._planner is None:
+            self._planner = self._loaded.factory()
+        self._loop.prepare(spec)
 
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
         """One episode; of what its code raises, only KeyboardInterrupt is left to whoever runs the process."""

@@ -22,7 +22,7 @@ from tsbench.run.contract import contract_hash
 from tsbench.run.edition import standing_contract
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import make_executor
-from tsbench.run.execution.messages import ISOLATED, Setup
+from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.isolation.loading import describe
 from tsbench.run.log.manifest import machine
@@ -207,7 +207,7 @@ def _drive(
         info = describe(planner).planner if isolated else pool.probe([planner])[0]
         setup = Setup(
             (info,), claim.mask_signs, claim.device, "none", out, claim.split, claim.contract, options=claim.options,
-            loader=ISOLATED if isolated else "",
+            loader=ISOLATED_ALONE if isolated else "",
         )  # fmt: skip
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))
         pool.run(setup, tasks, keep, lambda: False)

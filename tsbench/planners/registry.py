@@ -41,7 +41,8 @@ class PlannerEntry:
 
     target: `pkg.module:Attribute`. kind: a word for lists. privileged: is told the rule. sign_access: reads
     `Observation.signs`. chooses_route: by itself, so that no expert can lead it. parameters: how many learned ones.
-    floor: reads no plate, and is there to show how far that leads.
+    floor: reads no plate, and is there to show how far that leads. keeps_process: it has threads, processes or a device
+    that a child of its process cannot use, so it keeps what it learns in an episode.
     """
 
     target: str
@@ -52,6 +53,7 @@ class PlannerEntry:
     parameters: int | None = None
     weights: Weights | None = None
     floor: bool = False
+    keeps_process: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,12 @@ class LoadedPlanner:
     batched: type[Batched] | None = None
     weights: Weights | None = None
     floor: bool = False
+    keeps_process: bool = False
+
+    @property
+    def own(self) -> bool:
+        """Is all of it part of this package, as `is_own` says of each source?"""
+        return bool(self.sources) and all(map(is_own, self.sources))
 
     def answered_by(self, infer: Callable[[], Infer]) -> LoadedPlanner:
         """The same planner with answers from elsewhere in place of a network of its own; it must be `batched`."""
@@ -130,6 +138,15 @@ def place_of(name: str) -> str:
     return entry(name).target.partition(":")[0] if module.split(".")[0] == "tsbench" else module
 
 
+def is_own(source: str) -> bool:
+    """Is a module or file one of this package's planners? Adapters bring planners of others."""
+    return (
+        source.startswith("tsbench.")
+        and not source.startswith("tsbench.adapters.")
+        and not source.endswith(".py")
+    )
+
+
 def resolve(spec: str) -> LoadedPlanner:
     """The planner that a specification names. Every failure is an InputError of one line."""
     if spec.startswith("exe:"):
@@ -158,7 +175,7 @@ def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) 
         name=spec if known else attribute, factory=factory, privileged=facts.privileged,
         sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec, sources=(source,),
         batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
-        weights=facts.weights, floor=facts.floor,
+        weights=facts.weights, floor=facts.floor, keeps_process=facts.keeps_process,
     )  # fmt: skip
 
 
@@ -170,6 +187,7 @@ def _declared(target: object, place: str) -> PlannerEntry:
         sign_access=bool(getattr(target, "sign_access", True)),
         chooses_route=bool(getattr(target, "chooses_route", False)),
         floor=bool(getattr(target, "floor", False)),
+        keeps_process=bool(getattr(target, "keeps_process", False)),
     )
 
 

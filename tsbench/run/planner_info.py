@@ -12,17 +12,20 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.provenance import closure, digest
+from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.contract import code_files
+from tsbench.run.execution.fresh_episode import shared_with_children
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerInfo:
     """A planner in `run.json`. name: in records; spec: what the user wrote. served_on: devices on which its network is
     worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash. floor: as the planner's
-    entry says; runs from before there were floors do not say.
+    entry says; runs from before there were floors do not say. may_remember: its episodes share a process, and it may
+    know in one what it met in another.
     """
 
     name: str
@@ -33,6 +36,7 @@ class PlannerInfo:
     weights_sha256: str | None
     code_sha256: str | None
     floor: bool = False
+    may_remember: bool = False
 
 
 def describe(spec: str) -> PlannerInfo:
@@ -40,8 +44,11 @@ def describe(spec: str) -> PlannerInfo:
 
     Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
+    before = shared_with_children()
     loaded = resolve(spec)
-    _make(loaded)
+    planner = _make(loaded)
+    shared = loaded.keeps_process or bool(shared_with_children() - before)
+    del planner
     sources = [path for path in map(_file, loaded.sources) if path is not None]
     return PlannerInfo(
         name=loaded.name,
@@ -53,13 +60,14 @@ def describe(spec: str) -> PlannerInfo:
         weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
         # The contract has the rest.
         code_sha256=digest(closure(sources, code_files())) if sources else None,
+        may_remember=shared and not loaded.own,
     )
 
 
-def _make(loaded: LoadedPlanner) -> None:
+def _make(loaded: LoadedPlanner) -> Planner:
     """Make one, network and all: what is missing is missing in every episode."""
     try:
-        loaded.factory()
+        return loaded.factory()
     except (InputError, KeyboardInterrupt):
         raise
     except BaseException as error:

@@ -53,6 +53,10 @@ class OracleRunner:
         self._most, self._probe = most, from_plain(ScenarioSpec, probe)
         self._draws: bool | None = None
 
+    def prepare(self, spec: ScenarioSpec) -> None:
+        """As `EpisodeRunner.prepare`."""
+        self._runner.prepare(spec)
+
     def run(self, spec: ScenarioSpec) -> Attempt:
         """The episode, as often as it takes. Raises nothing for what a scene or planner does."""
         tries: list[Row] = []

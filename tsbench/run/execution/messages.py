@@ -19,6 +19,7 @@ M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
 ISOLATED = "tsbench.run.isolation.loading:load"
+ISOLATED_ALONE = "tsbench.run.isolation.loading:load_alone"
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,6 +10,10 @@ from dataclasses import dataclass
 from tsbench.scenarios.spec import ScenarioSpec
 
 _Key = tuple[int, str]
+
+
+def _hash(name: str) -> bytes:
+    return hashlib.sha256(name.encode()).digest()
 
 
 @dataclass(frozen=True)
@@ -21,14 +26,17 @@ class Task:
 
 
 class TaskQueue:
-    """Tasks in chunks of one planner and network, planner by planner; who has no chunk takes from the longest."""
+    """Tasks in chunks of one planner and network, planner by planner; who has no chunk takes from the longest.
+
+    Chunks, and tasks in them, are in the order of a hash of their names: nothing follows from what came before.
+    """
 
     def __init__(self, tasks: Iterable[Task]) -> None:
         self._chunks: dict[_Key, deque[Task]] = {}
-        for task in tasks:
+        for task in sorted(tasks, key=lambda task: _hash(task.spec.scenario_id)):
             self._chunks.setdefault((task.planner, task.spec.net), deque()).append(task)
         self._fresh: dict[int, deque[_Key]] = {}
-        for key in sorted(self._chunks):
+        for key in sorted(self._chunks, key=lambda key: (key[0], _hash(key[1]))):
             self._fresh.setdefault(key[0], deque()).append(key)
         self._mine: dict[int, _Key] = {}
         self._returned: deque[Task] = deque()

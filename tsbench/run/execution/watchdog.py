@@ -36,7 +36,7 @@ def find_overrun(worker: WorkerProcess, limits: Limits, now: float) -> Overrun |
         worker.stamp, worker.changed, worker.spent = worker.heartbeat.stamp, now, None
     silent, spent = now - worker.changed, 0.0
     if silent > _SILENT_S:
-        used = processor_s(worker.pid)
+        used = processor_s(worker.heartbeat.player or worker.pid)
         worker.spent = used if worker.spent is None else worker.spent
         spent = used - worker.spent
     limit, phase = _limit(worker, limits), worker.heartbeat.phase

@@ -12,6 +12,7 @@ import socket
 import sys
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,6 +25,7 @@ from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.run.execution import messages
+from tsbench.run.execution.fresh_episode import end_as, run_in_child
 from tsbench.run.execution.heartbeat import Heartbeat
 from tsbench.run.execution.inference_client import InferenceClient
 from tsbench.run.execution.task_queue import Task
@@ -34,6 +36,9 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 class Runner(Protocol):
     """What this module asks of an episode runner."""
+
+    def prepare(self, spec: ScenarioSpec) -> None:
+        """Make what episodes begin with; raises whatever the planner does."""
 
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
         """One episode; what a scene or planner does wrong is an outcome, no exception."""
@@ -52,6 +57,7 @@ class Worker:
         self._pid = os.getpid()
         self._current = -1
         self._runner: Runner | None = None
+        self._afresh: dict[int, bool] = {}
 
     def serve(self) -> None:
         """Answer messages until the parent closes the connection."""
@@ -61,8 +67,46 @@ class Worker:
             message: Any = messages.decode(line, messages.TO_WORKER)
             if isinstance(message, messages.Setup):
                 self._setup = message
+                self._afresh.clear()
             else:
-                self._say(self._episode(message) if isinstance(message, Task) else self._probe(message))
+                self._answer(message)
+
+    def _answer(self, message: Task | messages.Probe) -> None:
+        if isinstance(message, messages.Probe):
+            self._say(self._probe(message))
+        elif self._begins_afresh(message.planner):
+            self._prepare(message)
+            status = run_in_child(lambda: self._play(message))
+            if self._heartbeat.answered != message.number:
+                end_as(status)
+        else:
+            self._play(message)
+
+    def _play(self, task: Task) -> None:
+        """One episode, with its answer to the parent; in a child of this process, or here."""
+        self._pid = os.getpid()
+        self._say(self._episode(task))
+        self._heartbeat.answer(task.number)
+
+    def _begins_afresh(self, planner: int) -> bool:
+        """Are episodes of a planner to begin as if there had been no other?
+
+        Those of the package's own do so by themselves (tests/planners/test_memory.py). Isolated ones are elsewhere.
+        """
+        if planner not in self._afresh:
+            who = self._setup.planners[planner]
+            self._afresh[planner] = not (self._setup.loader or who.may_remember or _own(who))
+        return self._afresh[planner]
+
+    def _prepare(self, task: Task) -> None:
+        """Make the planner and load the roads, for a child to begin with. What fails fails in the child once more."""
+        self._heartbeat.begin(task.number)
+        # Whatever it is, the planner raised it.
+        with suppress(BaseException):
+            runner = self._runner_of(task.planner)
+            self._heartbeat.beat(Phase.PLANNING)
+            runner.prepare(task.spec)
+        self._exit_if_forked()
 
     def close(self) -> None:
         if self._runner is not None:
@@ -152,6 +196,14 @@ class Worker:
             loaded, mask_signs=setup.mask_signs, heartbeat=self._heartbeat.beat, **setup.options
         )
         return runner
+
+
+def _own(who: PlannerInfo) -> bool:
+    """Is a planner part of this package? No for one that cannot be loaded."""
+    try:
+        return resolve(who.spec).own
+    except InputError:
+        return False
 
 
 def _named(name: str) -> Callable[..., Any]:

@@ -13,12 +13,15 @@ import os
 import socket
 import sys
 import traceback
+from contextlib import suppress
 from typing import Any
 
 from tsbench.core.errors import InputError, cause_of
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
+from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.cell import LINE
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.moments import Listener
@@ -29,10 +32,16 @@ _LONGEST_TEXT = 100_000
 
 
 class Client:
-    """Hears what happens, and answers."""
+    """Hears what happens, and answers.
 
-    def __init__(self, line: socket.socket, loaded: LoadedPlanner, planner: Planner) -> None:
-        self._line, self._loaded = line, loaded
+    belongings: of a planner whose episodes are each played by a child of this process, so that they begin in the state
+    that its constructor left; None: this process plays them all.
+    """
+
+    def __init__(
+        self, line: socket.socket, loaded: LoadedPlanner, planner: Planner, belongings: Belongings | None
+    ) -> None:
+        self._line, self._loaded, self._belongings = line, loaded, belongings
         self._planner: Planner | None = planner
         self._listener = Listener()
         # Made once: to make room for each message takes longer than to read it.
@@ -43,9 +52,31 @@ class Client:
     def serve(self) -> None:
         """Until the line is closed."""
         while (message := self._message()) is not None:
-            moment = self._listener.hear(*message)
-            if moment is not None:
-                self._line.sendall(self._answer(moment))
+            if self._belongings is not None and message[0] is Kind.CONTEXT:
+                self._episode_in_child(message, self._belongings)
+            else:
+                self._hear(*message)
+
+    def _hear(self, kind: Kind, body: bytes) -> None:
+        moment = self._listener.hear(kind, body)
+        if moment is not None:
+            self._line.sendall(self._answer(moment))
+
+    def _episode_in_child(self, context: tuple[Kind, bytes], belongings: Belongings) -> None:
+        """One episode, up to its END, which is answered once nothing of it is left."""
+        status = run_in_child(lambda: self._episode(context))
+        if status:
+            end_as(status)
+        belongings.restore()
+        # The referee may have gone.
+        with suppress(OSError):
+            self._line.sendall(pack(Kind.DONE))
+
+    def _episode(self, context: tuple[Kind, bytes]) -> None:
+        message: tuple[Kind, bytes] | None = context
+        while message is not None and message[0] is not Kind.END:
+            self._hear(*message)
+            message = self._message()
 
     def _answer(self, moment: Any) -> bytes:
         try:
@@ -91,17 +122,24 @@ class Client:
 def main(spec: str) -> None:
     line = _connected()
     try:
+        before = shared_with_children()
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
         line.sendall(pack(Kind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
         return
+    belongings = None
+    if not (loaded.own or loaded.keeps_process or shared_with_children() - before):
+        # What cannot be put back keeps its process.
+        with suppress(OSError):
+            belongings = Belongings(own_places())
     facts = {
         "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
         "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
+        "forks": belongings is not None, "keeps_process": belongings is None,
     }  # fmt: skip
     line.sendall(pack(Kind.HELLO, json.dumps(facts)))
-    Client(line, loaded, planner).serve()
+    Client(line, loaded, planner, belongings).serve()
 
 
 def _connected() -> socket.socket:

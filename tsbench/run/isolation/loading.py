@@ -11,7 +11,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.provenance import closure, digest
-from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry
+from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry, is_own
 from tsbench.planners.weights import file_of
 from tsbench.run.contract import code_files
 from tsbench.run.isolation.image import image_of
@@ -38,11 +38,12 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
     weights_file = facts.get("weights_file")
     if not isinstance(name, str) or not isinstance(weights_file, str | None):
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
+    remembers = facts.get("keeps_process") is True and not begins_afresh(spec)
     told = {key: bool(facts.get(key, key == "sign_access")) for key in ("privileged", "sign_access", "floor")}
     # Its network is its own: none is served by a process that others use too.
     info = PlannerInfo(
         name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
-        code_sha256=code_hash(inner), **told
+        code_sha256=code_hash(inner), may_remember=remembers, **told
     )  # fmt: skip
     return Probed(info, process.effects)
 
@@ -74,13 +75,29 @@ def weights_hash(spec: str, file: str | None) -> str | None:
     return next((sha256_of(path) for path in found if path.name == file and path.is_file()), None)
 
 
-def load(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
-    """A planner for a worker of a run, whose own code runs in cells only."""
+def begins_afresh(spec: str) -> bool:
+    """Is a planner one of this package's? Not by its own word; one in an image is of the image's package."""
+    image, inner = image_of(spec)
+    return image is None and not inner.startswith(EXECUTABLE) and is_own(source_of(inner))
+
+
+def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False) -> LoadedPlanner:
+    """A planner for a worker of a run, whose own code runs in cells only. alone: each episode has a new one."""
     places = [Path(place) for place in hidden]
+
+    def made() -> IsolatedPlanner:
+        own = begins_afresh(planner.spec)
+        return IsolatedPlanner(lambda: PlannerProcess(planner.spec, places), own=own, alone=alone)
+
     return LoadedPlanner(
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
-        spec=planner.spec, factory=lambda: IsolatedPlanner(lambda: PlannerProcess(planner.spec, places)),
+        spec=planner.spec, factory=made,
     )  # fmt: skip
+
+
+def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
+    """As `load`, with a new cell for each episode."""
+    return load(planner, hidden, alone=True)
 
 
 def _stem(spec: str) -> str:

@@ -43,7 +43,7 @@ _PACKAGE = Path(tsbench.__file__).resolve().parent
 MEMORY_BYTES = 4 << 30
 # All the processor time of one process of a planner; it is replaced long before, between two episodes.
 CPU_S = 6 * 3600
-LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20}
+LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20, "MSGQUEUE": 0}
 SCRATCH = "256m"
 
 

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.moments import Teller
 from tsbench.run.isolation.places import command_of, settings_of
-from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, unpack
+from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
 
 _CELL = Path(__file__).with_name("cell.py")
 _READ_BYTES = 1 << 16
@@ -162,17 +163,20 @@ class _NoNumber:
 
 
 class IsolatedPlanner:
-    """A planner for the runner: each call is a message to the process, which is made when first needed."""
+    """A planner for the runner: each call is a message to the process, which is made when first needed.
 
-    def __init__(self, make: Callable[[], PlannerProcess]) -> None:
-        self._make = make
+    own: part of this package, and known to begin each episode afresh. alone: each episode has a new process. Otherwise
+    an episode has one where the planner neither forks for each nor says that it keeps its process.
+    """
+
+    def __init__(self, make: Callable[[], PlannerProcess], *, own: bool = False, alone: bool = False) -> None:
+        self._make, self._own, self._alone = make, own, alone
         self._process: PlannerProcess | None = None
         self._teller = Teller()
         self._episodes = 0
 
     def reset(self, context: PlannerContext) -> None:
-        if self._episodes >= _MOST_EPISODES:
-            self.close()
+        self._end_episode()
         if self._process is None:
             self._process, self._teller, self._episodes = self._make(), Teller(), 0
         self._episodes += 1
@@ -180,6 +184,20 @@ class IsolatedPlanner:
         if kind is not Kind.DONE or body:
             self.close()
             raise PlannerOutputError(f"no message of the protocol: {kind.name} to a context")
+
+    def _end_episode(self) -> None:
+        """What the last episode left is gone after this, and with it the process where that takes its end."""
+        if self._process is None:
+            return
+        facts, alone = self._process.facts, self._alone or self._episodes >= _MOST_EPISODES
+        if not alone and (self._own or facts.get("keeps_process") is True):
+            return
+        if not alone and facts.get("forks") is True:
+            # Whatever goes wrong belongs to no episode: the next one begins with a new process.
+            with suppress(IsolatedPlannerError, PlannerOutputError):
+                if self._ask(pack(Kind.END)) == (Kind.DONE, b""):
+                    return
+        self.close()
 
     def act(self, observation: Observation) -> Control | Trajectory:
         try:

@@ -45,6 +45,7 @@ class Kind(IntEnum):
     TRAJECTORY = 13
     INVALID = 14
     FAILED = 15
+    END = 16
 
 
 Field = tuple[str, str, str]
@@ -56,7 +57,7 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         (
             "facts",
             TEXT,
-            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file; or problem",
+            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file, forks, keeps_process; or problem",
         ),
     ),
     Kind.MAP: (
@@ -152,6 +153,7 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
     ),
     Kind.INVALID: (("reason", TEXT, "why what the planner returned is no command"),),
     Kind.FAILED: (("reason", TEXT, "what the planner raised"), ("detail", TEXT, "its traceback")),
+    Kind.END: (),
 }
 
 

@@ -29,6 +29,8 @@ from tsbench.scenarios.table import SPLITS
 Manifest = dict[str, Any]
 
 NAME = "run.json"
+# Of planners whose episodes share a process.
+MAY_REMEMBER = "may remember"
 _PACKAGES = {"sumo": "libsumo"} | {name: name for name in ("numpy", "pyarrow", "shapely", "torch")}
 # What must be equal for a run to be continued in its folder.
 _SAME = ("contract", "planners", "effective")
@@ -97,14 +99,16 @@ def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
 
 
 def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """What tables write behind the names of a run's planners: of floors, and of those that others made.
+    """What tables write behind the names of a run's planners: of floors, of those that others made, and of those that
+    may remember earlier episodes.
 
     By name; the others have none. Where a planner is from is not in the manifest: its registered name says it.
     """
     marks = {
-        planner.name: FLOOR if planner.floor else origin(planner.spec) for planner in planners_of(manifest)
+        planner.name: (FLOOR if planner.floor else origin(planner.spec), MAY_REMEMBER * planner.may_remember)
+        for planner in planners_of(manifest)
     }
-    return {name: mark for name, mark in marks.items() if mark}
+    return {name: mark for name, words in marks.items() if (mark := ", ".join(filter(None, words)))}
 
 
 def city_of(manifest: Mapping[str, Any]) -> str:

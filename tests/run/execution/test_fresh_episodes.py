@@ -1,0 +1,76 @@
+"""An episode begins with nothing: what a driver learned in one half of a pair does not reach the other."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import tsbench
+from tsbench.episode.trace import read_trace, trace_path
+from tsbench.run.isolation.loading import describe as describe_isolated
+from tsbench.run.log.manifest import marks_of, read_manifest
+from tsbench.run.planner_info import describe
+
+DRIVERS = Path(__file__).parents[2] / "helpers" / "remembering.py"
+WIPED = ("InObject", "InClass", "InModule", "InProcess")
+ALL = (*WIPED, "InFile", "InSharedMemory", "Keeps")
+FIRST, SECOND = 0.2, 0.4
+
+
+@pytest.fixture
+def drivers(tmp_path: Path) -> str:
+    """The file of the drivers under a name of its own: what they leave behind bears it."""
+    folder = tmp_path / tmp_path.name
+    folder.mkdir()
+    return str(shutil.copy(DRIVERS, folder / f"{tmp_path.name}_drivers.py"))
+
+
+def driven(file: str, names: tuple[str, ...], out: Path, *, isolate: bool = False) -> dict[str, list[float]]:
+    """The acceleration that each driver asked for in the two halves of one pair, sorted; one worker drives both."""
+    made = tsbench.evaluate(
+        [f"{file}:{name}" for name in names], split="dev", types=["speed_limit"], limit=2, workers=1, trace="all",
+        isolate=isolate, out=out,
+    )  # fmt: skip
+    assert len(made.episodes) == 2 * len(names)
+    assert not made.episodes.error.notna().any()
+    found: dict[str, list[float]] = {name: [] for name in names}
+    for row in made.episodes.itertuples():
+        trace = read_trace(trace_path(out, row.planner, row.scenario_id))
+        found[row.planner].append(float(trace.commands[0, 0]))
+    return {name: sorted(commands) for name, commands in found.items()}
+
+
+def test_what_a_driver_keeps_in_its_process_does_not_reach_the_next_episode(
+    drivers: str, tmp_path: Path
+) -> None:
+    assert driven(drivers, WIPED, tmp_path / "run") == {name: [FIRST, FIRST] for name in WIPED}
+
+
+def test_an_isolated_driver_keeps_no_file_either(drivers: str, tmp_path: Path) -> None:
+    names = (*WIPED, "InFile")
+    assert driven(drivers, names, tmp_path / "run", isolate=True) == {name: [FIRST, FIRST] for name in names}
+
+
+def test_who_can_remember_is_marked(drivers: str, tmp_path: Path) -> None:
+    """By its own word, or because its constructor made what a fork does not separate."""
+    names = ("InSharedMemory", "Keeps")
+    assert driven(drivers, names, tmp_path / "run") == {name: [FIRST, SECOND] for name in names}
+    manifest = read_manifest(tmp_path / "run")
+    assert manifest is not None
+    assert [planner["may_remember"] for planner in manifest["planners"]] == [True, True]
+    assert marks_of(manifest) == dict.fromkeys(names, "may remember")
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_mark_is_the_same_isolated(drivers: str, name: str) -> None:
+    remembers = name in ("InSharedMemory", "Keeps")
+    assert describe(f"{drivers}:{name}").may_remember is remembers
+    assert describe_isolated(f"{drivers}:{name}").planner.may_remember is remembers
+
+
+def test_a_file_outside_a_cell_is_not_wiped(drivers: str, tmp_path: Path) -> None:
+    """docs/planners.md says so: only `--isolate` and `verify` hold it off."""
+    (commands,) = driven(drivers, ("InFile",), tmp_path / "run").values()
+    assert SECOND in commands

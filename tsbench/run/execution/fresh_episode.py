@@ -1,0 +1,108 @@
+"""An episode in a child of the worker, so that it begins in the state that the planner's constructor left.
+
+The worker makes the planner and loads the roads, and never plays. A child plays one episode and ends. What it changed
+in objects, classes and modules ends with it, and so do the processes that it started. Files that a planner writes
+outlive it: only an isolated planner (`run.isolation`) shares none with other episodes.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import re
+import signal
+import sys
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from tsbench.core.machine import adopt_orphans, die_with
+
+# Comes with PyArrow, and is started anew in a child.
+_ALLOCATOR = "jemalloc_bg_thd"
+_NOTHING = Path("/dev/null")
+
+
+def shared_with_children() -> frozenset[str]:
+    """What children of a fork would share with this process and with each other, or would miss; in words.
+
+    Threads, child processes, memory that is shared, and open files that are not only read. What the constructor of a
+    planner adds to it can carry something from one episode to the next.
+    """
+    own = Path("/proc/self")
+    threads = {task.name: (task / "comm").read_text().strip() for task in (own / "task").iterdir()}
+    found = {f"thread {number}" for number, name in threads.items() if name != _ALLOCATOR}
+    found |= {f"process {child}" for child in _children()}
+    for line in (own / "maps").read_text().splitlines():
+        place, rights, _, _, _, *name = line.split(maxsplit=5)
+        if rights[1] == "w" and rights[3] == "s":
+            found.add(f"shared memory {' '.join(name)} at {place}")
+    for file in (own / "fd").iterdir():
+        with suppress(OSError):
+            target = file.readlink()
+            flags = re.search(r"flags:\s+(\d+)", (own / "fdinfo" / file.name).read_text())
+            only_read = flags is not None and not int(flags[1], 8) & (os.O_WRONLY | os.O_RDWR)
+            if target != _NOTHING and not (only_read and target.is_absolute()):
+                found.add(f"open file {target} as {file.name}")
+    return frozenset(found)
+
+
+def run_in_child(play: Callable[[], None]) -> int:
+    """Run `play` in a child of this process; returns how the child ended (negative: by a signal), 0 if it went well.
+
+    What the child has started is killed after its end.
+    """
+    adopt_orphans()
+    # The collector of garbage would write to every object, and so copy every page.
+    gc.collect()
+    gc.freeze()
+    parent = os.getpid()
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            die_with(parent)
+            play()
+            status = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            with suppress(Exception):
+                sys.stdout.flush()
+                sys.stderr.flush()
+            os._exit(status)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    kill_children()
+    return status
+
+
+def end_as(status: int) -> None:
+    """End this process as a child ended: by the same signal or with the same exit code."""
+    if status < 0:
+        if -status not in (signal.SIGKILL, signal.SIGSTOP):
+            signal.signal(-status, signal.SIG_DFL)
+        os.kill(os.getpid(), -status)
+    os._exit(max(status, 0))
+
+
+def kill_children() -> None:
+    """Kill and reap all that this process has started, and what that has started."""
+    if os.getpid() == 1:
+        # The first process of a namespace: the others in it are all below it, and /proc may be missing.
+        with suppress(ProcessLookupError):
+            os.kill(-1, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            while True:
+                os.waitpid(-1, 0)
+    while children := _children():
+        for child in children:
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            os.waitpid(-1, 0)
+
+
+def _children() -> list[int]:
+    told = (file.read_text().split() for file in Path("/proc/self/task").glob("*/children"))
+    return [int(child) for children in told for child in children]

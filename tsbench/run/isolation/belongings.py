@@ -1,0 +1,86 @@
+"""What an episode may leave in a planner's cell besides processes: files, and System V's shared memory."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+_MOST_BYTES = 64 << 20
+# Where every process may write.
+_PUBLIC = (Path("/tmp"), Path("/dev/shm"))
+_IPC = Path("/proc/sysvipc")
+_IPC_RMID = 0
+# Name, size, time of the last change, number of the file: what differs after any write.
+_State = tuple[tuple[str, int, int, int], ...]
+
+
+class Belongings:
+    """The files in a cell's writable places, to go back to after each episode.
+
+    places: folders that are the cell's own. Raises OSError for more than 64 MB, or for files that cannot be read.
+    """
+
+    def __init__(self, places: tuple[Path, ...]) -> None:
+        self._places = places
+        found = [path for place in places for path in sorted(place.rglob("*"))]
+        if sum(path.lstat().st_size for path in found) > _MOST_BYTES:
+            raise OSError(f"more than {_MOST_BYTES >> 20} MB of files")
+        self._files = {path: _content(path) for path in found}
+        self._state = self._look()
+
+    def restore(self) -> None:
+        """Remove what is new, and write what was there before; removes System V's objects in a namespace of its own."""
+        if os.getpid() == 1:
+            _remove_ipc()
+        if self._look() == self._state:
+            return
+        for place in self._places:
+            for path in place.iterdir():
+                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        for path, content in self._files.items():
+            if content is None:
+                path.mkdir()
+            elif isinstance(content, Path):
+                path.symlink_to(content)
+            else:
+                path.write_bytes(content)
+        self._state = self._look()
+
+    def _look(self) -> _State:
+        found = []
+        for place in self._places:
+            for path in sorted(place.rglob("*")):
+                told = path.lstat()
+                found.append((str(path), told.st_size, told.st_ctime_ns, told.st_ino))
+        return tuple(found)
+
+
+def own_places() -> tuple[Path, ...]:
+    """The folders of this process's cell that it may write to. Without namespaces only its home is the cell's own."""
+    home = Path(os.environ["HOME"])
+    return tuple(dict.fromkeys((home, *_PUBLIC))) if os.getpid() == 1 else (home,)
+
+
+def _content(path: Path) -> bytes | Path | None:
+    """Of a file its bytes, of a link its target, of a folder None."""
+    if path.is_symlink():
+        return path.readlink()
+    return None if path.is_dir() else path.read_bytes()
+
+
+def _remove_ipc() -> None:
+    """Remove shared memory, semaphores and queues of this namespace."""
+    system = ctypes.CDLL(None)
+    calls: dict[str, Callable[[int], object]] = {
+        "shm": lambda number: system.shmctl(number, _IPC_RMID, None),
+        "sem": lambda number: system.semctl(number, 0, _IPC_RMID),
+        "msg": lambda number: system.msgctl(number, _IPC_RMID, None),
+    }
+    for kind, remove in calls.items():
+        with suppress(FileNotFoundError):
+            for line in (_IPC / kind).read_text().splitlines()[1:]:
+                remove(int(line.split()[1]))
