@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.helpers import RoadAhead as RoadAhead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
+    from tsbench.planners.sign_lines import line_ahead as line_ahead
 
 __version__ = "0.1.0"
 
@@ -46,6 +47,7 @@ _PUBLIC = {
     "evaluate": "tsbench.api.evaluate",
     "lane_bounds": "tsbench.planners.geometry",
     "lane_polygon": "tsbench.planners.geometry",
+    "line_ahead": "tsbench.planners.sign_lines",
     "load_run": "tsbench.api.run",
     "load_scenarios": "tsbench.api.scenarios",
     "pursue_route": "tsbench.planners.common.pure_pursuit",

@@ -1,10 +1,10 @@
-"""One episode: the closed loop of simulation, navigation, monitors and planner. The hot path of the product."""
+"""Runs episodes with a planner: errors become outcomes, and the planner is made once."""
 
 from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -13,25 +13,21 @@ import numpy as np
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
 from tsbench.core.plain import from_plain
 from tsbench.core.seeds import floor_seed, planner_seed
-from tsbench.episode.command import Plan, to_command, to_plan
-from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
-from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
+from tsbench.episode.episode import Episode
+from tsbench.episode.observation import Observer, destination_on_map
+from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.registry import LoadedPlanner
-from tsbench.rules.registry import make_monitors
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.catalog import Catalog, load_catalog
-from tsbench.sim.convoy import ConvoyRelease
-from tsbench.sim.ego import advance, start_motion
-from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
-from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
+from tsbench.sim.world import DT_S
 
 # An episode as its driver sees it: a context, then an observation a tick. It is sent None for the first, and for each
 # of the others what the planner said to it; it returns the result.
@@ -222,149 +218,3 @@ class EpisodeRunner:
 
 def _line(error: BaseException) -> str:
     return cause_of(error)[:500]
-
-
-class Episode:
-    """The state of one episode in its loop."""
-
-    def __init__(
-        self,
-        sim: Simulation,
-        scene: Scene,
-        roads: Roads,
-        catalog: Catalog,
-        observer: Observer,
-        beat: Callable[[int], None],
-    ) -> None:
-        self.sim, self.scene, self.roads, self._beat = sim, scene, roads, beat
-        self.snapshots: list[WorldSnapshot] = []
-        self.commands: list[tuple[float, float]] = []
-        self.plans: list[Plan | None] = []
-        self.planner_s: list[float] = []
-        self.sim_s = 0.0
-        self.monitors = make_monitors(catalog, scene)
-        self.ending = TerminationCheck(scene, self.monitors.target)
-        self.view = roads.view
-        self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
-        self.observer = observer
-        self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
-        self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
-        start = scene.network.lane(scene.start.lane)
-        self.motion = start_motion(scene)
-        self.ego = self._locate(start.index)
-        sim.load_scene(scene)
-        sim.start_ego(self.motion, start.edge, start.order)
-        if scene.convoy:
-            for vehicle in scene.convoy.vehicles:
-                sim.hold(vehicle)
-        if scene.walkers:
-            sim.hold_persons(scene.walkers.persons)
-            if scene.walkers.come_up_s:
-                self._walk(scene.walkers.speeds)
-        # One more step brings the ego to its exact pose and fills the first view.
-        sim.step()
-        self.seen = ego_on_map(self.view, self.ego)
-        self.route: RouteView = self.navigator.update(self.seen)
-        self.start_remaining = self.route.remaining
-        self.intent: tuple[str, ...] = ()
-        self._shown: tuple[str, ...] = ()
-        self._shown_on = -1
-        self._take(0)
-        self.start_s = 0.0
-
-    def _locate(self, last: int) -> EgoState:
-        m = self.motion
-        lane, s, d, on_road = self.roads.locator.locate(m.x, m.y, m.heading, last)
-        return EgoState(
-            m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, lane, s, d, on_road
-        )  # fmt: skip
-
-    def _take(self, step: int) -> bool:
-        """Read the world after a step; False if the ego has left the map."""
-        actors = self.sim.actors()
-        if actors is None:
-            return False
-        self.snapshots.append(WorldSnapshot(step, step * DT_S, self.ego, actors))
-        return True
-
-    def look(self) -> Observation:
-        """What there is to see at the last tick."""
-        return self.observer.observe(self.snapshots[-1], self.seen, self.route)
-
-    def drive(self) -> Generator[Observation, Control | Trajectory | None, Outcome]:
-        """The loop, until exactly one outcome."""
-        clock = time.perf_counter
-        beat = self._beat
-        step = 0
-        while True:
-            snapshot = self.snapshots[-1]
-            beat(Phase.SCORING)
-            self.monitors.update(snapshot)
-            ended = self.ending.at(snapshot)
-            if ended is not None:
-                return ended
-            observation = self.look()
-            beat(Phase.PLANNING)
-            t0 = clock()
-            output = yield observation
-            t1 = clock()
-            # What it returned is its own code still.
-            command, self.intent = to_command(output, self.motion, self.view.map)
-            plan = to_plan(output)
-            beat(Phase.SIMULATING)
-            self.planner_s.append(t1 - t0)
-            self.commands.append(command)
-            self.plans.append(plan)
-            self.motion = advance(self.motion, *command)
-            self.ego = self._locate(self.ego.lane)
-            step += 1
-            if not self._simulate(step):
-                return Outcome.OFF_ROAD
-            self.seen = ego_on_map(self.view, self.ego)
-            self.route = self.navigator.update(self.seen)
-            self.sim_s += clock() - t1
-
-    def _simulate(self, step: int) -> bool:
-        sim, ego = self.sim, self.ego
-        if self.release is not None and self.release.update(ego):
-            assert self.scene.convoy is not None
-            for vehicle in self.scene.convoy.vehicles:
-                sim.release(vehicle)
-        plan = self.scene.walkers
-        if plan is not None and step == round(plan.come_up_s / DT_S):
-            self._walk((0.0,) * len(plan.persons))
-        if plan is not None and self.walk is not None and self.walk.update(ego):
-            self._walk(plan.speeds)
-        shown = self.intent or self.route.path.edges
-        if ego.lane != self._shown_on:
-            # Inside a junction SUMO may take the ego for another path's, and forgets its way for that one's.
-            self._shown, self._shown_on = (), ego.lane
-        if shown is not self._shown and (shown == self._shown or self._show(shown)):
-            self._shown = shown
-        if ego.lane >= 0:
-            lane = self.scene.network.lanes[ego.lane]
-            sim.place_ego(self.motion, lane.edge, lane.order)
-        else:
-            sim.place_ego(self.motion, "", -1)
-        sim.step()
-        return self._take(step)
-
-    def _walk(self, speeds: Sequence[float]) -> None:
-        """All pedestrians of the scene's plan walk at these speeds from now."""
-        assert self.scene.walkers is not None
-        for person, speed in zip(self.scene.walkers.persons, speeds, strict=True):
-            self.sim.let_walk(person, speed)
-
-    def _show(self, edges: tuple[str, ...]) -> bool:
-        try:
-            return self.sim.set_route(self.view.sumo_edges(edges))
-        except SimulationError as problem:
-            if self.intent:
-                raise PlannerOutputError(f"intent is no way through the network: {problem}") from problem
-            raise
-
-    def facts(self, outcome: Outcome) -> EpisodeFacts:
-        return EpisodeFacts(
-            scene=self.scene, snapshots=self.snapshots, route=self.route, start_remaining_m=self.start_remaining,
-            outcome=outcome, contact=self.ending.contact, **self.monitors.finish()._asdict(),
-        )  # fmt: skip
