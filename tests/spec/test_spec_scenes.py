@@ -30,11 +30,11 @@ def test_pages_say_how_long_after_the_ego_a_convoy_comes() -> None:
     }
     ((least, most),) = spans
     for page, words_after in (
-        ("spec/scenes.md", "after the ego"),
-        ("spec/contrast.md", "behind"),
-        ("differences.md", "after it"),
+        ("docs/spec/scenes.md", "after the ego"),
+        ("docs/spec/contrast.md", "behind"),
+        ("docs/differences.md", "after it"),
     ):
-        text = " ".join((ROOT / "docs" / page).read_text(encoding="utf-8").split())
+        text = " ".join((ROOT / page).read_text(encoding="utf-8").split())
         assert f"{least:g} to {most:g} s {words_after}" in text
 
 
