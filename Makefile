@@ -25,62 +25,74 @@ test: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(TEST_ARGS)
 
 # All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
-# masked, an entrant from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
-# figures of docs/results.md, docs/floor.md and README.md, and the report. Goes on where it was stopped. VARIANTS=all: on all test scenes, with no page;
+# masked, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
+# figures of PAGES, and the report. Goes on where it was stopped. VARIANTS=all: on all test scenes, with no page;
 # only plant2-ft's failures are traced then: docs/cluster.md says what all traces would take.
+# A trial of all its steps on a few scenes: TYPES=stop,speed LIMIT=4 RESULTS=/tmp/trial PAGES="copies of pages", and fewer planners;
+# an empty SECOND, ENTRANTS, PROPOSALS or REACTIVE leaves out that run.
 VARIANTS ?= one-per-map
+TYPES :=
+LIMIT :=
 RESULTS := runs/results-$(VARIANTS)
+PAGES := $(if $(filter all,$(VARIANTS)),,docs/results.md docs/floor.md README.md)
 BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
 PLANNERS := $(BASES) $(addsuffix -e,$(BASES))
+BLIND := blind coin plant2-blind
 LAWLESS := tsbench.dataset.certify.lawless:Lawless
 BARE := $(addprefix tsbench.planners.plant2.ablations:,WithoutHalts WithoutMemory)
 SECOND := plant2-ft-seed1
 ENTRANTS := metadrive-ppo
 PROPOSALS := pdm
 REACTIVE := commonroad-reactive
+READERS := reader careful
+MIRRORED := idm idm-e plant2-ft blind
 # Scenes for a planner that takes seconds for each.
 SUBSET := 270
 LEVELS := good production poor
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
 TRACE := $(if $(filter all,$(VARIANTS)),none,violations)
-RUNS := $(addprefix $(RESULTS)/,others plant2-ft second-seed floors entrants pdm)
-DRIVE = $(BIN)/tsbench run --split test --variants $(VARIANTS) --workers $(WORKERS)
+RUNS := $(addprefix $(RESULTS)/,others plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm))
+DRIVE = $(BIN)/tsbench run --split test --variants $(VARIANTS) --workers $(WORKERS)$(if $(TYPES), --types $(TYPES))$(if $(LIMIT), --limit $(LIMIT))
 ANALYSE = $(BIN)/tsbench analyse
 asked = $(addprefix --planner ,$(1))
-results: setup $(METADRIVE)
-	$(DRIVE) $(call asked,$(PLANNERS)) --trace $(TRACE) --out $(RESULTS)/others
-	$(DRIVE) --planner plant2-ft --out $(RESULTS)/plant2-ft
-	$(DRIVE) $(call asked,$(SECOND)) --out $(RESULTS)/second-seed
-	$(DRIVE) $(call asked,blind coin plant2-blind $(LAWLESS)) --trace none --out $(RESULTS)/floors
-	$(DRIVE) $(call asked,$(BARE)) --trace none --out $(RESULTS)/bare
-	TSBENCH_METADRIVE=$(METADRIVE) $(DRIVE) $(call asked,$(ENTRANTS)) --trace none --out $(RESULTS)/entrants
-	$(DRIVE) $(call asked,$(PROPOSALS)) --trace none --out $(RESULTS)/pdm
-	PYTHONPATH=$(VENV)/commonroad $(DRIVE) $(call asked,$(REACTIVE)) --limit $(SUBSET) --trace none --out $(RESULTS)/commonroad
-	$(DRIVE) --planner plant2-ft --mask-signs --trace none --out $(RESULTS)/masked
-	$(DRIVE) --planner reader --planner careful --out $(RESULTS)/readers
+# A run of these planners, in this folder, with these options; none where there are no planners.
+drive = $(if $(1),$(DRIVE) $(call asked,$(1)) $(3) --out $(RESULTS)/$(2))
+# CommonRoad's packages beside what PYTHONPATH names already.
+WITH_COMMONROAD = PYTHONPATH=$(VENV)/commonroad$${PYTHONPATH:+:$$PYTHONPATH}
+results: setup $(if $(ENTRANTS),$(METADRIVE))
+	$(call drive,$(PLANNERS),others,--trace $(TRACE))
+	$(call drive,plant2-ft,plant2-ft)
+	$(call drive,$(SECOND),second-seed)
+	$(call drive,$(BLIND) $(LAWLESS),floors,--trace none)
+	$(call drive,$(BARE),bare,--trace none)
+	$(if $(ENTRANTS),TSBENCH_METADRIVE=$(METADRIVE) $(call drive,$(ENTRANTS),entrants,--trace none))
+	$(call drive,$(PROPOSALS),pdm,--trace none)
+	$(if $(REACTIVE),$(WITH_COMMONROAD) $(call drive,$(REACTIVE),commonroad,--trace none --limit $(or $(LIMIT),$(SUBSET))))
+	$(call drive,plant2-ft,masked,--trace none --mask-signs)
+	$(call drive,$(READERS),readers)
 	for level in $(LEVELS); do \
-		$(DRIVE) --planner plant2-ft --perception $$level --out $(RESULTS)/ft-$$level || exit; \
-		$(DRIVE) --planner reader --planner careful --perception $$level --out $(RESULTS)/readers-$$level || exit; done
-	$(DRIVE) --city north-bayreuth $(call asked,$(PLANNERS) blind coin plant2-blind) --trace none --out $(RESULTS)/north-bayreuth
-	$(DRIVE) --city north-bayreuth --planner plant2-ft --trace none --out $(RESULTS)/north-bayreuth-ft
-	$(DRIVE) --city mirrored-moscow $(call asked,idm idm-e plant2-ft blind) --trace none --out $(RESULTS)/mirrored-moscow
+		$(call drive,plant2-ft,ft-$$level,--perception $$level) || exit; \
+		$(call drive,$(READERS),readers-$$level,--perception $$level) || exit; done
+	$(call drive,$(PLANNERS) $(BLIND),north-bayreuth,--trace none --city north-bayreuth)
+	$(call drive,plant2-ft,north-bayreuth-ft,--trace none --city north-bayreuth)
+	$(call drive,$(MIRRORED),mirrored-moscow,--trace none --city mirrored-moscow)
 	for name in main types intervals correlations failures floor; do \
 		$(ANALYSE) $$name $(RUNS) --out $(RESULTS)/analyses || exit; done
 	$(ANALYSE) ablation $(RESULTS)/plant2-ft $(RESULTS)/masked --out $(RESULTS)/analyses
 	$(ANALYSE) perception $(addprefix $(RESULTS)/,plant2-ft readers $(foreach level,$(LEVELS),ft-$(level) readers-$(level))) \
 		--out $(RESULTS)/analyses
-	for name in "bare plant2-ft" "north-bayreuth north-bayreuth-ft" mirrored-moscow commonroad; do \
+	for name in "bare plant2-ft" "north-bayreuth north-bayreuth-ft" mirrored-moscow $(if $(REACTIVE),commonroad); do \
 		set -- $$name; first=$$1; \
 		$(ANALYSE) floor $$(printf '$(RESULTS)/%s ' $$name) --out $(RESULTS)/$$first/analyses || exit; \
 		cp $(RESULTS)/$$first/analyses/floor.md $(RESULTS)/analyses/$$first.md || exit; done
-	$(if $(filter all,$(VARIANTS)),,$(ANALYSE) pages docs/results.md docs/floor.md README.md --from $(RESULTS)/analyses)
+	$(if $(PAGES),$(ANALYSE) pages $(PAGES) --from $(RESULTS)/analyses)
 	$(BIN)/tsbench report $(RESULTS)/others $(RESULTS)/plant2-ft --out $(RESULTS)/report.html
 
 # A random SHARE of each planner's episodes of `make results` driven again; any difference ends it. SEED: your own.
 SHARE ?= 54
 results-again: setup $(METADRIVE)
 	for run in $$(dirname $(RESULTS)/*/run.json); do \
-		PYTHONPATH=$(VENV)/commonroad TSBENCH_METADRIVE=$(METADRIVE) $(BIN)/tsbench verify $$run --shared-process --sample $(SHARE) --seed $(SEED) --workers $(WORKERS) || exit; done
+		$(WITH_COMMONROAD) TSBENCH_METADRIVE=$(METADRIVE) $(BIN)/tsbench verify $$run --shared-process --sample $(SHARE) --seed $(SEED) --workers $(WORKERS) || exit; done
 
 # tsbench's expert, its network and a planner in C: driven isolated, submitted, verified as on another processor; forgeries of each.
 submissions: setup
