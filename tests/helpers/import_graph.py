@@ -95,8 +95,8 @@ def _module_of(module: str, name: str) -> str:
 
 
 def package_of(module: str) -> str:
-    """The floor's package of a module; "" for tsbench itself, which shows the public names of all."""
-    return module.split(".")[1] if "." in module else ""
+    """The floor's package of a module; "" for tsbench itself, which shows the public names of all, and its command."""
+    return module.split(".")[1] if "." in module and module != "tsbench.__main__" else ""
 
 
 def package_imports() -> dict[str, set[str]]:
