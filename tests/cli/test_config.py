@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
+import click
 import pytest
 
-from tsbench.cli import main
+import tsbench
+from tsbench.cli import SECTIONS, cli, config, main
+from tsbench.core.errors import InputError
 
 FILE = """
 [run]
@@ -61,6 +65,9 @@ def test_the_command_line_goes_before(here: Path) -> None:
         ("[run\n", "tsbench.toml: is not TOML"),
         ("[run]\nplanner = []\n", "tsbench.toml: [run] planner: expected a value, or a list of values"),
         ("[run]\nplanner = 'idm'\nsplit = 'moon'\n", "Invalid value for '--split'"),
+        ("[run]\nplanner = 'idm'\nsplit = 'dev'\nworkers = 1.5\n", "Invalid value for '--workers'"),
+        ("[run]\nisolate = 'yes'\n", "tsbench.toml: [run] isolate: expected true or false"),
+        ("[run]\nworkers = true\n", "tsbench.toml: [run] workers: expected a value, or a list of values"),
     ],
 )
 def test_what_is_wrong_is_one_line(
@@ -78,3 +85,104 @@ def test_other_commands_do_not_mind_another_section(here: Path, capsys: pytest.C
     (here / "tsbench.toml").write_text("[run]\nplaner = 1\n")
     assert called("signs", "list") == 0
     assert "2.4" in capsys.readouterr().out
+
+
+GROUP = """
+[train]
+seed = 7
+device = "cuda"
+[train.plant2]
+seed = 8
+epochs = 3
+planner = ["idm", "reader"]
+[train.ppo]
+rate = 0.5
+[train.measure]
+stop-policy = [0.5, 1, 0.25, 2, 3]
+[planners.check]
+limit = 4
+"""
+
+
+def of_group(path: Path, *words: str) -> dict[str, Any]:
+    command = cli.get_command(click.Context(cli), words[0])
+    assert command is not None
+    found = config.defaults_of(command, words, path)
+    return dict(found.get(words[1], {}))
+
+
+def test_a_groups_commands_have_sections_of_their_own(here: Path) -> None:
+    path = here / "tsbench.toml"
+    path.write_text(GROUP)
+    assert of_group(path, "train", "plant2", "--batch", "8") == {
+        "seed": "8", "device": "cuda", "epochs": "3", "planners": ["idm", "reader"],
+    }  # fmt: skip
+    assert of_group(path, "train", "ppo") == {"seed": "7", "device": "cuda", "rate": "0.5"}
+    # It has no device.
+    assert of_group(path, "train", "measure") == {"seed": "7", "stop_policy": ["0.5", "1", "0.25", "2", "3"]}
+    assert of_group(path, "planners", "check") == {"limit": "4"}
+    assert of_group(path, "planners", "list") == {}
+
+
+def test_a_groups_options_reach_its_command(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "tsbench.toml").write_text("[signs.equivalents]\ncountry = 'moon'\n")
+    # The others do not mind.
+    assert called("signs", "list") == 0
+    assert called("signs", "equivalents", "--country", "de") == 0
+    capsys.readouterr()
+    assert called("signs", "equivalents") == 2
+    assert "moon" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("group", ["train", "planners", "signs", "analyse"])
+def test_what_is_wrong_in_a_groups_section_is_one_line(
+    group: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert group in {name for section in SECTIONS.values() for name in section}
+    command = {"train": "ppo", "planners": "list", "signs": "list", "analyse": "main"}[group]
+    for text, problem in (
+        (f"[{group}]\nbanana = 1\n", f"[{group}] banana: no command of `tsbench {group}` has this option"),
+        (f"[{group}.{command}]\nbanana = 1\n", f"[{group}.{command}] banana: no such option; there are"),
+        (f"[{group}]\n{command} = 1\n", f"{group}.{command}: expected a section, [{group}.{command}]"),
+    ):
+        (here / "tsbench.toml").write_text(text)
+        assert called(group, command) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"error: tsbench.toml: {problem}")
+        assert error.count("\n") == 1
+        # Its help can still be read.
+        assert called(group, "--help") == 0
+        capsys.readouterr()
+
+
+def test_python_takes_what_the_command_takes(here: Path) -> None:
+    (here / "tsbench.toml").write_text(FILE)
+    run = tsbench.evaluate()
+    assert run.path == Path("from-file")
+    assert (run.planners, run.status, run.options["types"]) == (
+        ("idm",),
+        "complete",
+        ["yield", "speed_limit"],
+    )
+    # The command shows the same complete run.
+    assert called("run") == 0
+    # Arguments go before.
+    other = tsbench.evaluate("idm-e", types="stop", limit=1, out="mine")
+    assert (other.planners, other.options["types"], other.options["split"]) == (("idm-e",), ["stop"], "dev")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "split: name one (split=…), here or in the section [run] of tsbench.toml"),
+        ("[run]\nsplit = 'dev'\n", "--planner: name at least one"),
+        ("[run]\nplaner = 1\n", "tsbench.toml: [run] planer: no such option; there are"),
+        ("[run]\nsplit = 'moon'\n", "tsbench.toml: [run] split: 'moon' is not one of"),
+        ("[run]\nworkers = 1.5\n", "tsbench.toml: [run] workers: '1.5' is not a valid integer"),
+    ],
+)
+def test_python_says_what_is_wrong(text: str, problem: str, here: Path) -> None:
+    (here / "tsbench.toml").write_text(text)
+    with pytest.raises(InputError) as raised:
+        tsbench.evaluate()
+    assert problem in str(raised.value)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
 
@@ -18,7 +19,7 @@ from tsbench.core.paths import using_city
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
-from tsbench.run.listener import Listener
+from tsbench.run.listener import Listener, make_listener
 from tsbench.run.plan import BOTH, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import Options, run
@@ -26,12 +27,41 @@ from tsbench.run.session import Options, run
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
 Given = str | type[Any] | Callable[..., Any]
 _WORKER = "tsbench.run.execution.worker_main"
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
+def _with_file(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Fill arguments that are not given from the section [run] of this folder's tsbench.toml, as the command does."""
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def filled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        given = signature.bind(*args, **kwargs)
+        for name, value in _file_options().items():
+            given.arguments.setdefault(name, value)
+        return function(*given.args, **given.kwargs)
+
+    return filled
+
+
+def _file_options() -> dict[str, Any]:
+    if not Path("tsbench.toml").is_file():
+        return {}
+    # The options of the command itself: there is no second list of them.
+    from tsbench.cli.config import values_of
+    from tsbench.cli.run import run as command
+
+    values = values_of(command, "run")
+    renamed = {"planners": "planner"}
+    return {renamed.get(name, name): value for name, value in values.items()}
+
+
+@_with_file
 def evaluate(
-    planner: Given | Sequence[Given],
+    planner: Given | Sequence[Given] = (),
     *,
-    split: str,
+    split: str | None = None,
     city: str | None = None,
     types: str | Sequence[str] = (),
     limit: int | None = None,
@@ -48,18 +78,23 @@ def evaluate(
     isolate: bool = False,
     image: str | None = None,
     allow_partial: bool = False,
-    listeners: Sequence[Listener] = (),
+    listeners: Sequence[str | Listener] = (),
 ) -> Run:
     """Run planners on scenarios; the same call again continues an interrupted run, or reads a complete one.
 
     planner: one or several; a name, "pkg.module:Class", "file.py:Class", or a class or function that is written in a
-    file. All else is as in `tsbench run`. Raises InputError: wrong options, bad input, or a folder that cannot be used.
+    file. listeners: objects, or what `--listener` takes. All else is as in `tsbench run`. What is not given is taken
+    from the section [run] of the folder's `tsbench.toml`, if there is one; a planner and a split must come from one of
+    the two. Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
     if getattr(sys.modules["__main__"].__spec__, "name", "") == _WORKER:
         raise InputError(
             'evaluate is called while a worker imports a planner: put it below if __name__ == "__main__":'
         )
+    if split is None:
+        raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
     given = planner if isinstance(planner, list | tuple) else [planner]
+    told = [make_listener(one) if isinstance(one, str) else one for one in listeners]
     request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
     options = Options(
         request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
@@ -68,7 +103,7 @@ def evaluate(
     )  # fmt: skip
     with nullcontext() if city is None else using_city(driven_city(city)):
         check_driven()
-        return Run(run(options, ProgressWatcher(Console(stderr=True)), listeners).folder)
+        return Run(run(options, ProgressWatcher(Console(stderr=True)), told).folder)
 
 
 def spec_of(planner: Given) -> str:

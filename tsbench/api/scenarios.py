@@ -75,5 +75,5 @@ def load_scenarios(
 
 def words_of(types: str | Sequence[str]) -> tuple[str, ...]:
     """Types and groups, given one by one or with commas between them."""
-    words = types.split(",") if isinstance(types, str) else types
+    words = ",".join([types] if isinstance(types, str) else types).split(",")
     return tuple(word.strip() for word in words if word.strip())

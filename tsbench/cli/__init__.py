@@ -80,7 +80,7 @@ class LazyGroup(click.Group):
         if name is not None and command is not None and Path("tsbench.toml").is_file():
             from tsbench.cli.config import defaults_of
 
-            ctx.default_map = {name: defaults_of(command, name)}
+            ctx.default_map = {name: defaults_of(command, [name, *rest])}
         return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,27 +14,44 @@ from tsbench.core.errors import InputError
 FILE = Path("tsbench.toml")
 
 
-def defaults_of(command: click.Command, name: str, path: Path = FILE) -> dict[str, Any]:
+def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE) -> dict[str, Any]:
     """What the file says of a command's options, for `Context.default_map`; nothing where there is no file.
 
-    name: the command's section. Raises InputError for a file that is no TOML, and for what is no option.
+    words: the command's section, and what follows it on the command line. A group's section has a section for each of
+    its commands; its other keys hold for every command of the group that has such an option. Only the command that is
+    called is looked at. Raises InputError for a file that is no TOML, and for what is no option.
     """
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    name, *rest = words
+    section = _table(_read(path).get(name, {}), path, name)
+    if not isinstance(command, click.Group):
+        return _options(command, section, f"{path}: [{name}]")
+    called = rest[0] if rest else ""
+    if called not in command.commands:
         return {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not TOML ({error})") from None
-    section = content.get(name, {})
-    if not isinstance(section, dict):
-        raise InputError(f"{path}: {name}: expected a section, [{name}]")
-    known = {long_name(p): p for p in command.params if isinstance(p, click.Option)}
-    found: dict[str, Any] = {}
-    for key, value in section.items():
-        option = known.get(key)
-        if option is None or option.name is None:
-            raise InputError(f"{path}: [{name}] {key}: no such option; there are {', '.join(sorted(known))}")
-        found[option.name] = _as_given(option, value, f"{path}: [{name}] {key}")
+    own = _table(section.get(called, {}), path, f"{name}.{called}")
+    for_all = {key: value for key, value in section.items() if key not in command.commands}
+    known = {key for one in command.commands.values() for key in _known(one)}
+    if unknown := sorted(set(for_all) - known):
+        raise InputError(
+            f"{path}: [{name}] {unknown[0]}: no command of `tsbench {name}` has this option; commands are "
+            f"{', '.join(sorted(command.commands))}"
+        )
+    asked = command.commands[called]
+    found = _options(asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]")
+    return {called: {**found, **_options(asked, own, f"{path}: [{name}.{called}]")}}
+
+
+def values_of(command: click.Command, name: str, path: Path = FILE) -> dict[str, Any]:
+    """The same for Python: values as the command gets them, by parameter. Raises InputError for a wrong value."""
+    context = click.Context(command, info_name=name)
+    options = {option.name: option for option in _known(command).values()}
+    found = {}
+    for parameter, value in defaults_of(command, [name], path).items():
+        try:
+            found[parameter] = options[parameter].type_cast_value(context, value)
+        except click.BadParameter as problem:
+            key = long_name(options[parameter])
+            raise InputError(f"{path}: [{name}] {key}: {problem.message}") from None
     return found
 
 
@@ -42,11 +60,50 @@ def long_name(option: click.Option) -> str:
     return max(option.opts, key=len).lstrip("-")
 
 
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not TOML ({error})") from None
+
+
+def _table(value: Any, path: Path, name: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{path}: {name}: expected a section, [{name}]")
+    return value
+
+
+def _known(command: click.Command) -> dict[str, click.Option]:
+    return {long_name(p): p for p in command.params if isinstance(p, click.Option)}
+
+
+def _options(command: click.Command, section: Mapping[str, Any], where: str) -> dict[str, Any]:
+    known = _known(command)
+    found: dict[str, Any] = {}
+    for key, value in section.items():
+        option = known.get(key)
+        if option is None or option.name is None:
+            raise InputError(f"{where} {key}: no such option; there are {', '.join(sorted(known)) or 'none'}")
+        found[option.name] = _as_given(option, value, f"{where} {key}")
+    return found
+
+
 def _as_given(option: click.Option, value: Any, where: str) -> Any:
-    """A value as click takes it: several of an option that may be given several times, words with commas else."""
+    """A value as the command line would give it: text, several of it where the option takes several."""
+    if option.is_flag:
+        if not isinstance(value, bool):
+            raise InputError(f"{where}: expected true or false")
+        return value
     values = value if isinstance(value, list) else [value]
-    if not values or any(isinstance(v, dict | list) for v in values):
+    if not values or any(isinstance(v, dict | list | bool) for v in values):
         raise InputError(f"{where}: expected a value, or a list of values")
+    texts = [str(v) for v in values]
     if option.multiple:
-        return values
-    return value if not isinstance(value, list) else ",".join(map(str, values))
+        return texts
+    if option.nargs > 1:
+        if len(texts) != option.nargs:
+            raise InputError(f"{where}: expected a list of {option.nargs} values")
+        return texts
+    return ",".join(texts)
