@@ -15,6 +15,7 @@ from rich.console import Console
 from tsbench.api.run import Run
 from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
+from tsbench.core.home import expanded, expanded_text
 from tsbench.core.paths import using_city
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
@@ -97,8 +98,8 @@ def evaluate(
     told = [make_listener(one) if isinstance(one, str) else one for one in listeners]
     request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
     options = Options(
-        request=request, workers=workers, executor=executor, out=None if out is None else Path(out), trace=trace,
-        device=device, mask_signs=mask_signs, perception=str(perception), isolate=isolate, image=image,
+        request=request, workers=workers, executor=executor, out=None if out is None else expanded(out), trace=trace,
+        device=device, mask_signs=mask_signs, perception=expanded_text(str(perception)), isolate=isolate, image=image,
         allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
     )  # fmt: skip
     with nullcontext() if city is None else using_city(driven_city(city)):
@@ -109,7 +110,7 @@ def evaluate(
 def spec_of(planner: Given) -> str:
     """What `--planner` would be given. Raises InputError for what the processes of a run cannot import."""
     if isinstance(planner, str):
-        return planner
+        return expanded_text(planner)
     if not (inspect.isclass(planner) or inspect.isfunction(planner)):
         raise InputError(f"planner: expected a name, a class or a function, not {type(planner).__name__}")
     name, module = planner.__qualname__, sys.modules[planner.__module__]

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from tsbench.api.words import keywords
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.home import expanded
 from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
@@ -62,7 +63,7 @@ class Shown:
 
     def save(self, path: str | Path) -> Path:
         """Write the frame (a path that ends in .png) or else the player's page."""
-        target = Path(path)
+        target = expanded(path)
         content = self.frame if target.suffix == ".png" else self.page.encode()
         with io_errors_as_input_errors(target):
             write_atomic(target, content)

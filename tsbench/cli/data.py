@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from tsbench.cli import options
 from tsbench.cli.console import print_table
 from tsbench.core.paths import data_file, fetch_root
 from tsbench.data.fetch import fetch_set
@@ -34,7 +35,12 @@ def list_(names: tuple[str, ...]) -> None:
 
 @data.command()
 @click.option(
-    "--from", "source", required=True, metavar="DIR|URL", help="Folder, or http(s) address, with the files."
+    "--from",
+    "source",
+    type=options.TEXT,
+    required=True,
+    metavar="DIR|URL",
+    help="Folder, or http(s) address, with the files.",
 )
 @click.argument("names", nargs=-1, metavar="[NAME]…")
 def fetch(source: str, names: tuple[str, ...]) -> None:

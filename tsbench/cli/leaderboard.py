@@ -67,9 +67,12 @@ def submit(
 
 
 @click.command()
-@click.argument("claimed", metavar="SUBMISSION|RUN", type=click.Path(path_type=Path))
+@click.argument("claimed", metavar="SUBMISSION|RUN", type=options.PATH)
 @click.option(
-    "--planner", metavar="SPEC", help="What to drive, as for tsbench run.  [default: as the claim says]"
+    "--planner",
+    type=options.TEXT,
+    metavar="SPEC",
+    help="What to drive, as for tsbench run.  [default: as the claim says]",
 )
 @options.image
 @click.option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.errors import InputError
+from tsbench.core.home import expanded, expanded_text
 from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.planners.common.batching import DEVICES
@@ -19,9 +20,29 @@ if TYPE_CHECKING:
     from tsbench.scenarios.spec import ScenarioSpec
 
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
-PATH = click.Path(path_type=Path)
-FILE = click.Path(path_type=Path, dir_okay=False)
-FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+class UserPath(click.Path):
+    """The type of every option that is a path: `~` is the home folder, also in `--out=~/x` and in tsbench.toml."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(path_type=Path, **kwargs)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        return super().convert(expanded(value), param, ctx)
+
+
+class UserText(click.types.StringParamType):
+    """The type of words that may begin with a path, such as `~/mine.py:Planner`, a level's file or RUN:PLANNER."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return expanded_text(super().convert(value, param, ctx))
+
+
+PATH = UserPath()
+FILE = UserPath(dir_okay=False)
+FOLDER = UserPath(file_okay=False)
+TEXT = UserText()
 POSITIVE = click.IntRange(min=1)
 
 
@@ -74,7 +95,8 @@ def country(help: str) -> Option:
 def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()) -> Option:
     return click.option(
         "--planner", "planners", multiple=True, required=required, default=default, show_default=bool(default),
-        metavar="NAME|pkg.module:Class|file.py:Class", help=f"{help}; give it several times for several planners.",
+        metavar="NAME|pkg.module:Class|file.py:Class", type=TEXT,
+        help=f"{help}; give it several times for several planners.",
     )  # fmt: skip
 
 

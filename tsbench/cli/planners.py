@@ -60,7 +60,7 @@ def _print_parts() -> None:
 
 
 @planners.command("check")
-@click.argument("planner")
+@click.argument("planner", type=options.TEXT)
 @click.option(
     "--limit",
     default=10,

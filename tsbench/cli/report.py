@@ -67,8 +67,8 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 
 
 @click.command()
-@click.argument("run_a", metavar="RUN_A[:PLANNER]")
-@click.argument("run_b", metavar="RUN_B[:PLANNER]")
+@click.argument("run_a", type=options.TEXT, metavar="RUN_A[:PLANNER]")
+@click.argument("run_b", type=options.TEXT, metavar="RUN_B[:PLANNER]")
 @click.option("--force", is_flag=True, help="Compare different contracts, or what different scenarios share.")
 @options.allow_partial
 @options.png("Draw the differences.")

@@ -67,12 +67,12 @@ which_half = click.option(
 @options.image
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
 @click.option(
-    "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
+    "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
     help="How well planners perceive plates: a level, or a YAML file with the fields of one.",
 )  # fmt: skip
 @options.allow_partial
 @click.option(
-    "--listener", "listeners", multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
+    "--listener", "listeners", type=options.TEXT, multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
     help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
 )  # fmt: skip
 def run(

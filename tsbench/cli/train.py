@@ -134,14 +134,17 @@ def _lessons(drives: int, out: str) -> Option:
         click.option(
             "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
-        click.option("--demonstrator", "expert", default="idm-e", show_default=True, metavar="PLANNER"),
+        click.option(
+            "--demonstrator", "expert", type=options.TEXT, default="idm-e", show_default=True, metavar="PLANNER"
+        ),
         click.option(
             "--mask-signs", is_flag=True,
             help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
             "meant then wherever plant2-ft's are.",
         ),
         click.option(
-            "--perception", default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
+            "--perception", type=options.TEXT, default=EXACT, show_default=True,
+            metavar="exact|good|production|poor|FILE",
             help="Level of the eyes through which a share of the drives is seen.",
         ),
         click.option(

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError, SimulationError
+from tsbench.core.home import expanded_text
 from tsbench.data.cities import check_driven
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import RewardSpec, RouteReward
@@ -103,7 +104,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._seen = KINDS[observation]()
         self._exit = ExitAction() if action == EXIT else None
         self._act = ACTIONS.get(action)
-        self._hold, self._mask, self._level = hold, mask_signs, load_level(perception)
+        self._hold, self._mask, self._level = hold, mask_signs, load_level(expanded_text(str(perception)))
         self._view: View | None = None
         self._context: PlannerContext
         self._weigh: Reward | None = None

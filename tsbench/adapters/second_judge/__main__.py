@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from tsbench.core.errors import InputError
+from tsbench.core.home import expanded
 
 
 @click.command()
@@ -18,7 +19,8 @@ from tsbench.core.errors import InputError
 )
 def main(run: Path, out: Path | None) -> None:
     """Let CommonRoad's monitor judge the speed and stop episodes of RUN (made with --trace all), and compare."""
-    folder = run / "second_judge" if out is None else out
+    run = expanded(run)
+    folder = run / "second_judge" if out is None else expanded(out)
     try:
         from tsbench.adapters.second_judge.comparison import cases, reasons, rows, table  # needs its packages
 
