@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import shutil
+import tempfile
 from pathlib import Path
 
 import osmium
 import pytest
+from simworld import road_plain
 from town import make_town
 
+from tsbench.core import paths
 from tsbench.core.errors import InputError
+from tsbench.dataset.maps.build import build_net
+from tsbench.dataset.maps.lint import loads_in_sumo
 from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
 from tsbench.roads.network import read_network
@@ -89,3 +95,26 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
 def test_the_network_must_be_called_a_network(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.net\.xml"):
         convert_extract(spoil(tmp_path, "no roads"), tmp_path / "out.xml")
+
+
+@pytest.mark.parametrize("odd", ["a, b", "a b", "a,b", "ä;b"])
+def test_paths_that_netconvert_would_split(
+    odd: str, workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The extract, the network, the data folder and the folder of temporary files."""
+    folder = tmp_path / odd
+    folder.mkdir()
+    shutil.copytree(workplace, folder / "data")
+    monkeypatch.setenv("TSBENCH_DATA", str(folder / "data"))
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    paths.data_root.cache_clear()
+    (folder / f"{odd}.osm").write_text(XML, encoding="utf-8")
+    out = folder / "made" / f"{odd}.net.xml.gz"
+    convert_extract(folder / f"{odd}.osm", out)
+    assert len(read_network(out).lanes) > 60
+    assert sorted(path.name for path in folder.iterdir()) == sorted(["data", "made", f"{odd}.osm"])
+    crop = folder / "crop.net.xml.gz"
+    build_net(road_plain(), crop)
+    assert loads_in_sumo(crop)
+    monkeypatch.undo()
+    paths.data_root.cache_clear()

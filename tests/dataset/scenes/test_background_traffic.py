@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -195,7 +196,7 @@ def test_platoons_leave_gaps(on_cross: SceneMaker, tmp_path: Path) -> None:
     assert max(side) > GREEN_S
 
 
-def test_the_convoys_lead_is_timed_from_its_stand(on_cross: SceneMaker) -> None:
+def test_the_convoys_lead_is_timed_from_its_stand(on_cross: SceneMaker, tmp_path: Path) -> None:
     sign = plate(on_cross.network, "s_in", 139.0)
     spec = on_cross.make(
         "lead", EgoStart("s_in_0", 60.0, 8.0), Destination("n_out", 60.0), ("s_in", "n_out"), sign,
@@ -209,3 +210,8 @@ def test_the_convoys_lead_is_timed_from_its_stand(on_cross: SceneMaker) -> None:
     # 1.5 m/s2 is CALM's most: no car is faster than that, and an IDM driver not much slower at first.
     assert (2 * 5 / 1.5) ** 0.5 <= times[0] <= (2 * 5 / 1.5) ** 0.5 * 1.4
     assert times[2] - times[1] >= 25.0 / CALM.speed
+    # SUMO itself takes commas for the ends of names.
+    folder = tmp_path / "a, b"
+    folder.mkdir()
+    net, additional = (Path(shutil.copy(file, folder)) for file in (on_cross.net, on_cross.path(spec)))
+    assert lead_time(simulation(), net, additional, on_cross.network, 7, 20) == times[1]

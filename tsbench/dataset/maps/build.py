@@ -13,7 +13,6 @@ from lxml import etree
 
 from tsbench.core.files import write_atomic
 from tsbench.dataset.maps.netconvert import run_netconvert
-from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainNet, PlainNode
 
 TIMEOUT_S = 300.0
@@ -23,32 +22,26 @@ _HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
 def build_net(plain: PlainNet, out: Path) -> None:
     """Build a network; `out` ends in `.net.xml` or `.net.xml.gz`. InputError if netconvert refuses it."""
-    with tempfile.TemporaryDirectory(prefix="tsbench-net-") as folder:
-        prefix = Path(folder) / "plain"
-        arguments = write_plain(plain, prefix)
-        built = Path(folder) / "built.net.xml"
-        run_netconvert([*arguments, "--output-file", str(built)], what=out.name, timeout_s=TIMEOUT_S)
-        data = _HEADER_COMMENT.sub(b"", built.read_bytes(), count=1)
+    with tempfile.TemporaryDirectory(prefix="tsbench-net-") as name:
+        folder = Path(name)
+        arguments = [*write_plain(plain, folder), "--output-file", "built.net.xml"]
+        run_netconvert(folder, "crop.netccfg", arguments, what=out.name, timeout_s=TIMEOUT_S)
+        data = _HEADER_COMMENT.sub(b"", (folder / "built.net.xml").read_bytes(), count=1)
     write_atomic(out, gzip.compress(data, compresslevel=9, mtime=0) if out.suffix == ".gz" else data)
 
 
-def write_plain(plain: PlainNet, prefix: Path) -> list[str]:
-    """Write `prefix.nod.xml`, `.edg.xml` and, if needed, `.con.xml`; returns netconvert's arguments."""
-    nodes, edges, links = Path(f"{prefix}.nod.xml"), Path(f"{prefix}.edg.xml"), Path(f"{prefix}.con.xml")
-    _write(nodes, "nodes", (_node(node) for node in plain.nodes))
+def write_plain(plain: PlainNet, folder: Path) -> list[str]:
+    """Write `plain.nod.xml`, `.edg.xml` and, if needed, `.con.xml`; returns netconvert's arguments."""
+    nodes, edges, links = "plain.nod.xml", "plain.edg.xml", "plain.con.xml"
+    _write(folder / nodes, "nodes", (_node(node) for node in plain.nodes))
     rings = (_ring(ring, plain) for ring in plain.roundabouts)
-    _write(edges, "edges", [*(_edge(edge) for edge in plain.edges), *rings])
-    arguments = [
-        *("--configuration-file", str(netconvert_file("crop.netccfg"))),
-        # our own files need no validation: reading the schemas costs 40 ms of 140
-        *("--xml-validation", "never"),
-        *("--type-files", str(types_file())),
-        *("--node-files", str(nodes), "--edge-files", str(edges)),
-    ]
+    _write(folder / edges, "edges", [*(_edge(edge) for edge in plain.edges), *rings])
+    # our own files need no validation: reading the schemas costs 40 ms of 140
+    arguments = ["--xml-validation", "never", "--node-files", nodes, "--edge-files", edges]
     if plain.connections or plain.crossings:
         crossings = (_crossing(crossing) for crossing in plain.crossings)
-        _write(links, "connections", [*(_connection(c) for c in plain.connections), *crossings])
-        arguments += ["--connection-files", str(links)]
+        _write(folder / links, "connections", [*(_connection(c) for c in plain.connections), *crossings])
+        arguments += ["--connection-files", links]
     return arguments
 
 

@@ -66,11 +66,17 @@ def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
 
 def loads_in_sumo(net: Path) -> bool:
     """Whether SUMO loads a network and makes a step; in a child process, which may die of it."""
-    options = f"--net-file {net} --end 1 --no-step-log --xml-validation never".split()
+    # By its name in its folder: SUMO splits names at commas.
+    options = f"--net-file {net.name} --end 1 --no-step-log --xml-validation never".split()
     command = [str(sumo_binary("sumo")), *options]
     try:
         done = subprocess.run(
-            command, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
+            command,
+            cwd=net.parent,
+            env=sumo_environment(),
+            capture_output=True,
+            timeout=LOAD_TIMEOUT_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return False

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import replacing
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.osm import ExtractFacts, read_extract
 from tsbench.dataset.maps.paths import netconvert_file, types_file
@@ -34,14 +36,22 @@ def sumo_environment() -> dict[str, str]:
     return {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
 
 
-def run_netconvert(arguments: Sequence[str], *, what: str, timeout_s: float) -> str:
-    """Run netconvert and return what it said on stderr; `what` names the input in the error line.
+def run_netconvert(
+    folder: Path, configuration: str, arguments: Sequence[str], *, what: str, timeout_s: float
+) -> str:
+    """Run netconvert in a folder and return what it said on stderr; `what` names the input in the error line.
 
+    The arguments name files by their names in the folder: netconvert splits names at commas and drops spaces, so it
+    never sees a path of the user's. configuration: a file of `sumo_nets/netconvert/`, read with the city's type map.
     The binary itself is called: the wheel's console script costs 100 ms of Python start-up on top.
     """
+    for name, file in (("netccfg", netconvert_file(configuration)), ("typ.xml", types_file())):
+        (folder / f"tsbench.{name}").symlink_to(file.resolve())
+    own = ("--configuration-file", "tsbench.netccfg", "--type-files", "tsbench.typ.xml")
     try:
         done = subprocess.run(
-            [str(sumo_binary("netconvert")), *arguments],
+            [str(sumo_binary("netconvert")), *own, *arguments],
+            cwd=folder,
             env=sumo_environment(),
             capture_output=True,
             text=True,
@@ -60,26 +70,27 @@ def convert_extract(extract: Path, out: Path) -> ExtractFacts:
     """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`), as `sumo_nets/netconvert/` says."""
     if not out.name.endswith((".net.xml", ".net.xml.gz")):
         raise InputError(f"{out}: the network's name must end in .net.xml or .net.xml.gz")
-    return _convert(extract, "--output-file", out)
-
-
-def convert_to_plain(extract: Path, prefix: Path) -> ExtractFacts:
-    """Convert an extract to plain XML files `prefix.nod.xml`, `prefix.edg.xml` (and others)."""
-    return _convert(extract, "--plain-output-prefix", prefix)
-
-
-def _convert(extract: Path, option: str, out: Path) -> ExtractFacts:
     with tempfile.TemporaryDirectory(prefix="tsbench-osm-") as folder:
-        plain = Path(folder) / "extract.osm"
-        city = chosen_city()
-        facts = read_extract(extract, plain, city.frame.meridian if city.frame.mirrored else None)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        arguments = [
-            *("--configuration-file", str(netconvert_file("extract.netccfg"))),
-            *("--type-files", str(types_file())),
-            *("--osm-files", str(plain), option, str(out)),
-        ]
-        run_netconvert(arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
+        built = Path(folder) / ("built.net.xml.gz" if out.suffix == ".gz" else "built.net.xml")
+        facts = _convert(extract, Path(folder), "--output-file", built.name)
+        with replacing(out) as part:
+            shutil.copyfile(built, part)
+    return facts
+
+
+def convert_to_plain(extract: Path, folder: Path, prefix: str) -> ExtractFacts:
+    """Convert an extract to plain XML files of a folder: `prefix.nod.xml`, `prefix.edg.xml` (and others)."""
+    return _convert(extract, folder, "--plain-output-prefix", prefix)
+
+
+def _convert(extract: Path, folder: Path, option: str, name: str) -> ExtractFacts:
+    city = chosen_city()
+    facts = read_extract(
+        extract, folder / "extract.osm", city.frame.meridian if city.frame.mirrored else None
+    )
+    arguments = ("--osm-files", "extract.osm", option, name)
+    run_netconvert(folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
+    (folder / "extract.osm").unlink()
     return facts
 
 

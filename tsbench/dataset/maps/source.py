@@ -139,12 +139,11 @@ def load_source(name: str, osm_dir: Path) -> SourceNetwork:
 
 def _convert(extract: Path) -> SourceNetwork:
     with tempfile.TemporaryDirectory(prefix="tsbench-source-") as folder:
-        prefix = Path(folder) / "net"
-        facts = convert_to_plain(extract, prefix)
-        node_file = Path(f"{prefix}.nod.xml")
+        facts = convert_to_plain(extract, Path(folder), "net")
+        node_file = Path(folder) / "net.nod.xml"
         nodes, used = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
         frame = replace(used, mirrored=chosen_city().frame.mirrored)
-        edge_file = Path(f"{prefix}.edg.xml")
+        edge_file = Path(folder) / "net.edg.xml"
         edges = [_with_its_class_speed(edge) for edge in parse_edges(edge_file, nodes)]
         rings = parse_roundabouts(edge_file)
     if not edges:

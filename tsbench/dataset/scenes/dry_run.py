@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tsbench.core.errors import SimulationError
@@ -12,6 +14,22 @@ from tsbench.sim.world import DT_S
 LEAD_LIMIT_S = 40.0
 
 
+def load_files(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
+    """As `Simulation.load`, also where a path has commas: SUMO takes them for the ends of names."""
+    with _without_commas(net) as plain_net, _without_commas(additional) as plain_additional:
+        sim.load(plain_net, plain_additional, network, seed)
+
+
+@contextmanager
+def _without_commas(path: Path) -> Iterator[Path]:
+    """A path at which this process reads the same file for as long as this lasts."""
+    if "," not in str(path):
+        yield path
+        return
+    with path.open("rb") as file:
+        yield Path(f"/proc/self/fd/{file.fileno()}")
+
+
 def lead_time(
     sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float
 ) -> float:
@@ -19,7 +37,7 @@ def lead_time(
 
     Raises SimulationError if it does not get there within 40 s.
     """
-    sim.load(net, additional, network, seed)
+    load_files(sim, net, additional, network, seed)
     sim.step()
     convoy = [name for name, *_ in sim.fleet()]
     for vehicle in convoy:

@@ -12,7 +12,7 @@ from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.placements.base import Arrangement, ConvoySetup, UnfitMapError
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
 from tsbench.dataset.scenes.drivers import Driver
-from tsbench.dataset.scenes.dry_run import lead_time
+from tsbench.dataset.scenes.dry_run import lead_time, load_files
 from tsbench.dataset.scenes.elements import (
     background,
     convoy_elements,
@@ -147,7 +147,7 @@ class SceneFiles:
             standing = standing_cars(network, graph, ask, rng)
             if not rehearsal:
                 write_additional([*fixed, *self._types(), *background(standing)], self.trial)
-            self.sim.load(self.roads.file.path, self.trial, network, self.seed)
+            load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
             if best is None or abs(mean - goal) < abs(best[0] - goal):
