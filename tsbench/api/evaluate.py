@@ -10,13 +10,12 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from rich.console import Console
-
 from tsbench.api.run import Run
 from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded, expanded_text
 from tsbench.core.paths import using_city
+from tsbench.core.streams import progress_console
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
@@ -104,7 +103,7 @@ def evaluate(
     )  # fmt: skip
     with nullcontext() if city is None else using_city(driven_city(city)):
         check_driven()
-        return Run(run(options, ProgressWatcher(Console(stderr=True)), told).folder)
+        return Run(run(options, ProgressWatcher(progress_console()), told).folder)
 
 
 def spec_of(planner: Given) -> str:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
 from tsbench import __version__
 from tsbench.core.errors import InputError, TsbenchError
 from tsbench.core.extras import load, missing_extra
+from tsbench.core.streams import STDOUT, standard_streams
 
 # By section of --help: command, where it is, and its line there.
 SECTIONS = {
@@ -98,41 +98,52 @@ def cli() -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 errors, holes or broken off, 2 bad input, 130 interrupted."""
+    with standard_streams():
+        code = _code_of(lambda: cli.main(args=arguments, prog_name="tsbench", standalone_mode=False))
+        # What was printed last has to arrive, too.
+        code = _code_of(sys.stdout.flush) or code
+    sys.exit(code)
+
+
+def _code_of(call: Callable[[], object]) -> int:
+    """The exit code of a call; its errors are told in a line."""
     try:
-        code = cli.main(args=arguments, prog_name="tsbench", standalone_mode=False)
+        code = call()
+    except SystemExit as ended:
+        code = ended.code
     except InputError as problem:
-        _fail(str(problem))
+        return _failed(str(problem))
     except TsbenchError as problem:
-        _fail(str(problem), EXIT_FAILED)
+        return _failed(str(problem), EXIT_FAILED)
     except ModuleNotFoundError as problem:
         told = missing_extra(problem)
         if told is None:
             raise
-        _fail(str(told))
+        return _failed(str(told))
     except click.exceptions.NoArgsIsHelpError as problem:
         problem.show()
-        sys.exit(EXIT_INPUT)
+        return EXIT_INPUT
     except click.ClickException as problem:
         where = getattr(problem, "ctx", None)
         hint = f" (see {where.command_path} --help)" if where is not None else ""
-        _fail(problem.format_message() + hint)
+        return _failed(problem.format_message() + hint)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted", err=True)
-        sys.exit(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        # Who read our output has gone (`| head`): nothing is wrong, and nothing more can be said.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        return EXIT_INTERRUPTED
     except OSError as problem:
-        # A file or folder that cannot be used as it was asked for.
+        # A file or folder that cannot be used as it was asked for, or standard output.
         if problem.filename is None:
             raise
-        _fail(f"{problem.filename}: {problem.strerror}")
-    sys.exit(code if isinstance(code, int) else 0)
+        if problem.filename == STDOUT:
+            # A reader that has gone (`| head`) needs no line.
+            gone = isinstance(problem, BrokenPipeError)
+            return EXIT_FAILED if gone else _failed(f"{STDOUT}: {problem.strerror}", EXIT_FAILED)
+        return _failed(f"{problem.filename}: {problem.strerror}")
+    return code if isinstance(code, int) else 0
 
 
-def _fail(message: str, code: int = EXIT_INPUT) -> NoReturn:
+def _failed(message: str, code: int = EXIT_INPUT) -> int:
     line = " ".join(message.split())
     # A file may name half of a pair of code units, which no terminal takes.
     click.echo(f"error: {line.encode(errors='backslashreplace').decode()}", err=True)
-    sys.exit(code)
+    return code

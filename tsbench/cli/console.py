@@ -14,6 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from tsbench.core.streams import progress_console
+
 if TYPE_CHECKING:
     from tsbench.report.analyses.model import Analysis
 
@@ -41,7 +43,7 @@ def print_table(
 @contextmanager
 def bars() -> Iterator[Callable[[str, int, int], None]]:
     """Bars on a terminal, one for each name that the function it gives is called with: (name, done, total)."""
-    console = Console(stderr=True)
+    console = progress_console()
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
         tasks: dict[str, TaskID] = {}

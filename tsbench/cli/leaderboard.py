@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import click
-from rich.console import Console
 from rich.progress import Progress
 
 from tsbench.cli import EXIT_FAILED, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
+from tsbench.core.streams import progress_console
 
 if TYPE_CHECKING:
     from tsbench.leaderboard.verify import Verification
@@ -114,7 +114,7 @@ def verify(
             raise InputError(f"{claimed}: no planner {name}; there are {names}")
     if len(claims) > 1 and (planner, out) != (None, None):
         raise InputError(f"{claimed}: several planners: with --planner or --out, name one by --of")
-    console, confirmed = Console(stderr=True), True
+    console, confirmed = progress_console(), True
     for claim in claims:
         driven = planner
         if image is not None:

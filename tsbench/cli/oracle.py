@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import show_analysis
 from tsbench.cli.run import which_variants
 from tsbench.core.benchmark import VARIANTS
+from tsbench.core.streams import progress_console
 from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
 from tsbench.learn.oracle.collect import collect as collect_drives
 from tsbench.learn.oracle.restore import restore as restore_drives
@@ -61,7 +61,7 @@ def collect(
     """
     request = Request(planners or experts(), split, types, limit, variants)
     asked = CollectOptions(request, tries=tries, **others)
-    found = collect_drives(asked, ProgressWatcher(Console(stderr=True)))
+    found = collect_drives(asked, ProgressWatcher(progress_console()))
     _tell(found, tries)
     if not found.complete:
         sys.exit(EXIT_INTERRUPTED)

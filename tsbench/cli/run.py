@@ -11,6 +11,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
+from tsbench.core.streams import progress_console
 from tsbench.data.cities import check_driven
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.base import Limits
@@ -90,7 +91,7 @@ def run(
     asked = Options(request=request, limits=limits, **others)
     check_driven()
     told = [make_listener(name) for name in listeners]
-    ended = run_session(asked, ProgressWatcher(Console(stderr=True)), told)
+    ended = run_session(asked, ProgressWatcher(progress_console()), told)
     _tell(ended, table_console())
     if ended.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)
