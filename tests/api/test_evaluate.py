@@ -8,12 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import tsbench
 from tsbench.api.evaluate import spec_of
 from tsbench.cli.run import run as command
 from tsbench.core.errors import InputError
+from tsbench.run.arguments import number_of, type_words, whole_number
 
 SCRIPT = """
 import tsbench
@@ -66,6 +68,25 @@ def test_the_same_call_reads_what_is_complete(run: tsbench.Run, told: Any) -> No
         ({"workers": 0}, "--workers 0: expected at least 1"),
         ({"memory_limit": 511}, "--memory-limit 511: expected at least 512"),
         ({"types": "speling"}, "--types speling: no such type"),
+        ({"types": []}, "--types []: names no type"),
+        ({"types": " , "}, "--types ' , ': names no type"),
+        ({"types": [1]}, "--types [1]: expected types and groups"),
+        ({"types": 1}, "--types 1: expected types and groups"),
+        ({"workers": 1.5}, "--workers 1.5: expected a whole number"),
+        ({"workers": "2"}, "--workers '2': expected a whole number"),
+        ({"workers": True}, "--workers True: expected a whole number"),
+        ({"limit": 2.0}, "--limit 2.0: expected a whole number"),
+        ({"limit": 0}, "--limit 0: expected at least 1"),
+        ({"memory_limit": "x"}, "--memory-limit 'x': expected a number"),
+        ({"memory_limit": float("nan")}, "--memory-limit nan: expected a number"),
+        ({"out": 3}, "--out 3: expected a path"),
+        ({"city": 3}, "--city 3: expected text"),
+        ({"image": 3}, "--image 3: expected text"),
+        ({"isolate": "no"}, "--isolate 'no': expected True or False"),
+        ({"mask_signs": "yes"}, "--mask-signs 'yes': expected True or False"),
+        ({"allow_partial": 1}, "--allow-partial 1: expected True or False"),
+        ({"listeners": 3}, "listeners 3: expected a list of listeners"),
+        ({"listeners": [3]}, "listeners: 3: expected an object with started, episode, finished"),
     ],
 )
 def test_what_the_command_refuses(options: dict[str, Any], words: str, folder: Path) -> None:
@@ -73,6 +94,25 @@ def test_what_the_command_refuses(options: dict[str, Any], words: str, folder: P
         tsbench.evaluate("idm", **{"split": "dev", **options})
     assert words in str(told.value)
     assert not list(folder.iterdir())
+
+
+def test_what_other_calls_refuse() -> None:
+    for call, words in (
+        (lambda: tsbench.load_scenarios("dev", types=[]), r"types \[\]: names no type"),
+        (lambda: tsbench.load_scenarios("dev", city=3), "city 3: expected text"),  # type: ignore[arg-type]
+        (lambda: tsbench.load_run(3), "run 3: expected a path"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(InputError, match=words):
+            call()
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    assert whole_number("n", np.int64(3)) == 3
+    assert type(whole_number("n", np.int64(3))) is int
+    assert number_of("x", np.float32(2.5), 1) == 2.5
+    assert type_words("types", ("stop", "yield, ")) == ("stop", "yield,")
+    assert type_words("types", "stop, yield ,") == ("stop", "yield")
+    assert type_words("types", None) == ()
 
 
 def test_a_class_or_function_of_a_file_has_a_name() -> None:

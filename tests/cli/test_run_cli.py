@@ -145,6 +145,10 @@ def test_version() -> None:
             ["run", "--planner", "idm", "--split", "test", "--types", "speling"],
             "--types speling: no such type",
         ),
+        (
+            ["run", "--planner", "idm", "--split", "dev", "--types", " , "],
+            "Invalid value for '--types': names no type; leave it out for all",
+        ),
         (["run", "--planner", "idn", "--split", "test", "--limit", "1"], "planner 'idn': no such planner"),
         (["rescore", "no/such/run"], "no/such/run: no run folder"),
     ],

@@ -158,6 +158,13 @@ def test_masked_signs_have_no_code() -> None:
         ({"types": "nonsense"}, "nonsense"),
         ({"more": "nothing"}, "nothing"),
         ({"hold": 0}, "hold 0"),
+        ({"split": "dev", "hold": 2.5}, r"hold 2\.5: expected a whole number"),
+        ({"split": "dev", "hold": True}, "hold True: expected a whole number"),
+        ({"split": "dev", "types": []}, r"types \[\]: names no type"),
+        ({"split": "dev", "types": 3}, "types 3: expected types and groups"),
+        ({"split": "dev", "more": 3}, "more 3: expected types and groups"),
+        ({"split": "dev", "mask_signs": "no"}, "mask_signs 'no': expected True or False"),
+        ({"split": "dev", "reward": 3}, "reward 3: expected a RewardSpec"),
     ],
 )
 def test_wrong_options_are_one_line(asked: dict[str, Any], word: str) -> None:

@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from tsbench.api.run import Run
-from tsbench.api.scenarios import words_of
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded, expanded_text
+from tsbench.core.home import expanded_text
 from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
+from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
 from tsbench.run.execution.base import Limits
-from tsbench.run.listener import Listener, make_listener
+from tsbench.run.listener import Listener, check_listeners, make_listener
 from tsbench.run.plan import BOTH, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import Options, run
+from tsbench.run.session import LEAST_MEMORY_MB, Options, run
 
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
 Given = str | type[Any] | Callable[..., Any]
@@ -63,7 +63,7 @@ def evaluate(
     *,
     split: str | None = None,
     city: str | None = None,
-    types: str | Sequence[str] = (),
+    types: str | Sequence[str] | None = None,
     limit: int | None = None,
     variants: str = "all",
     half: str = BOTH,
@@ -83,9 +83,9 @@ def evaluate(
     """Run planners on scenarios; the same call again continues an interrupted run, or reads a complete one.
 
     planner: one or several; a name, "pkg.module:Class", "file.py:Class", or a class or function that is written in a
-    file. listeners: objects, or what `--listener` takes. All else is as in `tsbench run`. What is not given is taken
-    from the section [run] of the folder's `tsbench.toml`, if there is one; a planner and a split must come from one of
-    the two. Raises InputError: wrong options, bad input, or a folder that cannot be used.
+    file. types: None = all. listeners: objects, or what `--listener` takes. All else is as in `tsbench run`. What is
+    not given is taken from the section [run] of the folder's `tsbench.toml`, if there is one; a planner and a split
+    must come from one of the two. Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
     if getattr(sys.modules["__main__"].__spec__, "name", "") == _WORKER:
         raise InputError(
@@ -95,13 +95,18 @@ def evaluate(
         raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
     given = planner if isinstance(planner, list | tuple) else [planner]
     told = [make_listener(one) if isinstance(one, str) else one for one in listeners]
-    request = Request(tuple(map(spec_of, given)), split, words_of(types), limit, variants, half)
+    check_listeners(told)
+    request = Request(tuple(map(spec_of, given)), split, type_words("--types", types),
+                      None if limit is None else whole_number("--limit", limit), variants, half)  # fmt: skip
     options = Options(
-        request=request, workers=workers, executor=executor, out=None if out is None else expanded(out), trace=trace,
-        device=device, mask_signs=mask_signs, perception=expanded_text(str(perception)), isolate=isolate, image=image,
-        allow_partial=allow_partial, limits=Limits(most_memory=memory_limit),
+        request=request, workers=None if workers is None else whole_number("--workers", workers), executor=executor,
+        out=None if out is None else path_of("--out", out), trace=trace, device=device,
+        mask_signs=switch("--mask-signs", mask_signs), perception=expanded_text(str(perception)),
+        isolate=switch("--isolate", isolate), image=None if image is None else text("--image", image),
+        allow_partial=switch("--allow-partial", allow_partial),
+        limits=Limits(most_memory=number_of("--memory-limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
-    with nullcontext() if city is None else using_city(driven_city(city)):
+    with nullcontext() if city is None else using_city(driven_city(text("--city", city))):
         check_driven()
         return Run(run(options, ProgressWatcher(progress_console()), told).folder)
 

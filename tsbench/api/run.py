@@ -11,9 +11,9 @@ from tsbench.api.frames import comparison_frame, episodes_frame, flips_frame, fr
 from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.home import expanded
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
+from tsbench.run.arguments import path_of
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
 from tsbench.run.log.tables import read_table
@@ -47,7 +47,7 @@ class Run:
 
     def __init__(self, path: str | Path) -> None:
         """Raises InputError: no run, another schema version, torn or exchanged tables."""
-        self._stored = read_run(expanded(path))
+        self._stored = read_run(path_of("run", path))
 
     @property
     def path(self) -> Path:

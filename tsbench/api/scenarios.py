@@ -13,6 +13,7 @@ from tsbench.core.extras import load
 from tsbench.core.paths import dataset_file, using_city
 from tsbench.data.cities import driven_city
 from tsbench.roads.road_map import RoadMap
+from tsbench.run.arguments import text, type_words
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -57,23 +58,17 @@ class Scenario:
 
 @keywords()
 def load_scenarios(
-    split: str = "test", types: str | Sequence[str] = (), *, city: str | None = None
+    split: str = "test", types: str | Sequence[str] | None = None, *, city: str | None = None
 ) -> tuple[Scenario, ...]:
-    """The scenarios of a split, in its table's order. types: ids and groups of types; none: all.
+    """The scenarios of a split, in its table's order. types: ids and groups of types; None: all.
 
     Raises InputError for an unknown split or type, and where the split is not here.
     """
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
-    wanted = choose_types(words_of(types), load_catalog())
-    with nullcontext() if city is None else using_city(driven_city(city)):
+    wanted = choose_types(type_words("types", types), load_catalog())
+    with nullcontext() if city is None else using_city(driven_city(text("city", city))):
         loader = SceneLoader(SceneStore(dataset_file("scenarios")))
         return tuple(
             Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted
         )
-
-
-def words_of(types: str | Sequence[str]) -> tuple[str, ...]:
-    """Types and groups, given one by one or with commas between them."""
-    words = ",".join([types] if isinstance(types, str) else types).split(",")
-    return tuple(word.strip() for word in words if word.strip())

@@ -11,12 +11,12 @@ from urllib.parse import quote
 
 from tsbench.api.words import keywords
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.home import expanded
 from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report import episode_page
 from tsbench.report.video.render import moment
+from tsbench.run.arguments import path_of
 from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.scene_loader import load_scene
@@ -63,7 +63,7 @@ class Shown:
 
     def save(self, path: str | Path) -> Path:
         """Write the frame (a path that ends in .png) or else the player's page."""
-        target = expanded(path)
+        target = path_of("path", path)
         content = self.frame if target.suffix == ".png" else self.page.encode()
         with io_errors_as_input_errors(target):
             write_atomic(target, content)

@@ -51,8 +51,11 @@ def words_of(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
-def _words(_context: click.Context, _parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
-    return words_of(",".join(texts))
+def _words(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
+    words = words_of(",".join(texts))
+    if texts and not words:
+        raise click.BadParameter("names no type; leave it out for all", context, parameter)
+    return words
 
 
 def _country(_context: click.Context, _parameter: click.Parameter, code: str | None) -> Country | None:

@@ -9,7 +9,7 @@ import sys
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Any, TextIO
 
 from rich.console import Console
 
@@ -35,7 +35,7 @@ class _Output(io.FileIO):
         super().__init__(fd, "w", closefd=False)
         self._told, self._gone = name, False
 
-    def write(self, data: bytes) -> int | None:  # type: ignore[override]
+    def write(self, data: Any, /) -> int:
         """Write, as `FileIO` does."""
         if self._gone:
             return len(data)

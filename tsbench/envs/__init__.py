@@ -22,7 +22,7 @@ _DEFAULTS = {
 }
 
 
-def _register(name: str, types: str) -> None:
+def _register(name: str, types: str | None) -> None:
     for version, defaults in _DEFAULTS.items():
         versioned = name.replace("-v1", f"-{version}")
         if versioned not in gymnasium.registry:
@@ -35,6 +35,6 @@ def _register(name: str, types: str) -> None:
             )
 
 
-_register(DRIVE, "")
+_register(DRIVE, None)
 for _name, _group in GROUPS.items():
     _register(_name, _group)

@@ -30,6 +30,7 @@ from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.rl.actions import ACTIONS
+from tsbench.run.arguments import switch, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
@@ -54,7 +55,7 @@ _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """One scenario per episode, drawn from the table of a split.
 
-    split: train | dev | test. types: type ids and groups (a sequence, or words between commas), empty = all.
+    split: train | dev | test. types: type ids and groups (a sequence, or words between commas), None = all.
     observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action:
     aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1 | exit (as
     aim, and the turn to take at the next junction, (3,)). hold: ticks of 0.1 s per step. variants: as in
@@ -69,14 +70,14 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def __init__(
         self,
         split: str = "train",
-        types: str | Sequence[str] = (),
+        types: str | Sequence[str] | None = None,
         observation: str = "vector",
         action: str = "aim",
         hold: int = 1,
         variants: str = "all",
         mask_signs: bool = False,
         reward: RewardSpec | Reward | None = None,
-        more: str | Sequence[str] = (),
+        more: str | Sequence[str] | None = None,
         half: str = BOTH,
         perception: str = EXACT,
         render_mode: str | None = None,
@@ -89,22 +90,23 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         _known("observation", observation, KINDS)
         _known("action", action, (*ACTIONS, EXIT))
         _known("variants", variants, VARIANTS)
-        if hold < 1:
-            raise InputError(f"hold {hold}: expected at least 1 tick")
-        chosen = choose_types(_words(types), load_catalog())
+        ticks, masked = whole_number("hold", hold, unit=" tick"), switch("mask_signs", mask_signs)
+        if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
+            raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
+        chosen = choose_types(type_words("types", types), load_catalog())
         rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
         self._rows = choose_half(choose_variants(rows, variants), half)
         if not self._rows:
             raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
         check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
-        if often := _words(more):
+        if often := type_words("more", more or None):
             kinds = choose_types(often, load_catalog())
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._seen = KINDS[observation]()
         self._exit = ExitAction() if action == EXIT else None
         self._act = ACTIONS.get(action)
-        self._hold, self._mask, self._level = hold, mask_signs, load_level(expanded_text(str(perception)))
+        self._hold, self._mask, self._level = ticks, masked, load_level(expanded_text(str(perception)))
         self._view: View | None = None
         self._context: PlannerContext
         self._weigh: Reward | None = None
@@ -205,7 +207,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return [self._by_id[named]]
         rows = choose_half(self._rows, options.get("half", BOTH))
         if "type" in options:
-            kinds = choose_types(_words(options["type"]), load_catalog())
+            kinds = choose_types(type_words("option type", options["type"]), load_catalog())
             rows = [row for row in rows if row.pair_type in kinds]
         if not rows:
             raise InputError(f"options {dict(options)}: this environment has no such scenario")
@@ -259,11 +261,6 @@ def _so_far(judged: Judged) -> dict[str, Any]:
     return {
         "violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged,
     }  # fmt: skip
-
-
-def _words(asked: str | Sequence[str]) -> list[str]:
-    words = asked.split(",") if isinstance(asked, str) else asked
-    return [word.strip() for word in words if word.strip()]
 
 
 def _known(name: str, value: str, known: Any) -> None:

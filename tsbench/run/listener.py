@@ -43,6 +43,18 @@ class Listener(Protocol):
         """The run has ended; its folder holds all that there is."""
 
 
+_CALLS = ("started", "episode", "finished")
+
+
+def check_listeners(listeners: object) -> None:
+    """Raises InputError for what is no list of listeners."""
+    if not isinstance(listeners, list | tuple):
+        raise InputError(f"listeners {listeners!r}: expected a list of listeners")
+    for one in listeners:
+        if isinstance(one, type) or not all(callable(getattr(one, name, None)) for name in _CALLS):
+            raise InputError(f"listeners: {one!r}: expected an object with {', '.join(_CALLS)}")
+
+
 def make_listener(spec: str) -> Listener:
     """A listener by its name, pkg.module:Class or file.py:Class, made without arguments. Raises InputError."""
     where = f"--listener {spec}"
@@ -50,7 +62,7 @@ def make_listener(spec: str) -> Listener:
         raise InputError(f"{where}: expected {', '.join(KNOWN)}, pkg.module:Class or file.py:Class")
     source, _, attribute = KNOWN.get(spec, spec).rpartition(":")
     made = load(source).__dict__[attribute] if spec in KNOWN else import_attribute(source, attribute, where)
-    missing = [name for name in ("started", "episode", "finished") if not callable(getattr(made, name, None))]
+    missing = [name for name in _CALLS if not callable(getattr(made, name, None))]
     if not isinstance(made, type) or missing:
         raise InputError(f"{where}: expected a class with started, episode and finished")
     return cast(Listener, made())

@@ -1,0 +1,75 @@
+"""Checks of what is given from Python: the command line's own types refuse such things by themselves."""
+
+from __future__ import annotations
+
+import math
+import operator
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.home import expanded
+
+
+def whole_number(name: str, value: object, least: int = 1, unit: str = "") -> int:
+    """The value as an int. Raises InputError for a fraction, a truth value, words, and what is less than `least`."""
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = None
+    if number is None:
+        raise InputError(f"{name} {value!r}: expected a whole number")
+    if number < least:
+        raise InputError(f"{name} {number}: expected at least {least}{unit}")
+    return number
+
+
+def number_of(name: str, value: object, least: float) -> float:
+    """The value as a float. Raises InputError for what is none, and for what is less than `least`."""
+    try:
+        number = math.nan if isinstance(value, str | bool) else float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{name} {value!r}: expected a number")
+    if number < least:
+        raise InputError(f"{name} {number:g}: expected at least {least:g}")
+    return number
+
+
+def switch(name: str, value: object) -> bool:
+    """The value, True or False. Raises InputError for anything else: "no" would count as yes."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} {value!r}: expected True or False")
+    return value
+
+
+def text(name: str, value: object) -> str:
+    """The value. Raises InputError for what is no text."""
+    if not isinstance(value, str):
+        raise InputError(f"{name} {value!r}: expected text")
+    return value
+
+
+def path_of(name: str, value: object) -> Path:
+    """The value as a path, `~` at its beginning as the home folder. Raises InputError for what is none."""
+    if not isinstance(value, str | os.PathLike):
+        raise InputError(f"{name} {value!r}: expected a path")
+    return expanded(os.fspath(value))
+
+
+def type_words(name: str, asked: str | Sequence[str] | None) -> tuple[str, ...]:
+    """Types and groups, given one by one or with commas between them; none for None, which stands for the default.
+
+    Raises InputError where no word is named: who filters a list down to nothing does not want all.
+    """
+    if asked is None:
+        return ()
+    given = asked.split(",") if isinstance(asked, str) else asked
+    if not isinstance(given, list | tuple | set | frozenset) or not all(isinstance(w, str) for w in given):
+        raise InputError(f"{name} {asked!r}: expected types and groups, as a text or a list of texts")
+    words = tuple(word.strip() for word in given if word.strip())
+    if not words:
+        raise InputError(f"{name} {asked!r}: names no type; leave it out where none is to be named")
+    return words
