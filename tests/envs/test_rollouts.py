@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -32,3 +35,21 @@ def rolled_out(context: str) -> str:
 @pytest.mark.slow
 def test_equal_seeds_equal_bytes_under_spawn_and_forkserver() -> None:
     assert rolled_out("spawn") == rolled_out("forkserver")
+
+
+@pytest.mark.slow
+def test_processes_that_run_no_import_of_the_notebook(tmp_path: Path) -> None:
+    """The children of `SubprocVecEnv` run a script's imports only where they stand at its top."""
+    (tmp_path / "notebook.py").write_text(
+        "from stable_baselines3.common.env_util import make_vec_env\n"
+        "from stable_baselines3.common.vec_env import SubprocVecEnv\n"
+        "if __name__ == '__main__':\n"
+        "    several = make_vec_env('tsbench.envs:tsbench/Drive-v1', n_envs=2, vec_env_cls=SubprocVecEnv,\n"
+        "                           env_kwargs={'split': 'dev'})\n"
+        "    print({len(table) for table in several.reset().values()})\n"
+        "    several.close()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "notebook.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "{2}\n", done.stderr
