@@ -26,10 +26,11 @@ from tsbench.core.files import write_json
 @click.option(
     "--isolation", is_flag=True, help="What a planner's own process costs a tick, and nothing else."
 )
+@click.option("--fresh", is_flag=True, help="What it costs that an episode begins afresh, and nothing else.")
 @options.planners("With --isolation: planner to measure (default: idm and idm-e)")
 def bench(
     limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool,
-    planners: tuple[str, ...],
+    fresh: bool, planners: tuple[str, ...],
 ) -> None:  # fmt: skip
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
     if planners and not isolation:
@@ -38,6 +39,9 @@ def bench(
         )
     if isolation:
         _isolation(planners, limit, rounds, json_path)
+        return
+    if fresh:
+        _fresh(limit, rounds, json_path)
         return
     if env:
         _environment(rounds, json_path)
@@ -88,6 +92,18 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
     print_table(heads, rows, title="median time of an answer")
     if json_path is not None:
         write_json(json_path, {one.planner: asdict(one) for one in found})
+
+
+def _fresh(limit: int, rounds: int, json_path: Path | None) -> None:
+    from tsbench.tools.bench_fresh import GOAL_MS, bench_fresh
+
+    price = bench_fresh(limit, rounds)
+    met = "met" if price.difference_ms <= GOAL_MS else "not met"
+    figures = (f"{ms:.1f}" for ms in (price.together_ms, price.in_child_ms, price.difference_ms))
+    heads = ("ms in the worker", "ms in a child", "difference", f"goal: {GOAL_MS:.0f}")
+    print_table(heads, [(*figures, met)], title="processor time of an episode")
+    if json_path is not None:
+        write_json(json_path, asdict(price))
 
 
 def _networks(json_path: Path | None) -> None:

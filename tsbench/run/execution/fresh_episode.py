@@ -48,10 +48,10 @@ def shared_with_children() -> frozenset[str]:
     return frozenset(found)
 
 
-def run_in_child(play: Callable[[], None]) -> int:
+def run_in_child(play: Callable[[], object]) -> int:
     """Run `play` in a child of this process; returns how the child ended (negative: by a signal), 0 if it went well.
 
-    What the child has started is killed after its end.
+    All other children of this process, and what the child has started, are killed after its end.
     """
     adopt_orphans()
     # The collector of garbage would write to every object, and so copy every page.
