@@ -75,9 +75,9 @@ class Teleports(Honest):
     def attack(self, context):
         from dataclasses import replace
 
-        from tsbench.episode import runner
+        from tsbench.episode import episode
 
-        runner.advance = lambda motion, *_: replace(motion, x=motion.x + 0.5)
+        episode.advance = lambda motion, *_: replace(motion, x=motion.x + 0.5)
 
 
 class RemovesTraffic(Honest):
@@ -245,9 +245,15 @@ class LiftsLimits(Honest):
         return True
 
 
+def strangers():
+    """Processes other than this one and the one that it is a fork of."""
+    own = {str(os.getpid()), str(os.getppid())}
+    return [one for one in Path("/proc").glob("[0-9]*") if one.name not in own]
+
+
 class SeesProcesses(Honest):
     def attack(self, context):
-        return [one for one in Path("/proc").glob("[0-9]*") if one.name != str(os.getpid())]
+        return strangers()
 
 
 class KillsAll(Honest):
@@ -257,9 +263,10 @@ class KillsAll(Honest):
 
 class StopsParent(Honest):
     def attack(self, context):
-        if os.getppid() > 0:
+        # The first process of a namespace is the planner's own.
+        if os.getppid() > 1:
             os.kill(os.getppid(), signal.SIGSTOP)
-        return os.getppid() > 0
+        return os.getppid() > 1
 
 
 class Ptraces(Honest):
@@ -269,8 +276,14 @@ class Ptraces(Honest):
 
 
 class ReadsParent(Honest):
+    """What stands in the environment of the referee, or of another process that is not the planner's."""
+
     def attack(self, context):
-        return Path(f"/proc/{os.getppid()}/environ").read_bytes()
+        found = []
+        for one in strangers():
+            with suppress(OSError):
+                found.append((one / "environ").read_bytes())
+        return found
 
 
 class Inherits(Honest):
@@ -340,7 +353,7 @@ class SignalsParent(Honest):
     def attack(self, context):
         sent = []
         for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGKILL):
-            for pid in {os.getppid(), *range(2, 300)} - {0, 1}:
+            for pid in {os.getppid(), *range(2, 300)} - {0, 1, os.getpid()}:
                 with suppress(OSError):
                     os.kill(pid, number)
                     sent.append(pid)

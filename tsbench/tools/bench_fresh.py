@@ -41,7 +41,7 @@ def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
     def in_children() -> None:
         for row in rows:
             status = run_in_child(partial(runner.run, row))
-            if status:
+            if status is not None:
                 raise RuntimeError(f"{row.scenario_id}: the child ended with {status}")
 
     def together() -> None:

@@ -175,7 +175,7 @@ def test_a_cell_without_namespaces_says_so(refused: tuple[str, ...]) -> None:
     )  # fmt: skip
     told = json.loads(done.stdout)
     assert (told["namespaces"], told["files"], told["no_new_privs"]) == ("", False, True)
-    assert told["limits"] == ["CPU", "DATA", "FSIZE", "NOFILE"]
+    assert told["limits"] == ["CPU", "DATA", "FSIZE", "MSGQUEUE", "NOFILE"]
 
 
 def test_without_namespaces_the_referee_is_out_of_reach_and_the_data_is_not(

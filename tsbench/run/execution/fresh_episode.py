@@ -48,22 +48,26 @@ def shared_with_children() -> frozenset[str]:
     return frozenset(found)
 
 
-def run_in_child(play: Callable[[], object]) -> int:
-    """Run `play` in a child of this process; returns how the child ended (negative: by a signal), 0 if it went well.
+def run_in_child(play: Callable[[], object]) -> int | None:
+    """Run `play` in a child of this process.
 
-    All other children of this process, and what the child has started, are killed after its end.
+    Returns None where `play` returned, else how the child ended: its exit code, or a signal's number, negative. All other children of this process, and what the child has started, are killed after its end.
     """
     adopt_orphans()
     # The collector of garbage would write to every object, and so copy every page.
     gc.collect()
     gc.freeze()
     parent = os.getpid()
+    # What the child has started may hold the other end open: nobody waits for that.
+    returned, to_parent = os.pipe()
+    os.set_blocking(returned, False)
     child = os.fork()
     if not child:
         status = 1
         try:
             die_with(parent)
             play()
+            os.write(to_parent, b"1")
             status = 0
         except BaseException:
             traceback.print_exc()
@@ -74,16 +78,21 @@ def run_in_child(play: Callable[[], object]) -> int:
             os._exit(status)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     kill_children()
-    return status
+    os.close(to_parent)
+    with os.fdopen(returned, "rb", buffering=0) as told:
+        return None if told.read(1) else status
 
 
 def end_as(status: int) -> None:
-    """End this process as a child ended: by the same signal or with the same exit code."""
+    """End this process as a child ended: by the same signal or with the same exit code.
+
+    The first process of a namespace can be ended by no signal of its own: its exit code is 128 and the signal's number.
+    """
     if status < 0:
         if -status not in (signal.SIGKILL, signal.SIGSTOP):
             signal.signal(-status, signal.SIG_DFL)
         os.kill(os.getpid(), -status)
-    os._exit(max(status, 0))
+    os._exit(128 - status if status < 0 else status)
 
 
 def kill_children() -> None:

@@ -1,4 +1,4 @@
-"""The heartbeat of a worker: five words of shared memory that cost a worker a fraction of a microsecond."""
+"""The heartbeat of a worker: four words of shared memory that cost a worker a fraction of a microsecond."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def heartbeat_file() -> int:
 class Heartbeat:
     """Word 0: beats and phase in one, so that a reader never sees half of a beat. Word 1: how often the
     planner was entered in this task. Word 2: number of the task begun last (tasks count from 1). Word 3: the process
-    that plays it. Word 4: number of the task answered last.
+    that plays it.
     """
 
     def __init__(self, fd: int) -> None:
@@ -34,9 +34,6 @@ class Heartbeat:
         self._words[3] = os.getpid()
         # A child may have played the task before: beats go on where it ended.
         self._beats = self._words[0] >> _PHASE_BITS
-
-    def answer(self, task: int) -> None:
-        self._words[4] = task
 
     def beat(self, phase: int) -> None:
         self._beats += 1
@@ -62,11 +59,6 @@ class Heartbeat:
     def player(self) -> int:
         """Id of the process that plays the task begun last, 0 = none yet."""
         return self._words[3]
-
-    @property
-    def answered(self) -> int:
-        """The task answered last, 0 = none yet."""
-        return self._words[4]
 
     @property
     def task(self) -> int:

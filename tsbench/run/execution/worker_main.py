@@ -77,7 +77,7 @@ class Worker:
         elif self._begins_afresh(message.planner):
             self._prepare(message)
             status = run_in_child(lambda: self._play(message))
-            if self._heartbeat.answered != message.number:
+            if status is not None:
                 end_as(status)
         else:
             self._play(message)
@@ -86,7 +86,6 @@ class Worker:
         """One episode, with its answer to the parent; in a child of this process, or here."""
         self._pid = os.getpid()
         self._say(self._episode(task))
-        self._heartbeat.answer(task.number)
 
     def _begins_afresh(self, planner: int) -> bool:
         """Are episodes of a planner to begin as if there had been no other?

@@ -65,7 +65,7 @@ class Client:
     def _episode_in_child(self, context: tuple[Kind, bytes], belongings: Belongings) -> None:
         """One episode, up to its END, which is answered once nothing of it is left."""
         status = run_in_child(lambda: self._episode(context))
-        if status:
+        if status is not None:
             end_as(status)
         belongings.restore()
         # The referee may have gone.
