@@ -154,9 +154,9 @@ def croissant(folder: Path, laid: Sequence[Table], revision: str, published: dat
     told: dict[str, Any] = mlc.Metadata(
         ctx=context, date_published=datetime.datetime.combine(published, datetime.time()),
         name="tsbench", url=PAGE, version=__version__, license=[LICENCE_URL],
-        description=parts[""], creators=[mlc.Organization(ctx=context, name="The tsbench authors")],
+        description=parts[""], creators=[mlc.Organization(ctx=context, name="tsbench contributors")],
         keywords=["autonomous driving", "traffic signs", "closed loop", "planning", "SUMO", "OpenStreetMap"],
-        cite_as=f"The tsbench authors. tsbench: a closed-loop benchmark for obeying traffic signs. {revision}.",
+        cite_as=f"tsbench contributors. tsbench: a closed-loop benchmark for obeying traffic signs. {revision}.",
         distribution=files, record_sets=[_records(context, folder, table) for table in laid],
         **{field: parts[title] for field, title in _RESPONSIBLE.items()},
     ).to_json()  # fmt: skip

@@ -11,6 +11,7 @@ from command_line import in_process, refused
 from tsbench.core import paths
 from tsbench.core.errors import InputError
 from tsbench.envs.drive import DriveEnv
+from tsbench.scenarios.table import splits_there
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = "no such scene files (tsbench data fetch --from DIR|URL train)"
@@ -62,6 +63,15 @@ def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFix
     (lacking / "data" / "scenarios" / "scenes").symlink_to(ROOT / "scenarios" / "scenes")
     for command in ("plant2-ft", "frames"):
         assert ORACLE in refused(in_process("train", capsys), command, "--out", "out")
+
+
+def test_a_split_that_a_city_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No command brings it: the line names the splits that are there."""
+    monkeypatch.setenv("TSBENCH_CITY", "andorra")
+    there = ", ".join(splits_there())
+    assert "train" not in there
+    with pytest.raises(InputError, match=f"train.parquet: andorra has no train split; it has {there}$"):
+        DriveEnv()
 
 
 def test_an_environment_of_the_train_split(lacking: Path) -> None:

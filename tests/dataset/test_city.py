@@ -189,7 +189,7 @@ def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> 
     found = {
         (c.type_id, c.split): (c.there, c.maps, c.wanted, c.why) for c in carried(city, pool, recipes, report)
     }
-    assert found["yield", "test"] == (2, 1, 2, "1 the arm is # m long")
+    assert found["yield", "test"] == (2, 1, 2, "1 the arm is … m long")
     assert found["stop", "test"] == (2, 2, 2, "")
     assert found["yield", "dev"] == (0, 0, 1, "no junction of T, X in its tiles")
     assert found["roundabout", "test"] == (0, 0, 2, "no roundabout of ring in its tiles")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,22 @@ def test_it_is_valid_and_of_this_version(citation: dict[str, Any]) -> None:
     assert citation["version"] == tsbench.__version__
     assert citation["license"] == "MIT"
     assert (ROOT / "LICENSE").read_text(encoding="utf-8").startswith("MIT License")
+
+
+def test_the_readme_cites_the_same(citation: dict[str, Any]) -> None:
+    page = (ROOT / "README.md").read_text(encoding="utf-8")
+    entry = dict(re.findall(r"^  (\w+) += \{+(.*?)\}+,$", page, re.M))
+    (author,) = citation["authors"]
+    assert entry == {
+        "author": author["name"],
+        "title": citation["title"],
+        "year": citation["date-released"][:4],
+        "version": citation["version"],
+    }
+    for project in (ROOT / "pyproject.toml", ROOT / "packaging/tsbench-data/pyproject.toml"):
+        told = tomllib.loads(project.read_text(encoding="utf-8"))["project"]
+        assert told["authors"] == [author]
+        assert (project.parent / told["readme"]).is_file()
 
 
 @pytest.mark.parametrize(

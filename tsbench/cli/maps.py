@@ -20,6 +20,7 @@ def maps() -> None:
 
 
 @maps.command()
+@options.made_city
 @click.argument("extract", type=options.PATH)
 @options.out("Network to write, .net.xml or .net.xml.gz.", type=options.FILE, required=True)
 def convert(extract: Path, out: Path) -> None:

@@ -49,6 +49,7 @@ def scenarios() -> None:
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
+    from tsbench.dataset.scenes.overview import shown_reason
 
     chosen, root = options.types_of(types), dataset_root() / "scenarios"
     with bars() as show:
@@ -61,7 +62,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
             r.split,
             str(sum(r.maps.values())),
             str(r.missed or "none"),
-            f"{n} {what}: {why}" if why else "",
+            f"{n} {what}: {shown_reason(why)}" if why else "",
         )
         for r in reports
         for what, found in (("maps", r.reasons), ("draws", r.draws))

@@ -47,6 +47,9 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     own = stored_city() == OWN_CITY
     made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
     hint = f"{fetch_hint(path.stem)} {made}"
+    there = splits_there(path.parent)
+    if not own and path.stem in SPLITS and path.stem not in there and there:
+        raise InputError(f"{path}: {stored_city()} has no {path.stem} split; it has {', '.join(there)}")
     table = open_table(path, SCHEMA, hint, later=_LATER)
     # In parts: all rows as dictionaries take more room than all else.
     rows = (row for part in table.to_batches(_PART_ROWS) for row in part.to_pylist())

@@ -19,7 +19,7 @@ REPORT = [
         "type_id": "stop",
         "split": "test",
         "missed": {"X": 2},
-        "reasons": {"others | go first": 3},
+        "reasons": {"others | go first": 3, "plate # stands # m along": 1},
         "draws": {"no": 4},
     },
 ]
@@ -49,7 +49,7 @@ def test_quotas_and_reasons() -> None:
     maps = cells(dataset_tables([STOP], REPORT)[1])
     assert maps["maps by stratum"] == "T 12, X 8"
     assert maps["quota missed"] == "X 2"
-    assert maps["maps passed over, by reason"] == "3 others | go first"
+    assert maps["maps passed over, by reason"] == "3 others | go first; 1 plate … stands … m along"
     assert maps["draws passed over"] == "4 no"
 
 

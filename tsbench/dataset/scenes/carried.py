@@ -8,6 +8,7 @@ from typing import Any
 
 from tsbench.dataset.city import City
 from tsbench.dataset.scenes.build import stratum_of
+from tsbench.dataset.scenes.overview import shown_reason
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.map_pool import PoolRow
@@ -52,5 +53,5 @@ def _why(recipe: Recipe, there: int, entry: dict[str, Any] | None) -> str:
         return f"no {recipe.type.family.replace('_', ' ')} of {', '.join(recipe.maps)} in its tiles"
     if entry is None:
         return "not built yet"
-    reasons = [f"{count} {reason}" for reason, count in entry["reasons"].items()]
+    reasons = [f"{count} {shown_reason(reason)}" for reason, count in entry["reasons"].items()]
     return "; ".join(reasons) or "the maps lie too near to each other"

@@ -102,3 +102,8 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
             )
         )
     return result
+
+
+def shown_reason(reason: str) -> str:
+    """A reason as it is counted, for readers: "…" stands for numbers and names, which differ from map to map."""
+    return " ".join("…" if word == "#" else word for word in reason.split(" "))

@@ -7,7 +7,7 @@ from math import isnan
 from typing import Any
 
 from tsbench.dataset.scenes.axes import TypeAxes
-from tsbench.dataset.scenes.overview import TypeStats
+from tsbench.dataset.scenes.overview import TypeStats, shown_reason
 from tsbench.dataset.scenes.tagging import GOAL, Tagging
 from tsbench.report.analyses.columns import text_columns
 from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
@@ -144,4 +144,4 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 
 def _reasons(reasons: Mapping[str, int]) -> str:
-    return "; ".join(f"{n} {why}" for why, n in reasons.items()) or "none"
+    return "; ".join(f"{n} {shown_reason(why)}" for why, n in reasons.items()) or "none"

@@ -77,7 +77,10 @@ def check_tools() -> Iterator[Finding]:
 
 def check_gpu() -> Iterator[Finding]:
     if not installed(("torch",)):
-        remedy = "needed for training and --device cuda only: pip install 'tsbench[learn]'"
+        remedy = (
+            "needed for training and --device cuda only: pip install 'tsbench[learn]'; without a GPU add "
+            "--extra-index-url https://download.pytorch.org/whl/cpu"
+        )
         yield Finding(Status.NOTE, "torch", "not installed", remedy)
         return
     see = "torch.cuda.get_device_name(0) if torch.cuda.is_available() else ''"
