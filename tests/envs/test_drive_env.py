@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+import pickle
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +45,11 @@ def to_the_end(env: gymnasium.Env[Any, Any], action: Any) -> tuple[list[float], 
         if terminated or truncated:
             return rewards, info
     raise AssertionError("the episode does not end")
+
+
+def pickled(made: DriveEnv) -> DriveEnv:
+    restored: DriveEnv = pickle.loads(pickle.dumps(made))  # noqa: S301  (its own pickle)
+    return restored
 
 
 @pytest.mark.parametrize("kind", ["vector", "bev", "objects"])
@@ -217,4 +224,27 @@ def test_a_plate_that_the_scene_has_no_column_for_is_named() -> None:
     foreign = replace(o, signs=(replace(o.signs[0], code="9.99"),))
     with pytest.raises(InputError, match=r"plate '9\.99': not in the catalogue"):
         made._seen.encode(foreign)
+    made.close()
+
+
+@pytest.mark.parametrize("kind", ["vector", "bev", "objects", "scene"])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
+def test_a_copy_has_the_options_and_the_generator_but_no_episode(
+    kind: str, copied: Callable[[DriveEnv], DriveEnv]
+) -> None:
+    action = "exit" if kind == "scene" else "aim"
+    made = DriveEnv(split="dev", types="yield", observation=kind, action=action, hold=2)
+    copied(made).close()
+    made.reset(seed=5)
+    # A shallow copy shares the generator.
+    other = copied(made)
+    own = copy.deepcopy(made.np_random)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        other.step(np.zeros(3 if kind == "scene" else 2, dtype=np.float32))
+    made.step(np.zeros(3 if kind == "scene" else 2, dtype=np.float32))
+    seen, info = other.reset()
+    assert info["scenario_id"] == made._rows[int(own.integers(len(made._rows)))].scenario_id
+    assert other.observation_space.contains(seen)
+    other.step(np.zeros(3 if kind == "scene" else 2, dtype=np.float32))
+    other.close()
     made.close()

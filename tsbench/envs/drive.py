@@ -103,12 +103,12 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if often := type_words("more", more or None):
             kinds = choose_types(often, load_catalog())
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
-        self._seen = KINDS[observation]()
-        self._exit = ExitAction() if action == EXIT else None
+        self._kind, self._to_exits = observation, action == EXIT
+        self._make_encoders()
         self._act = ACTIONS.get(action)
         self._hold, self._mask, self._level = ticks, masked, load_level(expanded_text(str(perception)))
         self._view: View | None = None
-        self._context: PlannerContext
+        self._context: PlannerContext | None = None
         self._weigh: Reward | None = None
         if reward is None or isinstance(reward, RewardSpec):
             self._reward_spec = RewardSpec() if reward is None else reward
@@ -119,6 +119,20 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._last: Observation | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
+
+    def _make_encoders(self) -> None:
+        """What turns observations and actions of one episode."""
+        self._seen = KINDS[self._kind]()
+        self._exit = ExitAction() if self._to_exits else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For `copy` and `pickle`: options and random generator, but no episode, as SUMO's cannot be copied."""
+        episode = dict.fromkeys(("_turn", "_last", "_view", "_context"))
+        return {**self.__dict__, **episode, "_seen": None, "_exit": None, "_reward": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._make_encoders()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -193,6 +207,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if self._view is None:
             from tsbench.envs.view import View
 
+            assert self._context is not None
             self._view = View(self._context)
         return self._view
 
