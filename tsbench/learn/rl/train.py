@@ -125,10 +125,10 @@ def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
             gymnasium.make(
                 gymnasium.spec(tsbench.envs.DRIVE_V0),
                 split="train",
-                types=job.types,
+                types=job.types or None,
                 observation=hyper.observation,
                 hold=HOLD_TICKS,
-                more=job.more,
+                more=job.more or None,
             )
         )
 
