@@ -19,7 +19,7 @@ from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
 from tsbench.run.execution.base import Limits
-from tsbench.run.listener import Listener, check_listeners, make_listener
+from tsbench.run.listener import Listener, listeners_of
 from tsbench.run.plan import BOTH, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import LEAST_MEMORY_MB, Options, run
@@ -94,8 +94,7 @@ def evaluate(
     if split is None:
         raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
     given = planner if isinstance(planner, list | tuple) else [planner]
-    told = [make_listener(one) if isinstance(one, str) else one for one in listeners]
-    check_listeners(told)
+    told = listeners_of(listeners)
     request = Request(tuple(map(spec_of, given)), split, type_words("--types", types),
                       None if limit is None else whole_number("--limit", limit), variants, half)  # fmt: skip
     options = Options(

@@ -25,6 +25,7 @@ EXTRA_OF = {
     "ray": "ray",
     "foxglove": "mcap",
 }
+CPU_INDEX = "--extra-index-url https://download.pytorch.org/whl/cpu"
 # Packages that are not called as what is imported from them.
 _PACKAGES = {"commonroad": "commonroad-io", "cv2": "opencv-python-headless", "yaml": "pyyaml"}
 
@@ -33,7 +34,11 @@ def install_command(module: str) -> str:
     """What installs a missing module: the extra of tsbench that has it, or the package of its name."""
     top = module.partition(".")[0]
     package = _PACKAGES.get(top, top.replace("_", "-"))
-    return f"pip install 'tsbench[{EXTRA_OF[top]}]'" if top in EXTRA_OF else f"pip install {package}"
+    if top not in EXTRA_OF:
+        return f"pip install {package}"
+    # Plain, pip takes a build of torch for a GPU, which is ten times as large.
+    without_gpu = f" (without a GPU: add {CPU_INDEX})" if EXTRA_OF[top] == "learn" else ""
+    return f"pip install 'tsbench[{EXTRA_OF[top]}]'{without_gpu}"
 
 
 def missing_extra(problem: ModuleNotFoundError) -> InputError | None:

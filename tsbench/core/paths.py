@@ -132,7 +132,7 @@ def fetch_root() -> Path:
 def _own_root() -> Path | None:
     named = os.environ.get("TSBENCH_DATA")
     if named:
-        return Path(named)
+        return Path(named).expanduser()
     return _PACKAGE.parent if (_PACKAGE.parent / "sign_catalog").is_dir() else None
 
 

@@ -46,13 +46,15 @@ class Listener(Protocol):
 _CALLS = ("started", "episode", "finished")
 
 
-def check_listeners(listeners: object) -> None:
-    """Raises InputError for what is no list of listeners."""
+def listeners_of(listeners: object) -> list[Listener]:
+    """Listeners, each an object or what `--listener` takes. Raises InputError for what is no list of these."""
     if not isinstance(listeners, list | tuple):
         raise InputError(f"listeners {listeners!r}: expected a list of listeners")
-    for one in listeners:
+    made = [make_listener(one) if isinstance(one, str) else one for one in listeners]
+    for one in made:
         if isinstance(one, type) or not all(callable(getattr(one, name, None)) for name in _CALLS):
             raise InputError(f"listeners: {one!r}: expected an object with {', '.join(_CALLS)}")
+    return made
 
 
 def make_listener(spec: str) -> Listener:

@@ -74,9 +74,12 @@ def advance(m: Motion, acceleration: float, steering: float) -> Motion:
 
 def check_trajectory(times: Array, poses: Array) -> None:
     """Raise PlannerOutputError, with the reason, for a trajectory that cannot be followed."""
-    if times.ndim != 1 or poses.shape != (len(times), 3) or not 0 < len(times) <= MAX_TRAJECTORY_POSES:
+    if times.shape == (0,):
+        raise PlannerOutputError("trajectory is empty: expected at least one pose")
+    if times.ndim != 1 or poses.shape != (len(times), 3) or len(times) > MAX_TRAJECTORY_POSES:
         raise PlannerOutputError(
-            f"trajectory has shapes {times.shape} and {poses.shape}, expected (k,) and (k, 3)"
+            f"trajectory has shapes {times.shape} and {poses.shape}, expected (k,) and (k, 3) with at "
+            f"most {MAX_TRAJECTORY_POSES} poses"
         )
     if not (np.isfinite(times).all() and np.isfinite(poses).all()):
         raise PlannerOutputError("trajectory holds NaN or infinity")

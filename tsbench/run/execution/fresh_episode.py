@@ -51,7 +51,8 @@ def shared_with_children() -> frozenset[str]:
 def run_in_child(play: Callable[[], object]) -> int | None:
     """Run `play` in a child of this process.
 
-    Returns None where `play` returned, else how the child ended: its exit code, or a signal's number, negative. All other children of this process, and what the child has started, are killed after its end.
+    Returns None where `play` returned, else how the child ended: its exit code, or a signal's number, negative. All
+    other children of this process, and what the child has started, are killed after its end.
     """
     adopt_orphans()
     # The collector of garbage would write to every object, and so copy every page.

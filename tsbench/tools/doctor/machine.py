@@ -10,6 +10,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from tsbench.core.extras import install_command
 from tsbench.tools.doctor.finding import REPAIR, TIMEOUT_S, Finding, Status, alone, installed
 
 LEAST_PYTHON = (3, 11)
@@ -77,10 +78,7 @@ def check_tools() -> Iterator[Finding]:
 
 def check_gpu() -> Iterator[Finding]:
     if not installed(("torch",)):
-        remedy = (
-            "needed for training and --device cuda only: pip install 'tsbench[learn]'; without a GPU add "
-            "--extra-index-url https://download.pytorch.org/whl/cpu"
-        )
+        remedy = f"needed for training and --device cuda only: {install_command('torch')}"
         yield Finding(Status.NOTE, "torch", "not installed", remedy)
         return
     see = "torch.cuda.get_device_name(0) if torch.cuda.is_available() else ''"
