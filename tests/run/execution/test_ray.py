@@ -51,17 +51,18 @@ class OnCluster:
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
     def workers(self) -> list[int]:
-        """Worker processes anywhere on this machine that were started for a run of ours."""
-        found = []
+        """Worker processes anywhere on this machine that were started for a run of ours, but for their own children."""
+        parents = {}
         for place in Path("/proc").glob("[0-9]*"):
             try:
                 command = (place / "cmdline").read_bytes()
                 ours = b"tsbench.run.execution.worker_main" in command and b"warden.py" not in command
                 if ours and (place / "cwd").readlink() == self.bench.folder:
-                    found.append(int(place.name))
+                    told = (place / "stat").read_text().rpartition(")")[2].split()
+                    parents[int(place.name)] = int(told[1])
             except OSError:
                 continue  # It has ended meanwhile.
-        return found
+        return [number for number, parent in parents.items() if parent not in parents]
 
     def assert_no_worker_is_left(self) -> None:
         end = time.monotonic() + HANG_S
