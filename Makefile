@@ -285,11 +285,12 @@ scenarios: setup
 	$(BIN)/tsbench scenarios verify
 
 # The contracts of this tsbench under the name of its edition (docs/editions.md). SAME_AS: the contract of an earlier state,
-# beside which they are entered if both drive dev with the same bytes.
+# beside which they are entered if both drive dev with the same bytes. SAME_PLANNERS: not all registered planners, but these.
 SAME_AS ?=
-edition: setup $(if $(SAME_AS),$(METADRIVE))
+SAME_PLANNERS ?=
+edition: setup $(if $(SAME_AS),$(if $(SAME_PLANNERS),,$(METADRIVE)))
 	PYTHONPATH=$(abspath $(VENV)/commonroad) TSBENCH_METADRIVE=$(abspath $(METADRIVE)) \
-		$(BIN)/python -m $(if $(SAME_AS),tsbench.tools.same_edition $(SAME_AS) --workers $(WORKERS),tsbench.run.edition)
+		$(BIN)/python -m $(if $(SAME_AS),tsbench.tools.same_edition $(SAME_AS) $(call asked,$(SAME_PLANNERS)) --workers $(WORKERS),tsbench.run.edition)
 
 bench: base
 	$(BIN)/tsbench bench

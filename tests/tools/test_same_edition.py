@@ -113,7 +113,7 @@ def test_commits_are_those_that_released_the_contract(history: tuple[Path, list[
 
 def test_a_contract_of_no_commit_is_refused() -> None:
     with pytest.raises(InputError, match=f"no commit here is of the contract {SECOND}"):
-        compared_with(SECOND, 1)
+        compared_with(SECOND, (), 1)
 
 
 def test_a_state_is_there_for_as_long_as_it_is_compared(history: tuple[Path, list[str]]) -> None:

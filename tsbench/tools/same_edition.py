@@ -211,10 +211,10 @@ def _git(root: Path, *arguments: str, optional: bool = False) -> str:
     return "" if done.returncode else done.stdout
 
 
-def compared_with(contract: str, workers: int) -> dict[str, SameResults]:
+def compared_with(contract: str, planners: Sequence[str], workers: int) -> dict[str, SameResults]:
     """Compare today's code with the newest state that has `contract`, any split's; returns that state by city.
 
-    Raises InputError where it is another edition, or where nothing can be compared.
+    planners: as for `compare_states`. Raises InputError where it is another edition, or where nothing can be compared.
     """
     for commit in commits_of(contract):
         with checked_out(commit) as place, TemporaryDirectory(prefix="tsbench-same-") as out:
@@ -228,7 +228,7 @@ def compared_with(contract: str, workers: int) -> dict[str, SameResults]:
             if contract not in contracts[OWN_CITY].values():
                 continue
             check_data(contracts, code)
-            compared = str(compare_states(place, ROOT, Path(out), workers=workers))
+            compared = str(compare_states(place, ROOT, Path(out), planners, workers=workers))
             return {city: SameResults(splits, code, compared) for city, splits in contracts.items()}
     raise InputError(
         f"no commit here is of the contract {contract}; a shallow clone lacks most (git fetch --unshallow)"
@@ -237,11 +237,12 @@ def compared_with(contract: str, workers: int) -> dict[str, SameResults]:
 
 @click.command()
 @click.argument("contract")
+@click.option("--planner", "planners", multiple=True, help="Registered planner to drive.  [default: all]")
 @click.option("--workers", type=click.IntRange(1), default=own_cores)
-def main(contract: str, workers: int) -> None:
+def main(contract: str, planners: tuple[str, ...], workers: int) -> None:
     """Enter today's contracts beside those of the state that has CONTRACT, where both give the same bytes."""
     try:
-        for city, splits in release_all(compared_with(contract, workers)).items():
+        for city, splits in release_all(compared_with(contract, planners, workers)).items():
             for split, now in splits.items():
                 click.echo(f"{city} {split} {now}")
     except InputError as problem:
