@@ -9,9 +9,10 @@ import sys
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-from rich.console import Console
+if TYPE_CHECKING:
+    from rich.console import Console
 
 STDOUT = "standard output"
 _PLAIN = {
@@ -87,6 +88,9 @@ def standard_streams() -> Iterator[None]:
 
 def progress_console() -> Console:
     """Standard error, for what may get lost: a run goes on where nobody can be told of it any more."""
+    # Imported here: `--help` needs none.
+    from rich.console import Console
+
     own = sys.stderr is sys.__stderr__ and sys.stderr is not None
     return Console(file=_Stream(2, _encoding(sys.stderr), None)) if own else Console(stderr=True)
 
