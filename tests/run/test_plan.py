@@ -109,12 +109,28 @@ def test_hand_out_keeps_a_network_with_its_worker() -> None:
     tasks = [Task(n, 0, row) for n, row in enumerate(specs(), start=1)]
     hand_out = TaskQueue(tasks)
     first = [hand_out.next(worker) for _ in range(10) for worker in (0, 1)]
-    assert {task.spec.net for task in first[0::2]} == {tasks[20].spec.net}
-    assert {task.spec.net for task in first[1::2]} == {tasks[30].spec.net}
+    nets = [{task.spec.net for task in first[worker::2]} for worker in (0, 1)]
+    assert [len(found) for found in nets] == [1, 1]
+    assert nets[0] != nets[1]
     rest = [hand_out.next(0) for _ in range(20)]
     assert hand_out.left == 0
     assert hand_out.next(1) is None
     assert sorted(task.number for task in [*first, *rest]) == list(range(1, 41))
+
+
+def test_neither_half_of_a_pair_is_always_first() -> None:
+    """The order is that of a hash of the rows' names, whatever order they come in."""
+    rows = [
+        replace(specs(maps=1)[0], scenario_id=f"{pair}{half}") for pair in range(40) for half in ("", "-c")
+    ]
+    tasks = [Task(n, 0, row) for n, row in enumerate(rows, start=1)]
+    orders = []
+    for given in (tasks, tasks[::-1]):
+        hand_out = TaskQueue(given)
+        orders.append([hand_out.next(0).spec.scenario_id for _ in rows])
+    assert orders[0] == orders[1]
+    signed_first = sum(orders[0].index(f"{pair}") < orders[0].index(f"{pair}-c") for pair in range(40))
+    assert 8 < signed_first < 32
 
 
 def test_hand_out_of_one_network_still_keeps_all_busy() -> None:
