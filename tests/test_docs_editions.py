@@ -23,7 +23,7 @@ _FIRST_LINES = 6
 def hashes(name: str) -> set[str]:
     """All contracts of an edition."""
     (edition,) = [one for one in (*OLDER, IN_FORCE) if one.name == name]
-    return {contract for splits in edition.released.values() for contract in splits.values()}
+    return edition.contracts()
 
 
 def wrong(text: str) -> str | None:
