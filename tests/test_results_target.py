@@ -14,6 +14,7 @@ import pytest
 
 import tsbench
 from tsbench.run.contract import contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -97,7 +98,7 @@ def test_every_step_works_on_four_pairs(tmp_path: Path) -> None:
     assert set(found) == {"idm", "plant2-ft", "Lawless", "blind (floor)"}
     assert found["idm"] == share_of_pairs(runs / "others")
     assert found["plant2-ft"] == share_of_pairs(runs / "plant2-ft")
-    contract = contract_hash(read_table(table_path("test")), load_catalog())
+    contract = standing_contract(contract_hash(read_table(table_path("test")), load_catalog()))
     for page in (results, floor, readme):
         assert f"Contract `{contract}`." in page
     head, *rows = table_after("<!-- analysis floor | where over = all", readme)

@@ -58,7 +58,7 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_pool(pool, root / "sumo_nets" / "pool.parquet")
     (folder / "build_report.json").write_text(
         '[{"type_id": "yield", "split": "test", "maps": {}, "missed": {"X": 3}, "short": 0,'
-        ' "reasons": {"the secondary arm is # m long": 7}}]'
+        ' "reasons": {"the secondary arm is … m long": 7}}]'
     )
     every = [spec for split in rows.values() for spec in split]
     of = bases(every, load_catalog(root / "sign_catalog"))
@@ -179,7 +179,7 @@ def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = run(capsys, "stats")
     assert "yield" in told
     assert "X 1" in told
-    assert "7 the secondary arm is # m long" in told
+    assert "7 the secondary arm is … m long" in told
     assert "X 3" in told
     # Neither map's three rows differ in what they ask.
     assert re.search(r"^yield +test( +1){8} +0 +0 *$", told, re.MULTILINE), told

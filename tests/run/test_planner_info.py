@@ -92,7 +92,8 @@ def test_weights_that_are_named_from_the_folder_of_the_run(
 
 def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(mine.parent))
-    # Another test may have imported a module of that name.
+    # Another test may have imported a module of that name, and left its folder on the path: a package goes before it.
+    (mine / "__init__.py").touch()
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     (mine / "planner.py").write_text(
         MINE.replace("import neighbour", "from mine import neighbour").replace("from kit", "from mine.kit")

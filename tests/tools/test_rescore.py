@@ -21,7 +21,7 @@ RUN = ["run", "--split", "test", "--types", "speed_limit", "--variants", "0", "-
 # Obeys the sign by standing, and arrives all the same: its process is that of the loop.
 CHEAT = """
 from dataclasses import replace
-import tsbench.episode.runner as loop
+import tsbench.episode.episode as loop
 from tsbench import Control
 from tsbench.planners.idm import Idm
 

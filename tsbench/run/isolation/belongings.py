@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,7 +25,7 @@ class Belongings:
 
     def __init__(self, places: tuple[Path, ...]) -> None:
         self._places = places
-        found = [path for place in places for path in sorted(place.rglob("*"))]
+        found = list(self._paths())
         if sum(path.lstat().st_size for path in found) > _MOST_BYTES:
             raise OSError(f"more than {_MOST_BYTES >> 20} MB of files")
         self._files = {path: _content(path) for path in found}
@@ -38,10 +37,12 @@ class Belongings:
             _remove_ipc()
         if self._look() == self._state:
             return
-        for place in self._places:
-            for path in place.iterdir():
-                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+        for path in reversed(list(self._paths())):
+            if path not in self._files or _content(path) != self._files[path]:
+                path.rmdir() if _is_folder(path) else path.unlink()
         for path, content in self._files.items():
+            if path.is_symlink() or path.exists():
+                continue
             if content is None:
                 path.mkdir()
             elif isinstance(content, Path):
@@ -51,12 +52,18 @@ class Belongings:
         self._state = self._look()
 
     def _look(self) -> _State:
-        found = []
+        told = ((str(path), path.lstat()) for path in self._paths())
+        return tuple((name, found.st_size, found.st_ctime_ns, found.st_ino) for name, found in told)
+
+    def _paths(self) -> Iterator[Path]:
+        """All files and folders, parents first; not what is mounted there, such as the planner's own folder."""
         for place in self._places:
-            for path in sorted(place.rglob("*")):
-                told = path.lstat()
-                found.append((str(path), told.st_size, told.st_ctime_ns, told.st_ino))
-        return tuple(found)
+            device = place.lstat().st_dev
+            for folder, folders, files in os.walk(place):
+                paths = [Path(folder, name) for name in sorted([*folders, *files])]
+                own = [path for path in paths if path.lstat().st_dev == device]
+                folders[:] = [path.name for path in own if _is_folder(path)]
+                yield from own
 
 
 def own_places() -> tuple[Path, ...]:
@@ -70,6 +77,10 @@ def _content(path: Path) -> bytes | Path | None:
     if path.is_symlink():
         return path.readlink()
     return None if path.is_dir() else path.read_bytes()
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
 
 
 def _remove_ipc() -> None:
