@@ -23,7 +23,7 @@ TSBENCH = str(Path(sys.executable).with_name("tsbench"))
 PLANNER = f"{HERE / 'served_planner.py'}:Steady"
 
 
-def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -> Path:
+def run(tmp_path: Path, name: str, workers: int, expect: int = 0, limit: int = 6, **more: str) -> Path:
     out = tmp_path / name
     arguments = [
         "--planner",
@@ -33,7 +33,7 @@ def run(tmp_path: Path, name: str, workers: int, expect: int = 0, **more: str) -
         "--types",
         "yield",
         "--limit",
-        "6",
+        str(limit),
         "--trace",
         "none",
     ]
@@ -67,7 +67,8 @@ def test_a_network_that_does_not_load_is_refused_before_the_first_episode(tmp_pa
 
 
 def test_an_inference_process_that_keeps_dying_ends_the_run(tmp_path: Path) -> None:
-    run(tmp_path, "dying", 2, expect=2, SERVED_DIES="1")
+    # More episodes than two deaths can take along: each episode has two tries.
+    run(tmp_path, "dying", 2, expect=2, limit=40, SERVED_DIES="1")
 
 
 @pytest.fixture
