@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 from PIL import Image as PilImage
+from scripts import load_script
 
 from tsbench.scenarios.table import read_table, table_path
-
-SCRIPT = Path(__file__).resolve().parents[2] / "packaging" / "contact_sheets.py"
 
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("contact_sheets", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("contact_sheets")
 
 
 def test_each_pair_has_its_halves_and_a_choice_has_all_types(script: ModuleType) -> None:

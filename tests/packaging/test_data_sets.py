@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from scripts import load_script
 
 from tsbench.core import paths
 from tsbench.data.manifest import MANIFEST, data_sets
@@ -17,12 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def data_sets_script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("packaging_data_sets", ROOT / "packaging" / "data_sets.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("data_sets")
 
 
 def test_the_manifest_is_that_of_the_files(data_sets_script: ModuleType) -> None:

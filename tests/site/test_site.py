@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from pathlib import Path, PurePosixPath
@@ -10,6 +9,7 @@ from types import ModuleType
 from urllib.parse import unquote
 
 import pytest
+from scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -74,12 +74,7 @@ def test_names_of_the_package_are_explained(site: Path) -> None:
 
 @pytest.fixture(scope="module")
 def hooks() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "packaging/site_hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_script("site_hooks")
 
 
 @pytest.mark.parametrize(

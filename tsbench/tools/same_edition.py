@@ -74,7 +74,7 @@ class Compared:
 def commits_of(contract: str, root: Path = ROOT) -> Iterator[str]:
     """Commits whose `editions.yaml` has released `contract`, any split's, newest first.
 
-    Of those that only change other files than code, signs and scenes none is named.
+    Only commits that change code, signs or scenes are named: others have the contract of the one before.
     """
     path = PATH.resolve().relative_to(ROOT).as_posix()
     for commit in _git(root, "log", "--format=%H", "--", "tsbench", "sign_catalog", "scenarios").split():
@@ -147,7 +147,11 @@ def compare_states(
 
 
 def _registered(root: Path) -> list[str]:
-    return _python(root, _NAMES).stdout.split()
+    """Names of the planners of a state. Raises InputError where its tsbench does not run."""
+    told = _python(root, _NAMES)
+    if told.returncode:
+        raise InputError(f"{root}: its tsbench does not run here: {_last_line(told)}")
+    return told.stdout.split()
 
 
 def _drive(root: Path, planner: str, out: Path, workers: int, limit: int | None) -> str:
@@ -168,7 +172,7 @@ def _drive(root: Path, planner: str, out: Path, workers: int, limit: int | None)
     # 1: some episodes ended in an error outcome, which is a record like others.
     if done.returncode in (0, 1) and (out / _TABLES[0]).is_file():
         return ""
-    return (done.stderr or done.stdout).strip().splitlines()[-1]
+    return _last_line(done)
 
 
 def _equal(planner: str, a: Path, b: Path) -> tuple[int, bytes]:
@@ -203,6 +207,12 @@ def _python(root: Path, code: str, *arguments: str) -> subprocess.CompletedProce
     )  # fmt: skip
 
 
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    """What a process said last, or how it ended where it said nothing."""
+    said = (done.stderr or done.stdout).strip().splitlines()
+    return said[-1] if said else f"exit code {done.returncode}"
+
+
 def _git(root: Path, *arguments: str, optional: bool = False) -> str:
     """What git prints. optional: "" where it fails."""
     done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=False)
@@ -220,9 +230,7 @@ def compared_with(contract: str, planners: Sequence[str], workers: int) -> dict[
         with checked_out(commit) as place, TemporaryDirectory(prefix="tsbench-same-") as out:
             told = _python(place, _STATE)
             if told.returncode:
-                raise InputError(
-                    f"{commit}: its tsbench does not run here: {told.stderr.strip().splitlines()[-1]}"
-                )
+                raise InputError(f"{commit}: its tsbench does not run here: {_last_line(told)}")
             code, contracts = json.loads(told.stdout)
             # One that was changed before its contract was entered.
             if contract not in contracts[OWN_CITY].values():
