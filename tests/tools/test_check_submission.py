@@ -32,6 +32,9 @@ class Remembers(Steady):
     def reset(self, context): self.episodes += 1
     def act(self, o): return Control(0.5 / self.episodes, 0.0)
 
+class Keeps(Remembers):
+    keeps_process = True
+
 class Hopeless(Steady):
     def __init__(self): raise ValueError("no weights")
 """
@@ -66,7 +69,13 @@ def test_a_planner_that_may_be_submitted_has_no_problem(spec: str, released: Non
     assert found["determinism"].level is found["code"].level is Level.OK
 
 
-@pytest.mark.parametrize("name", ["Dice", "Remembers"])
+def test_what_a_planner_remembers_is_gone_before_the_next_scene(spec: str, released: None) -> None:
+    found = check(f"{spec}:Remembers")
+    assert found["determinism"].level is Level.OK
+    assert "memory" not in found
+
+
+@pytest.mark.parametrize("name", ["Dice", "Keeps"])
 def test_other_commands_on_the_same_scene_are_a_problem(spec: str, name: str, released: None) -> None:
     found = check(f"{spec}:{name}")
     assert found["determinism"].level is Level.PROBLEM
@@ -98,6 +107,7 @@ INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
         (INFO, {"namespaces": "root"}, "isolation", Level.OK, "namespaces of its own"),
         (INFO, {"namespaces": ""}, "isolation", Level.NOTE, "without namespaces"),
         (INFO, {"namespaces": "root"}, "privilege", Level.NOTE, "flagged as privileged"),
+        (replace(INFO, may_remember=True), {"namespaces": "root"}, "memory", Level.NOTE, "may remember"),
         (INFO, {"namespaces": "root"}, "code", Level.OK, "cdcdcdcdcdcd, weights abababababab"),
         (replace(INFO, code_sha256=None), {"namespaces": "root"}, "code", Level.PROBLEM, "in no file"),
     ],

@@ -57,7 +57,7 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
         probed = describe(spec)
     except InputError as problem:
         return [*found, Finding(Level.PROBLEM, "start", str(problem))], None
-    return [*found, _cell(bool(probed.effects["namespaces"])), *_hashes(probed.planner)], probed.planner
+    return [*found, _cell(bool(probed.effects["namespaces"])), *_about(probed.planner)], probed.planner
 
 
 def _contract(split: str) -> Finding:
@@ -76,7 +76,7 @@ def _cell(apart: bool) -> Finding:
     return Finding(Level.NOTE, "isolation", text)
 
 
-def _hashes(info: PlannerInfo) -> list[Finding]:
+def _about(info: PlannerInfo) -> list[Finding]:
     if info.code_sha256 is None:
         return [
             Finding(Level.PROBLEM, "code", "its code is in no file that could be hashed: write it to one")
@@ -93,6 +93,9 @@ def _hashes(info: PlannerInfo) -> list[Finding]:
         found.append(
             Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")
         )
+    if info.may_remember:
+        text = "its episodes share a process: the row is marked as one that may remember earlier episodes"
+        found.append(Finding(Level.NOTE, "memory", text))
     return found
 
 
