@@ -14,7 +14,7 @@ COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test results results-again submissions board floor holdout train docs site-pictures torture mirrored again mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results results-again submissions board floor holdout train docs film site-pictures torture mirrored again mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -241,6 +241,13 @@ lock:
 # The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+# The film at the top of README.md: both halves of a pair of the dev split, as two planners drive them.
+FILM := runs/film
+FILMED := idm plant2-ft
+film: setup
+	$(BIN)/tsbench run $(call asked,$(FILMED)) --split dev --types yield --variants 0 --trace all --workers $(WORKERS) --out $(FILM)
+	$(BIN)/python packaging/pair_film.py $(FILM) yield-j-msk-b9f3684559-v0 docs/images/pair.gif $(FILMED)
 
 # Pictures of the site for docs/install.md, in Chromium.
 site-pictures: docs

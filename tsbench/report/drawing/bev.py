@@ -54,17 +54,18 @@ class BirdsEye:
 
     around: (n, 2) points that the picture must show; a scene that they do not fit into is followed by a
     camera that keeps the ego in its middle. country: whose plates and codes are shown; by default the city's.
+    named: has whom a violation speaks of its name beside it?
     """
 
     def __init__(
         self, trace: Trace, scene: Scene, size: PageSize, around: Array, follow: bool,
-        country: Country | None = None,
+        country: Country | None = None, named: bool = True,
     ) -> None:  # fmt: skip
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
         view = seal(scene.network)
         self._views, self._witness = trace.routes(view, scene), Witness(scene.network, view)
         others = (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
-        self._named = named_from(trace.events, others)
+        self._named = named_from(trace.events, others) if named else {}
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, _MARGIN_M, bounds)

@@ -164,10 +164,16 @@ def render_gif(
 
     Of a span, the frame in which a violation begins is held.
     """
+    pages = film(trace, scene, size, GIF_EVERY, span, country)
+    save_gif(path, pages, _durations(trace, span))
+
+
+def save_gif(path: Path, pages: Iterable[Image], durations: Iterable[float]) -> None:
+    """Write pages as an endless GIF in the palette of the first one. durations: of each page, s. Raises InputError."""
     frames: list[PilImage.Image] = []
     palette: PilImage.Image | None = None
     before: Image | None = None
-    for page in film(trace, scene, size, GIF_EVERY, span, country):
+    for page in pages:
         picture = PilImage.fromarray(page)
         if palette is None:
             palette = _palette(picture)
@@ -178,10 +184,10 @@ def render_gif(
         frame = PilImage.fromarray(fresh, mode="P")
         frame.putpalette(palette.getpalette() or [])
         frames.append(frame)
-    durations = [round(1000 * s) for s in _durations(trace, span)]
     with io_errors_as_input_errors(path), replacing(path) as part:
         frames[0].save(
-            part, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=False,
+            part, format="GIF", save_all=True, append_images=frames[1:],
+            duration=[round(1000 * s) for s in durations], loop=0, optimize=False,
             transparency=_CLEAR, disposal=1,
         )  # fmt: skip
 
