@@ -226,3 +226,41 @@ def test_a_changed_table_of_a_complete_run(whole: Bench) -> None:
     finally:
         path.write_bytes(kept)
     assert "episodes.parquet: is not the file that the run wrote" in done.stderr
+
+
+STALE = """
+from pathlib import Path
+from tsbench import Control
+
+class Mine:
+    def __init__(self):
+        self.gain = float(Path(__file__).with_suffix(".txt").read_text())
+
+    def reset(self, context): pass
+    def act(self, o): return Control(self.gain, 0.0)
+"""
+
+
+def test_another_file_of_weights_is_another_planner(whole: Bench) -> None:
+    code, weights = whole.folder / "stale.py", whole.folder / "stale.txt"
+    code.write_text(STALE)
+    weights.write_text("0.25")
+    run = ["run", "--planner", "stale.py:Mine", "--split", "test", "--limit", "4", "--out", "stale"]
+    whole.run(*run)
+    first = bytes_of(whole.folder / "stale")
+    again = whole.run(*run)
+    assert "complete since" in again.stderr
+    assert "nothing is driven; --overwrite drives it again" in again.stderr
+    (whole.folder / "stale" / "mine.txt").write_text("not the run's")
+    weights.write_text("0.75")
+    done = whole.run(*run, expect=2)
+    assert done.stderr == (
+        "error: stale: holds another run: planner stale.py:Mine has changed since (what it opens: stale.txt); "
+        "choose another folder with --out, or drive it anew with --overwrite\n"
+    )
+    assert bytes_of(whole.folder / "stale") == first
+    done = whole.run(*run, "--overwrite")
+    assert "4 of 4 episodes finished" in done.stdout
+    assert bytes_of(whole.folder / "stale") != first
+    assert (whole.folder / "stale" / "set_aside" / "1-mine.txt").read_text() == "not the run's"
+    assert not (whole.folder / "stale" / "journal.jsonl").exists()

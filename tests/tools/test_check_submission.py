@@ -109,6 +109,14 @@ INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
         (INFO, {"namespaces": "root"}, "privilege", Level.NOTE, "flagged as privileged"),
         (replace(INFO, may_remember=True), {"namespaces": "root"}, "memory", Level.NOTE, "may remember"),
         (INFO, {"namespaces": "root"}, "code", Level.OK, "cdcdcdcdcdcd, weights abababababab"),
+        (INFO, {"namespaces": "root"}, "files", Level.OK, "hashed: none"),
+        (
+            replace(INFO, opened=("ab" * 32 + "  net.npz",), unseen=("torch",)),
+            {"namespaces": "root"},
+            "files",
+            Level.OK,
+            "hashed: net.npz; files not seen: what torch may open without Python",
+        ),
         (replace(INFO, code_sha256=None), {"namespaces": "root"}, "code", Level.PROBLEM, "in no file"),
     ],
 )

@@ -77,6 +77,7 @@ def evaluate(
     perception: str | Path = EXACT,
     isolate: bool = False,
     image: str | None = None,
+    overwrite: bool = False,
     allow_partial: bool = False,
     listeners: Sequence[str | Listener] = (),
 ) -> Run:
@@ -102,7 +103,7 @@ def evaluate(
         out=None if out is None else path_of("--out", out), trace=trace, device=device,
         mask_signs=switch("--mask-signs", mask_signs), perception=expanded_text(str(perception)),
         isolate=switch("--isolate", isolate), image=None if image is None else text("--image", image),
-        allow_partial=switch("--allow-partial", allow_partial),
+        overwrite=switch("--overwrite", overwrite), allow_partial=switch("--allow-partial", allow_partial),
         limits=Limits(most_memory=number_of("--memory-limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
     with nullcontext() if city is None else using_city(driven_city(text("--city", city))):

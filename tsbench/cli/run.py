@@ -71,6 +71,9 @@ which_half = click.option(
     "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
     help="How well planners perceive plates: a level, or a YAML file with the fields of one.",
 )  # fmt: skip
+@click.option(
+    "--overwrite", is_flag=True, help="Remove the run that is in the folder, and drive all of it again."
+)
 @options.allow_partial
 @click.option(
     "--listener", "listeners", type=options.TEXT, multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",

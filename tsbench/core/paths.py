@@ -24,6 +24,7 @@ import platformdirs
 
 import tsbench
 from tsbench.core.errors import InputError
+from tsbench.core.home import expanded
 
 CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
 # Those whose data sets are released (tsbench.data): their contracts are, too.
@@ -132,7 +133,7 @@ def fetch_root() -> Path:
 def _own_root() -> Path | None:
     named = os.environ.get("TSBENCH_DATA")
     if named:
-        return Path(named).expanduser()
+        return expanded(named)
     return _PACKAGE.parent if (_PACKAGE.parent / "sign_catalog").is_dir() else None
 
 

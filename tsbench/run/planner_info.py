@@ -1,7 +1,8 @@
 """What a run writes down about a planner: who it is, and the hashes of its code and weights.
 
 The code is the file that a planner is written in with all that it imports from beside it, from the path or from
-tsbench, as far as that is not in the contract, and the data files (weights, settings) that its code names.
+tsbench, as far as that is not in the contract, and the data files (weights, settings) that its code names. Files that
+it opens while it is made have hashes of their own.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run import opened_files
 from tsbench.run.contract import code_files
 from tsbench.run.execution.fresh_episode import shared_with_children
 
@@ -25,7 +27,8 @@ class PlannerInfo:
     """A planner in `run.json`. name: in records; spec: what the user wrote. served_on: devices on which its network is
     worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash. floor: as the planner's
     entry says; runs from before there were floors do not say. may_remember: its episodes share a process, and it may
-    know in one what it met in another.
+    know in one what it met in another. opened: hashes and names of the files that it opens while it is made; unseen:
+    packages that may have opened more (`run.opened_files`).
     """
 
     name: str
@@ -37,6 +40,8 @@ class PlannerInfo:
     code_sha256: str | None
     floor: bool = False
     may_remember: bool = False
+    opened: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
 
 
 def describe(spec: str) -> PlannerInfo:
@@ -45,11 +50,13 @@ def describe(spec: str) -> PlannerInfo:
     Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
     before = shared_with_children()
-    loaded = resolve(spec)
-    planner = _make(loaded)
+    with opened_files.noted() as opened:
+        loaded = resolve(spec)
+        planner = _make(loaded)
     shared = loaded.keeps_process or bool(shared_with_children() - before)
     del planner
     sources = [path for path in map(_file, loaded.sources) if path is not None]
+    place = opened_files.place_of(sources[0]) if sources else None
     return PlannerInfo(
         name=loaded.name,
         spec=loaded.spec,
@@ -61,6 +68,8 @@ def describe(spec: str) -> PlannerInfo:
         # The contract has the rest.
         code_sha256=digest(closure(sources, code_files())) if sources else None,
         may_remember=shared and not loaded.own,
+        opened=() if loaded.own else opened_files.hashes(opened.files, place),
+        unseen=() if loaded.own else opened.unseen,
     )
 
 

@@ -29,7 +29,7 @@ from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
-from tsbench.run.log.manifest import marks_of, new_manifest
+from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.plan import BOTH, TRACES, Plan, Request, make_plan
@@ -53,7 +53,8 @@ class Options:
     perception: a level's name or file.
     isolate: planners in processes of their own; image: in containers of this image.
 
-    allow_partial: aggregate over holes too. limits: how long a worker may be silent and how large it may become.
+    overwrite: a run that is in the folder is removed first. allow_partial: aggregate over holes too. limits: how long a
+    worker may be silent and how large it may become.
     runner is for tests: what runs an episode in a worker.
     """
 
@@ -67,6 +68,7 @@ class Options:
     perception: str = EXACT
     isolate: bool = False
     image: str | None = None
+    overwrite: bool = False
     allow_partial: bool = False
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
@@ -115,7 +117,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     plan = make_plan(options.request, catalog)
     level = load_level(options.perception)
     contract, effective = contract_hash(plan.table, catalog), _effective(options, plan, level)
-    if options.out is not None:
+    if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
@@ -129,8 +131,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         if told is not None:
             manifest["isolation"] = {one.planner.name: one.effects for one in told}
         folder_path = options.out or Path("runs") / default_name(options, names, contract)
-        with closing(RunFolder(folder_path, manifest, keys)) as folder:
-            for line in folder.notices:
+        with closing(RunFolder(folder_path, manifest, keys, options.overwrite)) as folder:
+            for line in (*folder.notices, *([_nothing_to_do(folder)] if folder.journal is None else [])):
                 watcher.notice(line)
             asked = dict.fromkeys(names, plan.scenarios)
             counts = {name: len(rows) for name, rows in asked.items()}
@@ -253,6 +255,16 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
     parts += ["masked"] if options.mask_signs else []
     parts += [] if options.perception == EXACT else [f"eyes-{quote(Path(options.perception).stem, safe='')}"]
     return "-".join([*parts, contract[:8]])
+
+
+def _nothing_to_do(folder: RunFolder) -> str:
+    """That a run is complete, and what of its planners may have changed without being seen."""
+    unseen = sorted({name for planner in planners_of(folder.manifest) for name in planner.unseen})
+    files = f"; files not seen: what {', '.join(unseen)} may open without Python" if unseen else ""
+    return (
+        f"{folder.path}: complete since {folder.manifest['finished']}, nothing is driven{files}; "
+        "--overwrite drives it again"
+    )
 
 
 def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: Options) -> RunResult:

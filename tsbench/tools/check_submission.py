@@ -89,6 +89,9 @@ def _about(info: PlannerInfo) -> list[Finding]:
             f"{info.name}, code with the data that it names {info.code_sha256[:12]}{weights}",
         )
     ]
+    files = ", ".join(line.split("  ", 1)[1] for line in info.opened) or "none"
+    unseen = f"; files not seen: what {', '.join(info.unseen)} may open without Python" if info.unseen else ""
+    found.append(Finding(Level.OK, "files", f"opened while it is made, and hashed: {files}{unseen}"))
     if info.privileged:
         found.append(
             Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")

@@ -23,11 +23,30 @@ def test_a_folder_with_other_things(bench: Bench) -> None:
     assert [p.name for p in (bench.folder / "mine").iterdir()] == ["thesis.txt"]
 
 
+def test_other_things_are_not_overwritten(bench: Bench) -> None:
+    (bench.folder / "mine").mkdir()
+    (bench.folder / "mine" / "thesis.txt").write_text("dear")
+    done = bench.run(*RUN, "--out", "mine", "--overwrite", expect=2)
+    assert done.stderr == "error: mine: is neither empty nor a run folder; choose another with --out\n"
+    assert [p.name for p in (bench.folder / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_a_run_that_goes_on_is_not_overwritten(bench: Bench) -> None:
+    process = bench.start_paused(2, *RUN, "--out", "run")
+    done = bench.run(*RUN, "--out", "run", "--overwrite", expect=2)
+    assert done.stderr == "error: run: another tsbench run is writing here\n"
+    bench.go()
+    process.communicate(timeout=HANG_S)
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
 @pytest.mark.parametrize("content", ["{", "[]", '{"contract": "x", "schema_version": 99}'])
-def test_a_manifest_that_is_none(bench: Bench, content: str) -> None:
+def test_a_manifest_that_is_none(bench: Bench, content: str, overwrite: list[str]) -> None:
     (bench.folder / "run").mkdir()
     (bench.folder / "run" / "run.json").write_text(content)
-    done = bench.run(*RUN, "--out", "run", expect=2)
+    done = bench.run(*RUN, "--out", "run", *overwrite, expect=2)
+    assert (bench.folder / "run" / "run.json").read_text() == content
     assert done.stderr.startswith("error: run/run.json: ")
     assert done.stderr.count("\n") == 1
 

@@ -20,6 +20,7 @@ from tsbench.core.errors import InputError, cause_of
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run import opened_files
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
 from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.cell import LINE
@@ -123,8 +124,9 @@ def main(spec: str) -> None:
     line = _connected()
     try:
         before = shared_with_children()
-        loaded = resolve(spec)
-        planner = _made(loaded)
+        with opened_files.noted() as opened:
+            loaded = resolve(spec)
+            planner = _made(loaded)
     except InputError as problem:
         line.sendall(pack(Kind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
         return
@@ -137,6 +139,7 @@ def main(spec: str) -> None:
         "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
         "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
         "forks": belongings is not None, "keeps_process": belongings is None,
+        "opened": [] if loaded.own else opened.files, "unseen": [] if loaded.own else opened.unseen,
     }  # fmt: skip
     line.sendall(pack(Kind.HELLO, json.dumps(facts)))
     Client(line, loaded, planner, belongings).serve()

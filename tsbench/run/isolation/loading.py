@@ -13,11 +13,14 @@ from tsbench.core.files import sha256_of
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry, is_own
 from tsbench.planners.weights import file_of
+from tsbench.run import opened_files
 from tsbench.run.contract import code_files
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.planner_info import PlannerInfo
+
+_MOST_NAMES, _LONGEST_NAME = 1000, 4096
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
     process = PlannerProcess(spec, hidden)
     facts = process.facts
     process.close()
-    _, inner = image_of(spec)
+    image, inner = image_of(spec)
     name = facts.get("name") or _stem(inner)
     weights_file = facts.get("weights_file")
     if not isinstance(name, str) or not isinstance(weights_file, str | None):
@@ -43,9 +46,32 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
     # Its network is its own: none is served by a process that others use too.
     info = PlannerInfo(
         name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
-        code_sha256=code_hash(inner), may_remember=remembers, **told
+        code_sha256=code_hash(inner), may_remember=remembers,
+        opened=() if image else opened_here(inner, _names(facts, "opened")), unseen=_names(facts, "unseen"), **told
     )  # fmt: skip
     return Probed(info, process.effects)
+
+
+def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:
+    """Hashes of the files that a planner says it has opened, of those in its own folder, which are all that it can."""
+    if spec.startswith(EXECUTABLE):
+        return ()
+    source = source_of(spec)
+    file = Path(source) if source.endswith(".py") else module_file(source)
+    place = opened_files.place_of(file) if file else None
+    return opened_files.hashes(files, place, only_there=True)
+
+
+def _names(facts: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    """Names by the planner's own word; InputError for what is no list of them."""
+    told = facts.get(key, [])
+    if not isinstance(told, list) or len(told) > _MOST_NAMES or not all(map(_is_name, told)):
+        raise InputError(f"planner: {key}: expected at most {_MOST_NAMES} names: {told!r:.80}")
+    return tuple(told)
+
+
+def _is_name(told: object) -> bool:
+    return isinstance(told, str) and told.isprintable() and len(told) <= _LONGEST_NAME
 
 
 def code_hash(spec: str) -> str | None:

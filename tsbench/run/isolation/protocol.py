@@ -57,7 +57,8 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         (
             "facts",
             TEXT,
-            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file, forks, keeps_process; or problem",
+            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file, forks, keeps_process, opened, "
+            "unseen; or problem",
         ),
     ),
     Kind.MAP: (

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.memory import MemoryUse
-from tsbench.run.log.journal import Content, Journal, Key, belongs
+from tsbench.run.log.journal import Content, Journal, Key, belongs, open_locked
 from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
 from tsbench.run.log.quarantine import FOLDER as ASIDE
 from tsbench.run.log.quarantine import Quarantine
@@ -42,8 +44,8 @@ class RunFolder:
     whose folder nothing changes any more, it stays where it is.
     """
 
-    def __init__(self, path: Path, manifest: Manifest, keys: Sequence[Key]) -> None:
-        """Open `path` for the run of `manifest`; `keys` are its episodes.
+    def __init__(self, path: Path, manifest: Manifest, keys: Sequence[Key], overwrite: bool = False) -> None:
+        """Open `path` for the run of `manifest`; `keys` are its episodes. overwrite: first remove a run that is there.
 
         Raises InputError: the folder holds another run or other things, is in use, or cannot be written.
         """
@@ -54,7 +56,8 @@ class RunFolder:
         self._aside = Quarantine(path)
         with io_errors_as_input_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            old = _same_run(path, manifest)
+            removed = overwrite and _remove_run(path)
+            old = None if removed else _same_run(path, manifest)
             self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
             if self.manifest["status"] == "complete":
                 self._check_complete()
@@ -178,8 +181,29 @@ def _same_run(path: Path, new: Mapping[str, Any]) -> Manifest | None:
         return None
     differs = difference(old, new)
     if differs is not None:
-        raise InputError(f"{path}: holds another run: {differs}; choose another folder with --out")
+        raise InputError(
+            f"{path}: holds another run: {differs}; choose another folder with --out, or drive it anew with --overwrite"
+        )
     return old
+
+
+def _remove_run(path: Path) -> bool:
+    """Remove what tsbench has put into a run folder; what was set aside stays. False where it is no run folder.
+
+    The manifest goes last: a folder that has one is known for a run's. Raises InputError where a run is writing.
+    """
+    if read_manifest(path) is None:
+        return False
+    lock = open_locked(path / JOURNAL, os.O_CREAT)
+    try:
+        for name in sorted(_FOLDERS - {ASIDE}):
+            if (path / name).is_dir() and not (path / name).is_symlink():
+                shutil.rmtree(path / name)
+        for name in (*sorted(_FILES - {NAME}), NAME):
+            (path / name).unlink(missing_ok=True)
+    finally:
+        os.close(lock)
+    return True
 
 
 def error_path(run: Path, planner: str, scenario_id: str) -> Path:

@@ -50,7 +50,7 @@ class Journal:
         self._whole = whole or _has_all
         self._head = encode({"run": run})
         with io_errors_as_input_errors(path):
-            self._fd = _open(path, os.O_CREAT)
+            self._fd = open_locked(path, os.O_CREAT)
             self._recover(aside)
             self._end = os.fstat(self._fd).st_size
         self._synced = time.monotonic()
@@ -146,7 +146,7 @@ class Journal:
                 out.write(os.pread(self._fd, length, position))
         # The name now stands for the new file: append to that one, and lock it too.
         os.close(self._fd)
-        self._fd = _open(self.path)
+        self._fd = open_locked(self.path)
 
 
 def belongs(path: Path, run: str) -> bool:
@@ -172,8 +172,8 @@ def decode(line: bytes) -> Content | None:
     return content
 
 
-def _open(path: Path, flags: int = 0) -> int:
-    """Open and lock. Raises InputError if another run has it."""
+def open_locked(path: Path, flags: int = 0) -> int:
+    """A descriptor of a journal, opened and locked. Raises InputError if another run has it."""
     fd = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC | flags, 0o644)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -90,7 +90,10 @@ def new_manifest(
 
 def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
     """Planners as they stand in a manifest, which `planners_of` reads."""
-    return [{**asdict(planner), "served_on": list(planner.served_on)} for planner in planners]
+    return [
+        {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(planner).items()}
+        for planner in planners
+    ]
 
 
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
@@ -268,11 +271,13 @@ def timestamp() -> str:
 
 
 def _planner_difference(old: Sequence[PlannerInfo], new: Sequence[PlannerInfo]) -> str:
-    before, now = [p.spec for p in old], [p.spec for p in new]
-    if before != now:
-        return f"planners are {', '.join(before)}, not {', '.join(now)}"
-    changed = next(p.spec for p, q in zip(old, new, strict=True) if p != q)
-    return f"planner {changed} has changed since (its code or weights)"
+    specs = [p.spec for p in old], [p.spec for p in new]
+    if specs[0] != specs[1]:
+        return f"planners are {', '.join(specs[0])}, not {', '.join(specs[1])}"
+    before, now = next((p, q) for p, q in zip(old, new, strict=True) if p != q)
+    names = sorted({line.split("  ", 1)[1] for line in {*before.opened} ^ {*now.opened}})
+    what = f"what it opens: {', '.join(names[:3])}" if names else "its code or weights"
+    return f"planner {now.spec} has changed since ({what})"
 
 
 def _short(value: Any) -> str:

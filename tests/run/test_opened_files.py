@@ -1,0 +1,153 @@
+"""A planner is known by what it opens while it is made, however it finds the name."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from tsbench.run import opened_files
+from tsbench.run.isolation import loading
+from tsbench.run.planner_info import PlannerInfo, describe
+
+# No string of it is the name of a file.
+MINE = """
+from pathlib import Path
+from tsbench import Control
+
+HERE = Path(__file__).parent
+
+class Mine:
+    def __init__(self):
+        self.a = float((HERE / ("ne" + "t.txt")).read_text())
+        Path("made.txt").write_text("by itself")
+        Path("made.txt").read_text()
+        Path(__file__).read_text()
+        Path("/proc/self/stat").read_text()
+
+    def reset(self, context): pass
+    def act(self, o): return Control(self.a, 0.0)
+"""
+
+
+def line(content: bytes, name: object) -> str:
+    return f"{hashlib.sha256(content).hexdigest()}  {name}"
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "mine.py").write_text(MINE)
+    (folder / "net.txt").write_text("0.5")
+    monkeypatch.chdir(tmp_path)
+    return f"{folder / 'mine.py'}:Mine"
+
+
+def described(spec: str, isolated: bool) -> PlannerInfo:
+    return loading.describe(spec).planner if isolated else describe(spec)
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_a_file_with_a_computed_name_counts_and_nothing_else_does(mine: str, isolated: bool) -> None:
+    before = described(mine, isolated)
+    assert before.opened == (line(b"0.5", "net.txt"),)
+    Path("mine/net.txt").write_text("0.25")
+    after = described(mine, isolated)
+    assert after.opened == (line(b"0.25", "net.txt"),)
+    # The code is the same, which is what a hash of code says.
+    assert after.code_sha256 == before.code_sha256
+
+
+def test_the_package_s_own_planners_are_known_by_contract_and_code() -> None:
+    for name in ("idm", "reader"):
+        assert describe(name).opened == describe(name).unseen == ()
+
+
+def test_read_and_written_are_told_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("before", "read", "changed"):
+        Path(name).write_text(name)
+    Path("before").read_text()
+    Path("away/deep").mkdir(parents=True)
+    Path("away/read").write_text("another")
+    Path("link").symlink_to("away/deep")
+    with opened_files.noted() as opened:
+        os.close(os.open(b"./read", os.O_RDONLY))
+        with Path("changed").open("r+") as file:
+            file.read()
+        Path("new").write_text("new")
+        Path("new").read_text()
+        assert not Path("missing").exists()
+        Path("link/../read").read_text()
+    Path("before").read_text()
+    assert [file for file in opened.files if file.startswith(str(tmp_path))] == [
+        str(tmp_path / name) for name in ("away/read", "read")
+    ]
+
+
+def test_a_failed_block_ends_the_notes(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), opened_files.noted() as opened:
+        raise ZeroDivisionError
+    assert opened.files == ()
+    (tmp_path / "later").write_text("")
+    (tmp_path / "later").read_text()
+    assert opened.files == ()
+
+
+def test_files_elsewhere_are_named_by_their_path_unless_they_are_somebody_else_s(tmp_path: Path) -> None:
+    place, away = tmp_path / "mine", tmp_path / "away.npz"
+    place.mkdir()
+    (place / "a.npz").write_bytes(b"a")
+    (place / "link").symlink_to("a.npz")
+    (place / "out").symlink_to(away)
+    away.write_bytes(b"away")
+    os.mkfifo(place / "pipe")
+    wanted = [place / "a.npz", place / "link", place / "out", place / "pipe", place / "gone", Path("/etc/passwd"),
+              Path(os.__file__), Path(np_file()), place / "code.pyc", Path(opened_files.__file__)]  # fmt: skip
+    files = list(map(str, wanted))
+    both = (line(b"away", away), line(b"a", "a.npz"))
+    assert opened_files.hashes(files, place) == both
+    assert opened_files.hashes(files, place, only_there=True) == both[1:]
+    assert opened_files.hashes(files, None) == (both[0], line(b"a", place / "a.npz"))
+    assert opened_files.hashes(files, None, only_there=True) == ()
+
+
+def np_file() -> str:
+    """A text of an installed package."""
+    import numpy as np
+
+    return str(Path(np.__file__).with_name("py.typed"))
+
+
+def test_a_package_s_folder_is_its_outermost(tmp_path: Path) -> None:
+    inner = tmp_path / "kit" / "nets"
+    inner.mkdir(parents=True)
+    for folder in (inner, inner.parent):
+        (folder / "__init__.py").touch()
+    assert opened_files.place_of(inner / "planner.py") == tmp_path / "kit"
+    assert opened_files.place_of(tmp_path / "planner.py") == tmp_path
+    assert opened_files.place_of(tmp_path / "site-packages" / "planner.py") is None
+    assert opened_files.place_of(Path(opened_files.__file__)) is None
+
+
+def test_packages_with_code_that_python_does_not_see_are_named(tmp_path: Path) -> None:
+    gone = {name for name in sys.modules if name.partition(".")[0] == "safetensors"}
+    kept = {name: sys.modules.pop(name) for name in gone}
+    try:
+        with opened_files.noted() as opened:
+            import safetensors  # noqa: F401
+    finally:
+        sys.modules.update(kept)
+    assert opened.unseen == ("safetensors",)
+
+
+@pytest.mark.parametrize("told", ["net.txt", [1], ["a\x1b[2J"], ["x"] * 1001, ["x" * 5000]])
+def test_names_that_a_planner_may_not_tell(told: object) -> None:
+    from tsbench.core.errors import InputError
+
+    with pytest.raises(InputError, match="expected at most 1000 names"):
+        loading._names({"opened": told}, "opened")
