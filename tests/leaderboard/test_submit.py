@@ -198,3 +198,24 @@ def test_the_schema_is_of_what_is_written(honest: Make) -> None:
     for change in ({"rescored": "1"}, {"more": 1}, {"episodes": [{}]}, {"schema": 2}):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate({**data, **change}, schema)
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "said"),
+    [
+        ("title", "x" * 201, "title: expected one line of at most 200 characters"),
+        ("authors", "us\nthem", "authors: expected one line of at most 1000 characters"),
+        ("note", "x" * 10_001, "note: expected text of at most 10000 characters"),
+        ("title", "\x1b[2J", "control characters in the text"),
+    ],
+)
+def test_the_submitter_s_words_fit_a_page(
+    make: Make, tmp_path: Path, field: str, text: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        make("idm", **{field: text})
+    path = tmp_path / "idm.json"
+    path.write_text(replace(make("idm"), **{field: text}).to_json(), encoding="utf-8")
+    with pytest.raises(InputError, match=said) as refused:
+        read_submission(path)
+    assert str(refused.value).isprintable()

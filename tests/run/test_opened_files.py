@@ -116,6 +116,12 @@ def test_files_elsewhere_are_named_by_their_path_unless_they_are_somebody_else_s
     assert opened_files.hashes(files, None, only_there=True) == ()
 
 
+def test_no_manifest_tells_whose_home_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "net.npz").write_bytes(b"net")
+    assert opened_files.hashes([str(tmp_path / "net.npz")], None) == (line(b"net", "~/net.npz"),)
+
+
 def np_file() -> str:
     """A text of an installed package."""
     import numpy as np
@@ -145,7 +151,7 @@ def test_packages_with_code_that_python_does_not_see_are_named(tmp_path: Path) -
     assert opened.unseen == ("safetensors",)
 
 
-@pytest.mark.parametrize("told", ["net.txt", [1], ["a\x1b[2J"], ["x"] * 1001, ["x" * 5000]])
+@pytest.mark.parametrize("told", ["net.txt", [1], ["a\0b"], ["x"] * 1001])
 def test_names_that_a_planner_may_not_tell(told: object) -> None:
     from tsbench.core.errors import InputError
 

@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from tsbench.core.errors import InputError
+from tsbench.core.text import fault_in_texts
 
 # Far more than any of ours has.
 _MOST_BYTES = 1 << 26
@@ -34,9 +35,12 @@ def read_text(path: Path, what: str) -> str:
 def read_json(path: Path, what: str) -> Any:
     """The content of a JSON file. Raises InputError; `what` says what it should be."""
     try:
-        return json.loads(read_text(path, what))
+        content = json.loads(read_text(path, what))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
+    if fault := fault_in_texts(content):
+        raise InputError(f"{path}: cannot be read as a {what} ({fault})")
+    return content
 
 
 def read_yaml(path: Path, what: str, loader: type[yaml.CSafeLoader] = yaml.CSafeLoader) -> Any:

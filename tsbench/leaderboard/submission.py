@@ -18,6 +18,7 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.plain import from_plain
+from tsbench.core.text import fault_in_texts
 from tsbench.core.textfile import read_json, read_yaml
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
@@ -32,6 +33,8 @@ KIND, SCHEMA_VERSION = "tsbench-submission", 1
 # What stands before the fields. The rows are of OpenStreetMap's roads.
 _HEAD = {"kind": KIND, "schema": SCHEMA_VERSION, **OSM_LICENCE}
 _DIGEST_HEX = 32
+# The submitter's own words, in characters.
+_LONGEST = {"title": 200, "authors": 1000, "url": 1000, "note": 10_000}
 _JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
 # Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
 _UNCOMPARED = ("planner", "error")
@@ -167,12 +170,22 @@ def read_submission(path: Path) -> Submission:
         from_plain(Arithmetic, found.arithmetic)
         for episode in found.episodes:
             Outcome(episode.outcome)
+        if fault := fault_of_words(data):
+            raise ValueError(fault)
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
     ids = [episode.scenario_id for episode in found.episodes]
     if ids != sorted(set(ids)):
         raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
     return found
+
+
+def fault_of_words(words: Mapping[str, Any]) -> str:
+    """What is wrong with the submitter's own words, by field; "" where they fit a page."""
+    for name, most in _LONGEST.items():
+        if len(words[name]) > most or (name != "note" and "\n" in words[name]):
+            return f"{name}: expected {'text' if name == 'note' else 'one line'} of at most {most} characters"
+    return fault_in_texts([words[name] for name in _LONGEST])
 
 
 def problem_of_level(level: PerceptionLevel | None) -> str | None:

@@ -9,7 +9,7 @@ from tsbench.core.paths import city_in_use
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.trace import trace_path
 from tsbench.leaderboard.claim import episodes_of, events_of, level_of
-from tsbench.leaderboard.submission import Submission, figures_of, problem_of_level
+from tsbench.leaderboard.submission import Submission, fault_of_words, figures_of, problem_of_level
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import StoredRun, read_run
@@ -34,6 +34,8 @@ def make_submission(
     Raises InputError: the run is not complete or not of a whole split, was changed, was not isolated, is of no released
     contract, or does not agree with its traces.
     """
+    if fault := fault_of_words({"title": title, "authors": authors, "url": url, "note": note}):
+        raise InputError(f"--{fault}")
     run = read_run(folder)
     info = _planner(run, planner)
     _check(run, info)

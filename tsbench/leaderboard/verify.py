@@ -222,7 +222,8 @@ def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Difference]:
             yield Difference("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
     # What lies beside its code travels with it; other places are each machine's own.
     lines = (
-        {line for line in who.opened if not line.split("  ", 1)[1].startswith("/")} for who in (here, there)
+        {line for line in who.opened if not line.split("  ", 1)[1].startswith(("/", "~/"))}
+        for who in (here, there)
     )
     if names := sorted({line.split("  ", 1)[1] for line in set.symmetric_difference(*lines)}):
         yield Difference("", f"the planner opens other files than as submitted: {', '.join(names)}")

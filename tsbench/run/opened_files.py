@@ -18,6 +18,7 @@ import platformdirs
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
+from tsbench.core.home import expanded
 from tsbench.core.paths import roots
 
 # Code counts by its imports (`core.provenance`), and so do caches that Python makes of it.
@@ -98,9 +99,9 @@ def place_of(file: Path) -> Path | None:
 def hashes(files: Iterable[str], place: Path | None, only_there: bool = False) -> tuple[str, ...]:
     """SHA-256 (hex), two spaces and name of each file that belongs to a planner, by name.
 
-    place: see `place_of`. A file there is named from it, another one by its path. only_there: no others. What belongs
-    to Python, to installed packages, to the system and to tsbench does not count, nor do caches and settings. Raises
-    InputError for a file that cannot be read.
+    place: see `place_of`. A file there is named from it, another one by its path, with `~` for the home folder.
+    only_there: no others. What belongs to Python, to installed packages, to the system and to tsbench does not count,
+    nor do caches and settings. Raises InputError for a file that cannot be read.
     """
     lines: dict[str, str] = {}
     for path in {Path(os.path.realpath(file)) for file in files}:
@@ -108,11 +109,17 @@ def hashes(files: Iterable[str], place: Path | None, only_there: bool = False) -
             continue
         own = place is not None and place in path.parents
         if own or not (only_there or not _of_others().isdisjoint(path.parents)):
-            name = str(path.relative_to(place)) if own and place else str(path)
+            name = str(path.relative_to(place)) if own and place else _shown(path)
             digest = _digest(path)
             if digest is not None:
                 lines[name] = f"{digest}  {name}"
     return tuple(lines[name] for name in sorted(lines))
+
+
+def _shown(path: Path) -> str:
+    """A path as a manifest may name it: not whose home it is."""
+    home = expanded("~")
+    return f"~/{path.relative_to(home)}" if home in path.parents else str(path)
 
 
 def _digest(path: Path) -> str | None:

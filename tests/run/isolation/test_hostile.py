@@ -16,9 +16,12 @@ import pytest
 from patience import HANG_S
 from rich.console import Console
 
+from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.base import Limits
+from tsbench.run.isolation import process
 from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.protocol import Kind, pack
 from tsbench.run.log.tables import read_table
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
@@ -247,3 +250,66 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError:
         return b""
+
+
+SILENT = """
+import time
+
+class AtStart:
+    def __init__(self): time.sleep(1000)
+    def reset(self, context): pass
+    def act(self, o): pass
+"""
+# Says of itself what a terminal would obey, in the place of KEY.
+RUDE = """
+import json, os, socket, struct, sys
+line = socket.socket(fileno=3)
+told = {"protocol": 2, "name": "mine", **json.loads(KEY)}
+data = json.dumps(told).encode()
+size = len(data) + -len(data) % 16
+line.sendall(struct.pack(f"<III12x{size}s", 16 + size, 2, len(data), data))
+while True:
+    line.recv(1)
+"""
+
+
+def test_who_connects_and_says_nothing_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no watchdog looks: before a run, and when a planner is checked."""
+    file = tmp_path / "silent.py"
+    file.write_text(SILENT)
+    monkeypatch.setattr(process, "_START_S", 1.0)
+    with pytest.raises(
+        InputError, match="does not come up isolated: the planner has not answered within 1 s"
+    ):
+        describe(f"{file}:AtStart")
+    monkeypatch.setattr(process, "_START_S", HANG_S)
+    monkeypatch.setattr(process, "_ANSWER_S", 1.0)
+    planner = process.PlannerProcess(rude(tmp_path, {}))
+    with pytest.raises(process.IsolatedPlannerError, match="the planner has not answered within 1 s"):
+        planner.ask(pack(Kind.END))
+    planner.close()
+
+
+def rude(folder: Path, told: dict[str, Any]) -> str:
+    program = folder / "rude"
+    program.write_text(f"#!{sys.executable}\n{RUDE.replace('KEY', repr(json.dumps(told)))}")
+    program.chmod(0o755)
+    return f"exe:{program}"
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"name": "mi\x1b[2Jne"}, r"HELLO: control characters in the text mi\\x1b\[2Jne"),
+        ({"opened": ["gnp\u202egnp"]}, "HELLO: control characters in the text"),
+        ({"problem": "\x9b2J"}, "HELLO: control characters in the text"),
+        ({"name": "x" * 101}, "says of itself what cannot be"),
+        ({"name": "two\nlines"}, "says of itself what cannot be"),
+        ({"opened": "all"}, "expected at most 1000 names"),
+        ({"unseen": ["x"] * 1001}, "expected at most 1000 names"),
+    ],
+)
+def test_what_a_program_says_of_itself_is_text(told: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said) as refused:
+        describe(rude(tmp_path, told))
+    assert str(refused.value).isprintable()

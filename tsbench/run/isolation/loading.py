@@ -20,7 +20,8 @@ from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, sou
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.planner_info import PlannerInfo
 
-_MOST_NAMES, _LONGEST_NAME = 1000, 4096
+# Of its name, characters; of lists of names, items.
+_LONGEST, _MOST_NAMES = 100, 1000
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,12 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
     image, inner = image_of(spec)
     name = facts.get("name") or _stem(inner)
     weights_file = facts.get("weights_file")
-    if not isinstance(name, str) or not isinstance(weights_file, str | None):
+    if (
+        not isinstance(name, str)
+        or len(name) > _LONGEST
+        or "\n" in name
+        or not isinstance(weights_file, str | None)
+    ):
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
     remembers = facts.get("keeps_process") is True and not begins_afresh(spec)
     told = {key: bool(facts.get(key, key == "sign_access")) for key in ("privileged", "sign_access", "floor")}
@@ -65,13 +71,13 @@ def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:
 def _names(facts: Mapping[str, Any], key: str) -> tuple[str, ...]:
     """Names by the planner's own word; InputError for what is no list of them."""
     told = facts.get(key, [])
-    if not isinstance(told, list) or len(told) > _MOST_NAMES or not all(map(_is_name, told)):
+    if (
+        not isinstance(told, list)
+        or len(told) > _MOST_NAMES
+        or not all(isinstance(name, str) and "\0" not in name for name in told)
+    ):
         raise InputError(f"planner: {key}: expected at most {_MOST_NAMES} names: {told!r:.80}")
     return tuple(told)
-
-
-def _is_name(told: object) -> bool:
-    return isinstance(told, str) and told.isprintable() and len(told) <= _LONGEST_NAME
 
 
 def code_hash(spec: str) -> str | None:

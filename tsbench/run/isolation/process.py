@@ -6,13 +6,14 @@ import json
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError, PlannerOutputError
-from tsbench.core.text import one_line
+from tsbench.core.text import fault_in_texts, one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
 from tsbench.run.execution.own_folder import CELL, OwnFolder
@@ -28,6 +29,8 @@ _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
 _MOST_EPISODES = 500
 _TEXT_BYTES = 500
+# By the clock on the wall: a worker of a run is ended long before (`execution.base.Limits`); nobody watches the others.
+_START_S, _ANSWER_S = 600.0, 300.0
 
 
 class IsolatedPlannerError(Exception):
@@ -68,6 +71,8 @@ class PlannerProcess:
         image, inner = image_of(spec)
         self._held: Cell | Container = Cell(spec, hidden) if image is None else Container(image, inner)
         self._line = self._held.line
+        self._patience = _START_S
+        self._line.settimeout(self._patience)
         self._heard = b""
         try:
             self.effects: Mapping[str, Any] = (
@@ -90,11 +95,15 @@ class PlannerProcess:
         except InputError:
             self.close()
             raise
+        self._patience = _ANSWER_S
+        self._line.settimeout(self._patience)
 
     def ask(self, request: bytes) -> tuple[Kind, bytes]:
         """Its answer. Raises IsolatedPlannerError where it ends, ProtocolError for what is no answer."""
         try:
             self._line.sendall(request)
+        except TimeoutError:
+            raise self._silent() from None
         except OSError:
             raise IsolatedPlannerError(self._end()) from None
         kind, body = self._message()
@@ -103,29 +112,37 @@ class PlannerProcess:
         return kind, body
 
     def _message(self) -> tuple[Kind, bytes]:
-        heard = self._heard
+        heard, end = self._heard, time.monotonic() + self._patience
         while len(heard) < HEAD.size:
-            heard += self._more()
+            heard += self._more(end)
         size, number = HEAD.unpack_from(heard)
         if size > MOST_BYTES:
             raise ProtocolError(f"a message of {size} bytes, at most {MOST_BYTES} are allowed")
-        end = HEAD.size + size
-        while len(heard) < end:
-            heard += self._more()
-        self._heard = heard[end:]
+        whole = HEAD.size + size
+        while len(heard) < whole:
+            heard += self._more(end)
+        self._heard = heard[whole:]
         try:
-            return Kind(number), heard[HEAD.size : end]
+            return Kind(number), heard[HEAD.size : whole]
         except ValueError:
             raise ProtocolError(f"a message of kind {number}, which there is not") from None
 
-    def _more(self) -> bytes:
+    def _more(self, end: float) -> bytes:
+        """The next bytes; end: until when the whole message has to be here."""
+        if time.monotonic() > end:
+            raise self._silent()
         try:
             piece = self._line.recv(_READ_BYTES)
+        except TimeoutError:
+            raise self._silent() from None
         except OSError:
             piece = b""
         if not piece:
             raise IsolatedPlannerError(self._end())
         return piece
+
+    def _silent(self) -> IsolatedPlannerError:
+        return IsolatedPlannerError(f"the planner has not answered within {self._patience:.0f} s")
 
     def _json(self, wanted: Kind) -> dict[str, Any]:
         kind, body = self._message()
@@ -137,6 +154,8 @@ class PlannerProcess:
             told = None
         if not isinstance(told, dict):
             raise ProtocolError(f"{wanted.name} is no JSON object")
+        if fault := fault_in_texts(told):
+            raise ProtocolError(f"{wanted.name}: {fault}")
         return told
 
     def _end(self) -> str:
