@@ -298,6 +298,7 @@ SAME_PLANNERS ?=
 edition: setup $(if $(SAME_AS),$(if $(SAME_PLANNERS),,$(METADRIVE)))
 	PYTHONPATH=$(abspath $(VENV)/commonroad) TSBENCH_METADRIVE=$(abspath $(METADRIVE)) \
 		$(BIN)/python -m $(if $(SAME_AS),tsbench.tools.same_edition $(SAME_AS) $(call asked,$(SAME_PLANNERS)) --workers $(WORKERS),tsbench.run.edition)
+	$(BIN)/python packaging/data_sets.py manifest
 
 bench: base
 	$(BIN)/tsbench bench

@@ -101,7 +101,8 @@ SYNONYMS = {
     "--trace": ("--traces", "--keep"),
     "--device": ("--gpu", "--cuda", "--cpu"),
     "--allow-partial": ("--partial", "--incomplete"),
-    "--force": ("--yes", "--overwrite", "--no-check"),
+    "--force": ("--yes", "--no-check"),
+    "--overwrite": ("--replace", "--clobber", "--again"),
 }
 
 

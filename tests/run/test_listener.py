@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,11 @@ def test_tensorboard(bench: Bench) -> None:
 
     bench.run(*RUN, "--listener", "tensorboard")
     # What it leaves in the run's folder is not foreign there.
-    assert "note" not in bench.run(*RUN).stderr
+    assert bench.run(*RUN).stderr.splitlines() == [
+        "note: out: complete since "
+        + json.loads((bench.folder / "out" / "run.json").read_text())["finished"]
+        + ", nothing is driven; --overwrite drives it again"
+    ]
     found = EventAccumulator(str(bench.folder / "out" / "tensorboard")).Reload()
     steps = [one.step for one in found.Scalars("episodes_with_scd/Good")]
     assert steps == [1, 2]

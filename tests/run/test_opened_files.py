@@ -41,10 +41,10 @@ def line(content: bytes, name: object) -> str:
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     folder = tmp_path / "mine"
     folder.mkdir()
-    (folder / "mine.py").write_text(MINE)
+    (folder / "opener.py").write_text(MINE)
     (folder / "net.txt").write_text("0.5")
     monkeypatch.chdir(tmp_path)
-    return f"{folder / 'mine.py'}:Mine"
+    return f"{folder / 'opener.py'}:Mine"
 
 
 def described(spec: str, isolated: bool) -> PlannerInfo:

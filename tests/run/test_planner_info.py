@@ -27,7 +27,7 @@ def drive(o):
 @pytest.fixture
 def mine(tmp_path: Path) -> Path:
     """A planner with a module, a package and a file of weights beside it."""
-    folder = tmp_path / "mine"
+    folder = tmp_path / "hashed"
     (folder / "kit").mkdir(parents=True)
     (folder / "planner.py").write_text(MINE)
     (folder / "neighbour.py").write_text("ACCELERATION = 0.0\n")
@@ -92,15 +92,15 @@ def test_weights_that_are_named_from_the_folder_of_the_run(
 
 def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(mine.parent))
-    # Another test may have imported a module of that name, and left its folder on the path: a package goes before it.
     (mine / "__init__.py").touch()
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
     (mine / "planner.py").write_text(
-        MINE.replace("import neighbour", "from mine import neighbour").replace("from kit", "from mine.kit")
+        MINE.replace("import neighbour", "from hashed import neighbour").replace(
+            "from kit", "from hashed.kit"
+        )
     )
-    before = describe("mine.planner:drive").code_sha256
+    before = describe("hashed.planner:drive").code_sha256
     (mine / "kit" / "more.py").write_text("STEERING = 0.2\n")
-    assert describe("mine.planner:drive").code_sha256 != before
+    assert describe("hashed.planner:drive").code_sha256 != before
 
 
 @pytest.mark.parametrize(
