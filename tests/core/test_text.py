@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.core.errors import InputError
+from tsbench.core.errors import InputError, cause_of
 from tsbench.core.text import fault_in_texts, one_line
 from tsbench.core.textfile import read_json
 
@@ -39,6 +39,7 @@ def test_an_error_is_told_with_such_characters_written_out(text: str) -> None:
     told = one_line(f"ValueError: {text}")
     assert told.isprintable()
     assert told == one_line(told)
+    assert cause_of(ValueError(text)) == told
 
 
 @pytest.mark.parametrize("text", SAFE)

@@ -62,6 +62,42 @@ def test_a_file_with_a_computed_name_counts_and_nothing_else_does(mine: str, iso
     assert after.code_sha256 == before.code_sha256
 
 
+@pytest.mark.parametrize("isolated", [False, True])
+def test_a_large_library_of_code_is_no_list_of_files(mine: str, isolated: bool) -> None:
+    folder = Path("mine/large")
+    folder.mkdir()
+    for number in range(1100):
+        (folder / f"part_{number}.py").touch()
+    code = Path("mine/opener.py")
+    lines = "".join(f"import large.part_{number}\n" for number in range(1100))
+    code.write_text(f"{lines}{MINE}")
+    assert described(mine, isolated).opened == (line(b"0.5", "net.txt"),)
+
+
+def test_an_environment_in_the_planner_s_folder_is_not_the_planner_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inside = tmp_path / ".venv" / "lib" / "site-packages" / "plots" / "style.txt"
+    inside.parent.mkdir(parents=True)
+    inside.write_text("style")
+    (tmp_path / "net.txt").write_text("net")
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    opened_files._of_others.cache_clear()
+    try:
+        files = [str(inside), str(tmp_path / "net.txt")]
+        assert opened_files.hashes(files, tmp_path) == (line(b"net", "net.txt"),)
+        # A planner that is installed there has files of its own in it.
+        assert opened_files.hashes(files, inside.parent) == (
+            line(b"net", tmp_path / "net.txt"), line(b"style", "style.txt")
+        )  # fmt: skip
+    finally:
+        opened_files._of_others.cache_clear()
+
+
+def test_lines_that_are_none_have_no_names() -> None:
+    assert opened_files.names(["ab  b", "ab  a  c", "ab  b", "x"]) == ["", "a  c", "b"]
+
+
 def test_the_package_s_own_planners_are_known_by_contract_and_code() -> None:
     for name in ("idm", "reader"):
         assert describe(name).opened == describe(name).unseen == ()

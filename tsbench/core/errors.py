@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from tsbench.core.text import written_out
+
 
 def cause_of(error: BaseException) -> str:
     """Kind and text of somebody else's exception, on one line, fit for any file: its text may be no text at all."""
@@ -9,7 +11,7 @@ def cause_of(error: BaseException) -> str:
         text = " ".join(str(error).split())
     except Exception:
         text = "(its text cannot be had)"
-    return f"{type(error).__name__}: {text}".encode(errors="backslashreplace").decode()
+    return written_out(f"{type(error).__name__}: {text}")
 
 
 class TsbenchError(Exception):

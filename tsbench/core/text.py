@@ -18,8 +18,12 @@ def one_line(text: str) -> str:
 
     Characters that are no plain text are written out, as in `\\x1b`.
     """
-    line = _ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS]
-    return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], line)
+    return written_out(_ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS])
+
+
+def written_out(text: str) -> str:
+    """The text with characters that are no plain text as in `\\x1b`."""
+    return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def fault_in_texts(value: Any) -> str:

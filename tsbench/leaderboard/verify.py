@@ -17,7 +17,7 @@ from tsbench.core.seeds import rng_of
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Episode, Figure, episode_of, figures_of, problem_of_level
-from tsbench.run import arithmetic
+from tsbench.run import arithmetic, opened_files
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import standing_contract
 from tsbench.run.execution.base import Limits
@@ -221,11 +221,8 @@ def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Difference]:
         if ours != theirs:
             yield Difference("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
     # What lies beside its code travels with it; other places are each machine's own.
-    lines = (
-        {line for line in who.opened if not line.split("  ", 1)[1].startswith(("/", "~/"))}
-        for who in (here, there)
-    )
-    if names := sorted({line.split("  ", 1)[1] for line in set.symmetric_difference(*lines)}):
+    changed = opened_files.names({*here.opened} ^ {*there.opened})
+    if names := [name for name in changed if not name.startswith(("/", "~/"))]:
         yield Difference("", f"the planner opens other files than as submitted: {', '.join(names)}")
 
 

@@ -35,8 +35,8 @@ _hooked = False
 
 @dataclass
 class Opened:
-    """files: real paths of what was opened to be read and not written, in their order. unseen: packages that came
-    with code of their own in C, C++ or Rust, which may have opened files that are not among them.
+    """files: real paths of what, code aside, was opened to be read and not written, in their order. unseen: packages
+    that came with code of their own in C, C++ or Rust, which may have opened files that are not among them.
     """
 
     files: tuple[str, ...] = ()
@@ -67,7 +67,8 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
     if event != "open" or notes is None:
         return
     path, _, flags = arguments
-    if isinstance(path, str | bytes) and isinstance(flags, int):
+    # Of code a large library opens thousands of files.
+    if isinstance(path, str | bytes) and isinstance(flags, int) and not os.fsdecode(path).endswith(_CODE):
         # In a folder that is gone no relative name can be opened.
         named = Path(os.fsdecode(path))
         absolute = named if named.is_absolute() else Path.cwd() / named
@@ -75,14 +76,11 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
 
 
 def _native(module: str) -> str:
-    """The package that a module of machine code comes with, "" for another module, and for Python's own."""
+    """The package that a module of machine code comes with, "" for another module, a private one and Python's own."""
     origin = getattr(getattr(sys.modules.get(module), "__spec__", None), "origin", None) or ""
     package = module.partition(".")[0]
-    return (
-        package
-        if origin.endswith(tuple(EXTENSION_SUFFIXES)) and package not in sys.stdlib_module_names
-        else ""
-    )
+    hidden = package.startswith("_") or package in sys.stdlib_module_names
+    return package if origin.endswith(tuple(EXTENSION_SUFFIXES)) and not hidden else ""
 
 
 def place_of(file: Path) -> Path | None:
@@ -96,24 +94,41 @@ def place_of(file: Path) -> Path | None:
     return None if _PACKAGE in (place, *place.parents) or place.name in _INSTALLED else place
 
 
-def hashes(files: Iterable[str], place: Path | None, only_there: bool = False) -> tuple[str, ...]:
-    """SHA-256 (hex), two spaces and name of each file that belongs to a planner, by name.
+def of_planner(files: Iterable[str], place: Path | None, only_there: bool = False) -> dict[str, Path]:
+    """Those of such files that belong to a planner, by name.
 
     place: see `place_of`. A file there is named from it, another one by its path, with `~` for the home folder.
     only_there: no others. What belongs to Python, to installed packages, to the system and to tsbench does not count,
-    nor do caches and settings. Raises InputError for a file that cannot be read.
+    nor do caches and settings, wherever their folders are: a virtual environment may lie in the planner's folder.
     """
-    lines: dict[str, str] = {}
+    found: dict[str, Path] = {}
+    elsewhere = _of_tsbench() | _of_others()
     for path in {Path(os.path.realpath(file)) for file in files}:
-        if _is_code(path) or not _of_tsbench().isdisjoint(path.parents):
-            continue
         own = place is not None and place in path.parents
-        if own or not (only_there or not _of_others().isdisjoint(path.parents)):
-            name = str(path.relative_to(place)) if own and place else _shown(path)
-            digest = _digest(path)
-            if digest is not None:
-                lines[name] = f"{digest}  {name}"
-    return tuple(lines[name] for name in sorted(lines))
+        above = set(path.parents) - ({place, *place.parents} if own and place else set())
+        if (own or not only_there) and not _is_code(path) and elsewhere.isdisjoint(above):
+            found[str(path.relative_to(place)) if own and place else _shown(path)] = path
+    return found
+
+
+def hashes(files: Iterable[str], place: Path | None, only_there: bool = False) -> tuple[str, ...]:
+    """SHA-256 (hex), two spaces and name of each file that `of_planner` finds and that is there, in order of names.
+
+    Raises InputError for a file that cannot be read.
+    """
+    digests = {name: _digest(path) for name, path in of_planner(files, place, only_there).items()}
+    return tuple(f"{digests[name]}  {name}" for name in sorted(digests) if digests[name])
+
+
+def names(lines: Iterable[str]) -> list[str]:
+    """The names in such lines, each once, in order."""
+    return sorted({line.partition("  ")[2] for line in lines})
+
+
+def what_is_unseen(packages: Iterable[str]) -> str:
+    """What to add to a sentence on a planner's files; "" where all of them were seen."""
+    told = ", ".join(packages)
+    return f"; files not seen: what {told} may open without Python" if told else ""
 
 
 def _shown(path: Path) -> str:

@@ -55,7 +55,7 @@ def describe(spec: str) -> PlannerInfo:
         planner = _make(loaded)
     shared = loaded.keeps_process or bool(shared_with_children() - before)
     del planner
-    sources = [path for path in map(_file, loaded.sources) if path is not None]
+    sources = [path for path in map(source_file, loaded.sources) if path is not None]
     place = opened_files.place_of(sources[0]) if sources else None
     return PlannerInfo(
         name=loaded.name,
@@ -83,7 +83,7 @@ def _make(loaded: LoadedPlanner) -> Planner:
         raise InputError(f"planner {loaded.spec!r}: cannot be made: {cause_with_place(error)}") from error
 
 
-def _file(source: str) -> Path | None:
+def source_file(source: str) -> Path | None:
     """The file of a module (or file) that a planner is written in, None for what has none (built into Python)."""
     if source.endswith(".py"):
         return Path(source)

@@ -32,6 +32,7 @@ from tsbench.run.log.journal import Journal
 from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
+from tsbench.run.opened_files import what_is_unseen
 from tsbench.run.plan import BOTH, TRACES, Plan, Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
@@ -132,8 +133,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             manifest["isolation"] = {one.planner.name: one.effects for one in told}
         folder_path = options.out or Path("runs") / default_name(options, names, contract)
         with closing(RunFolder(folder_path, manifest, keys, options.overwrite)) as folder:
-            for line in (*folder.notices, *([_nothing_to_do(folder)] if folder.journal is None else [])):
+            for line in folder.notices:
                 watcher.notice(line)
+            if folder.journal is None:
+                watcher.notice(_nothing_to_do(folder))
             asked = dict.fromkeys(names, plan.scenarios)
             counts = {name: len(rows) for name, rows in asked.items()}
             for listener in listeners:
@@ -260,10 +263,9 @@ def default_name(options: Options, names: Sequence[str], contract: str) -> str:
 def _nothing_to_do(folder: RunFolder) -> str:
     """That a run is complete, and what of its planners may have changed without being seen."""
     unseen = sorted({name for planner in planners_of(folder.manifest) for name in planner.unseen})
-    files = f"; files not seen: what {', '.join(unseen)} may open without Python" if unseen else ""
     return (
-        f"{folder.path}: complete since {folder.manifest['finished']}, nothing is driven{files}; "
-        "--overwrite drives it again"
+        f"{folder.path}: complete since {folder.manifest['finished']}, nothing is driven"
+        f"{what_is_unseen(unseen)}; --overwrite drives it again"
     )
 
 

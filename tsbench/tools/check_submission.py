@@ -15,6 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
+from tsbench.run import opened_files
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_of
 from tsbench.run.isolation.loading import describe, load
@@ -89,9 +90,9 @@ def _about(info: PlannerInfo) -> list[Finding]:
             f"{info.name}, code with the data that it names {info.code_sha256[:12]}{weights}",
         )
     ]
-    files = ", ".join(line.split("  ", 1)[1] for line in info.opened) or "none"
-    unseen = f"; files not seen: what {', '.join(info.unseen)} may open without Python" if info.unseen else ""
-    found.append(Finding(Level.OK, "files", f"opened while it is made, and hashed: {files}{unseen}"))
+    files = ", ".join(opened_files.names(info.opened)) or "none"
+    text = f"opened while it is made, and hashed: {files}{opened_files.what_is_unseen(info.unseen)}"
+    found.append(Finding(Level.OK, "files", text))
     if info.privileged:
         found.append(
             Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")

@@ -27,6 +27,7 @@ from tsbench.run.isolation.cell import LINE
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.moments import Listener
 from tsbench.run.isolation.protocol import HEAD, VERSION, Kind, pack
+from tsbench.run.planner_info import source_file
 
 _ROOM_BYTES = 1 << 16
 _LONGEST_TEXT = 100_000
@@ -139,10 +140,17 @@ def main(spec: str) -> None:
         "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
         "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
         "forks": belongings is not None, "keeps_process": belongings is None,
-        "opened": [] if loaded.own else opened.files, "unseen": [] if loaded.own else opened.unseen,
+        "opened": [] if loaded.own else _counted(loaded, opened), "unseen": [] if loaded.own else opened.unseen,
     }  # fmt: skip
     line.sendall(pack(Kind.HELLO, json.dumps(facts)))
     Client(line, loaded, planner, belongings).serve()
+
+
+def _counted(loaded: LoadedPlanner, opened: opened_files.Opened) -> list[str]:
+    """Paths of what the referee is to hash."""
+    file = source_file(loaded.sources[0])
+    place = opened_files.place_of(file) if file else None
+    return sorted(map(str, opened_files.of_planner(opened.files, place, only_there=True).values()))
 
 
 def _connected() -> socket.socket:

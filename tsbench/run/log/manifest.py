@@ -21,7 +21,7 @@ from tsbench.core.plain import from_plain
 from tsbench.core.textfile import read_json
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
-from tsbench.run import arithmetic
+from tsbench.run import arithmetic, opened_files
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import SPLITS
@@ -275,7 +275,7 @@ def _planner_difference(old: Sequence[PlannerInfo], new: Sequence[PlannerInfo]) 
     if specs[0] != specs[1]:
         return f"planners are {', '.join(specs[0])}, not {', '.join(specs[1])}"
     before, now = next((p, q) for p, q in zip(old, new, strict=True) if p != q)
-    names = sorted({line.split("  ", 1)[1] for line in {*before.opened} ^ {*now.opened}})
+    names = opened_files.names({*before.opened} ^ {*now.opened})
     what = f"what it opens: {', '.join(names[:3])}" if names else "its code or weights"
     return f"planner {now.spec} has changed since ({what})"
 
