@@ -8,6 +8,7 @@ A case (`tests/cases/<rule>/<case>.yaml`):
     mirrored: code of the target's plate in the mirror image, where that is another one.
     signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params.
     contrast: of `needless_*`, where the target binds nobody: the clause that the folder is named after, its params.
+    watches: `wrong_way` where the monitor of all scenes is meant, and not the target's or the clause's.
     obstacles: id, lane, s (centre, m along the lane), length, width; as needed d (m left), turn (deg).
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
         order), start (m along it: the ego's centre, another's front), speed ([seconds, m/s] phases, or [seconds,
@@ -224,9 +225,11 @@ class Judgement:
 
 
 def judge(played: Play) -> Judgement:
-    """What a case's monitor, the clause's or the target's, makes of it. Never kept: a changed rule must show."""
+    """What a case's monitor makes of it. Never kept: a changed rule must show."""
     monitors = make_monitors(load_catalog(), played.scene)
     monitor = monitors.needless[0] if monitors.needless else monitors.target
+    if "watches" in played.case:
+        monitor = getattr(monitors, played.case["watches"])
     completed_at = None
     for tick in played.ticks:
         monitor.update(tick)

@@ -135,12 +135,16 @@ def test_standing_with_a_reason_is_not_stuck() -> None:
     assert not episode_metrics(made.facts(egos, [passing])).stuck
 
 
-def test_wrong_way() -> None:
-    against = [made.ego(300.0 - 0.5 * k, heading=math.pi, speed=5.0) for k in range(30)]
-    assert episode_metrics(made.facts(driving(5) + against)).wrong_way
+def test_the_wrong_way_is_no_pass_and_no_violation_of_the_sign() -> None:
+    facts = replace(
+        made.facts(driving(391), outcome=Outcome.ARRIVED),
+        wrong_way=(made.violation(5.0),),
+        needless=(made.violation(7.0),),
+    )
+    m = episode_metrics(facts)
+    assert (m.scd, m.sign_compliant, m.wrong_way) == (False, True, True)
+    assert (m.violations, m.all_violations, m.violation_time_s) == (0, 0, 5.0)
     assert not episode_metrics(made.facts(driving(30))).wrong_way
-    # Half a second of it, as in a turn, is none.
-    assert not episode_metrics(made.facts(driving(20) + against[:5] + driving(20))).wrong_way
 
 
 def test_no_tick_no_metrics() -> None:

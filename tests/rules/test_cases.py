@@ -62,7 +62,9 @@ def test_case_has_the_expected_verdict(path: Path) -> None:
 def _check_evidence(event: Violation, played: Play, rule: str) -> None:
     """What an event says of itself follows from the plate, the clause and the tick at which it starts."""
     sign, ego = played.scene.target_sign, played.ticks[round(event.start_s / DT_S)].ego
-    kind = load_catalog().needless if rule in NEEDLESS else load_catalog().rule(rule)
+    catalog = load_catalog()
+    of_no_plate = {"wrong_way": catalog.wrong_way} | dict.fromkeys(NEEDLESS, catalog.needless)
+    kind = of_no_plate.get(rule) or catalog.rule(rule)
     clause = kind.clause(event.clause)
     assert (event.rule, event.sign_id, event.sign_code) == (kind.name, sign.id, sign.code)
     assert (event.x, event.y, event.heading, event.speed) == (ego.x, ego.y, ego.heading, ego.speed)
@@ -131,15 +133,15 @@ def test_every_type_is_shown_from_all_sides() -> None:
 
 
 def test_every_rule_has_cases() -> None:
-    assert {path.parent.name for path in FILES} == {*MONITORS, *NEEDLESS}
+    assert {path.parent.name for path in FILES} == {*MONITORS, *NEEDLESS, "wrong_way"}
     assert set(MONITORS) == set(load_catalog().rules)
 
 
-@pytest.mark.parametrize("clause", NEEDLESS)
-def test_every_clause_of_contrast_scenes_is_shown_from_all_sides(clause: str) -> None:
+@pytest.mark.parametrize("clause", [*NEEDLESS, "wrong_way"])
+def test_every_clause_of_no_plate_is_shown_from_all_sides(clause: str) -> None:
     shown = Shown()
     for case in (read_case(path) for path in FILES if path.parent.name == clause):
-        assert set(case["contrast"]) == {clause}
+        assert set(case.get("contrast", {case.get("watches")})) == {clause}
         shown.add(case)
     assert shown.count >= 6
     assert shown.kinds >= {"not engaged", "violation", "inside", "outside", "elsewhere"}

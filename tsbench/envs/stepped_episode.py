@@ -28,7 +28,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Clauses violated so far and clauses of needless obedience, once per event; is the target's rule engaged?"""
+    """Clauses violated so far, the wrong way among them, and those of needless obedience, once per event.
+
+    engaged: is the target's rule?
+    """
 
     violations: tuple[str, ...]
     needless: tuple[str, ...]
@@ -38,6 +41,7 @@ class Judged:
     def of(cls, facts: EpisodeFacts) -> Judged:
         """What was judged of a whole episode."""
         events = [v.clause for verdict in (facts.target, *facts.others) for v in verdict.violations]
+        events += [v.clause for v in facts.wrong_way]
         return cls(tuple(events), tuple(v.clause for v in facts.needless), facts.target.engaged)
 
 
@@ -96,7 +100,7 @@ class SteppedEpisode:
         assert episode is not None
         m = episode.monitors
         return Judged(
-            tuple(c for monitor in (m.target, *m.others) for c in monitor.clauses()),
+            tuple(c for monitor in (m.target, *m.others, m.wrong_way) for c in monitor.clauses()),
             tuple(c for monitor in m.needless for c in monitor.clauses()),
             m.target.engaged,
         )

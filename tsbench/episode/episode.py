@@ -16,6 +16,7 @@ from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.convoy import ConvoyRelease
 from tsbench.sim.ego import advance, start_motion
+from tsbench.sim.junction_traffic import JunctionTraffic
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
@@ -45,16 +46,13 @@ class Episode:
         self.view = roads.view
         self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
         self.observer = observer
-        self.release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
         self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
         start = scene.network.lane(scene.start.lane)
         self.motion = start_motion(scene)
         self.ego = self._locate(start.index)
-        sim.load_scene(scene)
+        self.traffic = JunctionTraffic(sim, scene)
         sim.start_ego(self.motion, start.edge, start.order)
-        if scene.convoy:
-            for vehicle in scene.convoy.vehicles:
-                sim.hold(vehicle)
+        self.traffic.begin()
         if scene.walkers:
             sim.hold_persons(scene.walkers.persons)
             if scene.walkers.come_up_s:
@@ -124,10 +122,7 @@ class Episode:
 
     def _simulate(self, step: int) -> bool:
         sim, ego = self.sim, self.ego
-        if self.release is not None and self.release.update(ego):
-            assert self.scene.convoy is not None
-            for vehicle in self.scene.convoy.vehicles:
-                sim.release(vehicle)
+        self.traffic.update(ego)
         plan = self.scene.walkers
         if plan is not None and step == round(plan.come_up_s / DT_S):
             self._walk((0.0,) * len(plan.persons))

@@ -92,7 +92,8 @@ class EpisodeFacts:
 
     snapshots: one per tick, step 0 first. route: the navigation view at the last tick. target: verdict on the
     scenario's own sign; others: verdicts on the other signs. needless: what was obeyed in a contrast scene although no
-    plate asks for it, in order of time. start_remaining_m: way to go at step 0.
+    plate asks for it; wrong_way: what was driven against the direction of a lane; both in order of time.
+    start_remaining_m: way to go at step 0.
     """
 
     scene: Scene
@@ -104,8 +105,15 @@ class EpisodeFacts:
     target: Verdict
     others: tuple[Verdict, ...]
     needless: tuple[Violation, ...] = ()
+    wrong_way: tuple[Violation, ...] = ()
+
+    @property
+    def against(self) -> tuple[Violation, ...]:
+        """What counts against SCD, in order of time: by the target's rule, needless obedience, wrong way."""
+        events = (*self.target.violations, *self.needless, *self.wrong_way)
+        return tuple(sorted(events, key=lambda event: event.start_s))
 
     @property
     def obeyed(self) -> bool:
-        """Was the target's rule kept, and nothing obeyed beside it that no plate asks for?"""
-        return self.target.compliant and not self.needless
+        """Was the target's rule kept, nothing obeyed that no plate asks for, and no lane driven the wrong way?"""
+        return not self.against

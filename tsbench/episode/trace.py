@@ -63,7 +63,7 @@ class Trace:
     """One episode as it was recorded.
 
     snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
-    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless,
+    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless, wrong_way,
     start_remaining_m: as in `EpisodeFacts`. plans: one per tick, (k, 2) where the planner meant to drive, None where it
     told nothing. told: when the planner was told which plates, where its eyes were not exact.
     """
@@ -79,13 +79,15 @@ class Trace:
     snapshots: list[WorldSnapshot]
     commands: Array
     needless: tuple[Violation, ...] = ()
+    wrong_way: tuple[Violation, ...] = ()
     plans: tuple[Plan | None, ...] = ()
     told: tuple[Told, ...] = ()
 
     @property
     def events(self) -> list[Violation]:
-        """What counts against the episode: events of the target's rule, and needless obedience, in order of time."""
-        return sorted((*self.target.violations, *self.needless), key=lambda event: event.start_s)
+        """What counts against the episode, as in `EpisodeFacts.against`."""
+        events = (*self.target.violations, *self.needless, *self.wrong_way)
+        return sorted(events, key=lambda event: event.start_s)
 
     def routes(self, view: SealedRoads, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""
@@ -97,7 +99,7 @@ class Trace:
         return EpisodeFacts(
             scene=scene, snapshots=self.snapshots, route=self.routes(view, scene)[-1],
             start_remaining_m=self.start_remaining_m, outcome=self.outcome, contact=self.contact,
-            target=self.target, others=self.others, needless=self.needless,
+            target=self.target, others=self.others, needless=self.needless, wrong_way=self.wrong_way,
         )  # fmt: skip
 
 
@@ -111,7 +113,7 @@ def trace_of(result: EpisodeResult) -> Trace:
     plans = _of_ticks(result.plans, len(facts.snapshots))
     return Trace(
         result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
-        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, plans, result.told,
+        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, facts.wrong_way, plans, result.told,
     )  # fmt: skip
 
 
@@ -169,6 +171,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         "target": verdict_to_dict(facts.target),
         "others": [verdict_to_dict(v) for v in facts.others],
         "needless": [_plain(asdict(v)) for v in facts.needless],
+        "wrong_way": [_plain(asdict(v)) for v in facts.wrong_way],
         "start_remaining_m": _plain(facts.start_remaining_m),
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
         # Of imperfect eyes only: what is exact stands in the scene.
@@ -270,6 +273,8 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         commands=commands.astype(np.float64, copy=False),
         # Traces from before contrast scenes have none.
         needless=tuple(from_plain(Violation, event) for event in meta.get("needless", ())),
+        # Those of editions before 2026.3 have none.
+        wrong_way=tuple(from_plain(Violation, event) for event in meta.get("wrong_way", ())),
         plans=_plans(table),
         told=tuple(from_plain(Told, one) for one in meta.get("told", ())),
     )

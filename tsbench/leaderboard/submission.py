@@ -42,7 +42,7 @@ _UNCOMPARED = ("planner", "error")
 
 @dataclass(frozen=True)
 class Episode:
-    """What is told of one episode. clauses: of the target's and needless violations, sorted; digest: hex."""
+    """What is told of one episode. clauses: of the events that count against SCD, sorted; digest: hex."""
 
     scenario_id: str
     outcome: str
@@ -208,13 +208,9 @@ def episode_of(row: Row, events: Iterable[Row]) -> Episode:
     ]
     # NaN and infinities are no JSON; as text they compare like all else.
     text = json.dumps(compared, sort_keys=True, ensure_ascii=False)
-    clauses = sorted({event["clause"] for event in told if event["target"] or _is_needless(event)})
+    clauses = sorted({event["clause"] for event in told if event["target"]})
     digest = hashlib.sha256(text.encode()).hexdigest()[:_DIGEST_HEX]
     return Episode(row["scenario_id"], row["outcome"], bool(row["scd"]), tuple(clauses), digest)
-
-
-def _is_needless(event: Mapping[str, Any]) -> bool:
-    return str(event["clause"]).startswith("needless_")
 
 
 def figures_of(

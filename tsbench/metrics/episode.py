@@ -12,7 +12,7 @@ from typing import Any
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.metrics.comfort import comfort
-from tsbench.metrics.flags import hard_braking, max_overspeed, stuck, wrong_way
+from tsbench.metrics.flags import hard_braking, max_overspeed, stuck
 from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
 from tsbench.metrics.progress import driving_score, route_completion
 from tsbench.metrics.tracks import Tracks, tracks_of
@@ -22,7 +22,7 @@ Number = bool | int | float | str | None
 
 
 def passed(facts: EpisodeFacts) -> bool:
-    """SCD of an episode: arrived, the target's rule kept, and in a contrast scene nothing obeyed needlessly."""
+    """SCD of an episode: arrived, the target's rule kept, nothing obeyed needlessly, and never the wrong way."""
     return facts.outcome is Outcome.ARRIVED and facts.obeyed
 
 
@@ -45,8 +45,7 @@ class Episode:
 
     def first(self, field: str) -> Any:
         """A field of the first event that counts against SCD, None without one."""
-        against = (*self.target.violations, *self.facts.needless)
-        return getattr(min(against, key=lambda v: v.start_s), field) if against else None
+        return getattr(self.facts.against[0], field) if self.facts.against else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +76,8 @@ class Metric:
 
 SCD = Metric(
     "scd", bool, lambda e: passed(e.facts),
-    "compliant and arrived, and in a contrast scene nothing obeyed needlessly: the primary metric; false for an error "
-    "outcome",
+    "compliant and arrived, never the wrong way, and in a contrast scene nothing obeyed needlessly: the primary "
+    "metric; false for an error outcome",
     unit="%", scale=100.0, failure=0.0, about_rule=True,
 )  # fmt: skip
 # In the order of the records' columns.
@@ -149,7 +148,7 @@ EPISODE_METRICS = (
     ),
     Metric(
         "violation_clause", str, lambda e: e.first("clause"),
-        "the first event of the target sign, or of needless obedience: what was broken",
+        "the first event of the target sign, of needless obedience or of the wrong way: what was broken",
     ),
     Metric("violation_time_s", float, lambda e: e.first("start_s"), "its start"),
     Metric("violation_x", float, lambda e: e.first("x"), "where the ego was then, m"),
@@ -177,8 +176,8 @@ EPISODE_METRICS = (
         "degrees; while there is one, the count starts anew",
     ),
     Metric(
-        "wrong_way", bool, lambda e: wrong_way(e.tracks, e.scene),
-        "for more than 1 s on an ordinary lane whose direction is against its heading (more than 90 degrees off)",
+        "wrong_way", bool, lambda e: bool(e.facts.wrong_way),
+        "an event of the [wrong way](rules.md#wrong-way): for more than 0.5 s in all against the direction of a lane",
     ),
     Metric("all_violations", int, lambda e: e.events, "events of all signs of the scene"),
 )  # fmt: skip

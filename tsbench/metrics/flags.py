@@ -1,4 +1,4 @@
-"""Flags that do not end an episode: stuck, wrong way, hard braking, overspeed. Source: docs/spec/metrics.md.
+"""Flags that do not end an episode: stuck, hard braking, overspeed. Source: docs/spec/metrics.md.
 
 Units: m, s, m/s, rad.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.geometry.elementary import arctan2
 from tsbench.metrics.comfort import LONGITUDINAL_MPS2
 from tsbench.metrics.tracks import Tracks
 from tsbench.sim.scene import Scene
@@ -18,7 +17,6 @@ STUCK_MPS = 0.1
 STUCK_S = 20.0
 REASON_AHEAD_M = 20.0
 REASON_ASIDE_M = 2.0
-WRONG_WAY_S = 1.0
 
 _Mask = npt.NDArray[np.bool_]
 
@@ -36,22 +34,6 @@ def max_overspeed(tracks: Tracks, scene: Scene) -> float | None:
     limit = np.array([np.nan if lane.internal else lane.speed for lane in lanes] + [np.nan])
     over = tracks.speed - limit[tracks.lane]
     return None if np.isnan(over).all() else max(float(np.nanmax(over)), 0.0)
-
-
-def wrong_way(tracks: Tracks, scene: Scene) -> bool:
-    """Was the ego for more than a second on an ordinary lane whose direction is against its heading?"""
-    against = np.zeros(len(tracks), dtype=bool)
-    for index in np.unique(tracks.lane).tolist():
-        lane = scene.network.lanes[index]
-        if index < 0 or lane.internal:
-            continue
-        here = np.nonzero(tracks.lane == index)[0]
-        s, _ = lane.line.project_many(np.column_stack((tracks.x[here], tracks.y[here])))
-        segment = np.clip(np.searchsorted(lane.line.s, s, side="right") - 1, 0, len(lane.line.s) - 2)
-        delta = np.diff(lane.line.points, axis=0)
-        direction = arctan2(delta[:, 1], delta[:, 0])[segment]
-        against[here] = np.cos(tracks.heading[here] - direction) < 0.0
-    return _longest(against) * DT_S > WRONG_WAY_S
 
 
 def stuck(tracks: Tracks, scene: Scene) -> bool:

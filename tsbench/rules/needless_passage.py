@@ -41,6 +41,7 @@ class Passage:
         self._road = monitor.road((params.approach, params.exit))
         self._line = network.edge_lanes(params.approach)[0].line.length
         self.end = self._road.starts[params.exit] - self._line + EGO_LENGTH_M
+        self._front: float | None = None
         first = paths[0]
         line = join([first.source.line, first.line, first.target.line])
         self._bends, self._source_m = bend_speeds(line, monitor.rule), first.source.line.length
@@ -65,9 +66,14 @@ class Passage:
             self._crosses = (*line.point_at(s), line.heading_at(s))
 
     def front(self, ego: EgoState) -> float | None:
-        """Metres of the ego's front past the line, < 0 before it; None where it does not drive along this road."""
+        """Metres of the ego's front past the line, < 0 before it; None until it drives along this road.
+
+        Later, where it does not, it is where it was last: turning round or aside is no way to wait.
+        """
         front = self._road.front(ego)
-        return None if front is None else front - self._line
+        if front is not None:
+            self._front = front - self._line
+        return self._front
 
     def bend(self, front: float) -> float:
         """Speed that the way's bends allow."""
@@ -113,7 +119,7 @@ class Passage:
 
 
 class NeedlessStop(Monitor):
-    """Has the ego stood on its passage for nobody, longer than a moment in all?"""
+    """Has the ego stood for nobody, from the start until it is past, longer than a moment in all?"""
 
     def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)
@@ -122,11 +128,10 @@ class NeedlessStop(Monitor):
         self._event = self.excursion("needless_stop")
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick. Who drives on and comes again begins anew."""
+        """One tick."""
         t, ego = self.rule.thresholds, snapshot.ego
         front = self._passage.front(ego)
-        if front is None or not -t["before_line_m"] <= front <= self._passage.end + t["behind_m"]:
-            self._stood = 0.0
+        if front is None or front > self._passage.end + t["behind_m"]:
             self._event.close()
         elif not self._passage.held(snapshot, front) and ego.speed < t["standing_mps"]:
             self._stood += DT_S
@@ -135,7 +140,7 @@ class NeedlessStop(Monitor):
 
 
 class NeedlessYield(Monitor):
-    """Was the ego slow on its passage for nobody: at one place very slow, or slow on the whole?"""
+    """Was the ego slow for nobody: at one place very slow, or slow on the whole, on its approach or on its passage?"""
 
     def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)
@@ -144,16 +149,21 @@ class NeedlessYield(Monitor):
         self._means = MeanSpeeds()
         self._crept = self.excursion("needless_yield", smaller_is_worse=True)
         self._last: WorldSnapshot | None = None
+        self._on_passage = False
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
         t, v, passage = self.rule.thresholds, snapshot.ego.speed, self._passage
         front = passage.front(snapshot.ego)
-        if front is None or not -t["before_line_m"] <= front <= passage.end:
+        if front is None or front > passage.end:
             self._open.update(snapshot)
             self._judge()
             self._crept.close()
             return
+        if not self._on_passage and front >= -t["before_line_m"]:
+            # What was driven fast from afar makes up for nothing that is slow near the line.
+            self._judge()
+            self._on_passage = True
         held = passage.held(snapshot, front)
         speed = self._open.update(snapshot, passage.bend(front), held)
         least = t["lowest_speed_ratio"] * speed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.rules.speed import KMH_PER_MPS
@@ -13,7 +15,7 @@ from tsbench.sim.world import WorldSnapshot
 
 
 class NeedlessSlow(Monitor):
-    """The mean speed over the zone, against that of the speed that was open."""
+    """The mean speed up to the zone and that over it, each against that of the speed that was open."""
 
     def __init__(self, params: SlowZoneParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)
@@ -24,15 +26,23 @@ class NeedlessSlow(Monitor):
         self._bends = bend_speeds(self._road.line, self.rule)
         self._open, self._means = OpenSpeed(scene.network, self.rule), MeanSpeeds()
         self._last: WorldSnapshot | None = None
+        self._front: float | None = None
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
-        front = self._road.front(snapshot.ego)
-        if front is None or not self._start <= front <= self._end:
+        before, front = self._front, self._road.front(snapshot.ego)
+        if front is not None:
+            self._front = front
+        if self._front is None or self._front > self._end:
             self._open.update(snapshot)
             self._judge()
             return
-        speed = self._open.update(snapshot, min(self._limit, at_metre(self._bends, front)))
+        most = math.inf
+        if self._front >= self._start:
+            most = min(self._limit, at_metre(self._bends, self._front))
+            if before is not None and before < self._start:
+                self._judge()
+        speed = self._open.update(snapshot, most)
         self._means.add(snapshot.ego.speed, speed)
         self._last = snapshot
 

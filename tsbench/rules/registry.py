@@ -12,6 +12,7 @@ from tsbench.rules.base import Monitor, Verdict, Violation
 from tsbench.rules.needless_detour import NeedlessDetour
 from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
 from tsbench.rules.needless_slow import NeedlessSlow
+from tsbench.rules.wrong_way import WrongWay
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
@@ -50,24 +51,28 @@ def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
 
 
 class Verdicts(NamedTuple):
-    """On the target, on the other signs, and what was obeyed needlessly, in order of time."""
+    """On the target, on the other signs, and what was obeyed needlessly and driven the wrong way, in order of time."""
 
     target: Verdict
     others: tuple[Verdict, ...]
     needless: tuple[Violation, ...]
+    wrong_way: tuple[Violation, ...]
 
 
 @dataclass(frozen=True)
 class Monitors:
-    """All that watch one episode: those of the target and of other plates, and those of a contrast scene's clauses."""
+    """All that watch one episode: those of the target and of other plates, those of a contrast scene's clauses, and
+    the one that watches in every scene.
+    """
 
     target: Monitor
     others: tuple[Monitor, ...]
     needless: tuple[Monitor, ...]
+    wrong_way: Monitor
 
     def update(self, snapshot: WorldSnapshot) -> None:
         """Take in one tick."""
-        for monitor in (self.target, *self.others, *self.needless):
+        for monitor in (self.target, *self.others, *self.needless, self.wrong_way):
             monitor.update(snapshot)
 
     def finish(self) -> Verdicts:
@@ -77,6 +82,7 @@ class Monitors:
             self.target.finish(),
             tuple(monitor.finish() for monitor in self.others),
             tuple(sorted(events, key=lambda event: (event.start_s, event.clause))),
+            self.wrong_way.finish().violations,
         )
 
 
@@ -95,4 +101,5 @@ def make_monitors(catalog: Catalog, scene: Scene) -> Monitors:
             if other.role == "context" and other.id != scene.target and other.params is not None
         ),
         tuple(NEEDLESS[clause.name](clause.params, sign, catalog, scene) for clause in scene.contrast),
+        WrongWay(sign, catalog, scene),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -36,7 +37,8 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog, code: str | No
             stored = [mirrored_row(row) for row in rows]
             return mirrored_contract(contract_hash(stored, load_catalog(catalog.root), code))
     contrast = any(row.half == CONTRAST for row in rows)
-    data = data_hash(rows, catalog.judged((row.sign_code for row in rows), contrast))
+    rules = [*catalog.judged((row.sign_code for row in rows), contrast), asdict(catalog.wrong_way)]
+    data = data_hash(rows, rules)
     return digest({"code": code or code_hash(), "data": data, "versions": versions()})
 
 

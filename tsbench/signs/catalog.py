@@ -15,7 +15,7 @@ from tsbench.core.paths import data_file, left_hand_in_use
 from tsbench.signs.mirror import mirrored_code, mirrored_signs
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
 from tsbench.signs.parsing import parse_rule, parse_sign
-from tsbench.signs.rule_kinds import NEEDLESS, RULE_KINDS
+from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
@@ -28,8 +28,8 @@ class Catalog:
     """All signs and rules.
 
     root: the folder it was read from. signs: by code, in numerical order of the codes. rules: by name, in
-    alphabetical order. types: the scenario types in the order of their rows. needless: the rule of contrast
-    scenes, which no sign has.
+    alphabetical order. types: the scenario types in the order of their rows. needless, wrong_way: the rules of
+    contrast scenes and of all scenes, which no sign has.
     """
 
     root: Path
@@ -37,6 +37,7 @@ class Catalog:
     rules: Mapping[str, RuleSpec]
     types: tuple[ScenarioType, ...]
     needless: RuleSpec
+    wrong_way: RuleSpec
 
     def sign(self, code: str) -> Sign:
         """The sign of a code; InputError where the catalogue has none."""
@@ -86,7 +87,7 @@ class Catalog:
         """Everything that can change an episode or a record in scenes of these signs, bound rules included; for JSON.
 
         By code; last, if there are `contrast` scenes, their rule, with those by which it knows who blocks. Names,
-        captions, drawings and law references are left out, and other signs.
+        captions, drawings and law references are left out, other signs, and what holds in all scenes (`wrong_way`).
         """
         used = {one for code in set(codes) for one in self.company(code)}
         signs = [
@@ -125,11 +126,10 @@ def _load(root: Path) -> Catalog:
     rules = {name: _inherit(raw, rule, root / "rules" / f"{name}.yaml") for name, rule in raw.items()}
     for name, rule in rules.items():
         _check_kind(root / "rules" / f"{name}.yaml", rule)
-    needless = rules.pop(NEEDLESS.name, None)
-    if needless is None:
-        raise InputError(
-            f"{root / 'rules' / NEEDLESS.name}.yaml: no such file: contrast scenes are judged by it"
-        )
+    missing = [name for name in OF_NO_PLATE if name not in rules]
+    if missing:
+        raise InputError(f"{root / 'rules' / missing[0]}.yaml: no such file: scenes are judged by it")
+    needless, wrong_way = rules.pop(NEEDLESS.name), rules.pop(WRONG_WAY.name)
     signs = [parse_sign(path, rules) for path in yaml_files(root / "signs")]
     by_code = {sign.code: sign for sign in sorted(signs, key=lambda sign: code_key(sign.code))}
     types: dict[str, ScenarioType] = {}
@@ -140,7 +140,7 @@ def _load(root: Path) -> Catalog:
         except ValueError as error:
             raise InputError(f"{root / 'signs' / sign.code}.yaml: {error}") from None
     ordered = tuple(sorted(types.values(), key=lambda kind: kind.row))
-    return Catalog(root, by_code, rules, ordered, needless)
+    return Catalog(root, by_code, rules, ordered, needless, wrong_way)
 
 
 def code_key(code: str) -> tuple[tuple[int, str], ...]:
@@ -176,7 +176,7 @@ def _inherit(rules: Mapping[str, RuleSpec], rule: RuleSpec, path: Path) -> RuleS
 
 def _check_kind(path: Path, rule: RuleSpec) -> None:
     """A rule's file must hold what its kind is declared with: its code reads no more, and no less."""
-    kind = NEEDLESS if rule.name == NEEDLESS.name else RULE_KINDS.get(rule.name)
+    kind = OF_NO_PLATE.get(rule.name) or RULE_KINDS.get(rule.name)
     if kind is None:
         raise InputError(f"{path}: rule: {rule.name!r} is not declared in tsbench/signs/rule_kinds.py")
     for part, wanted, given in (

@@ -101,6 +101,9 @@ NEEDLESS = RuleKind(
     f"cruise_ratio calm_mps2 lateral_mps2 slow_zone_m slow_speed_ratio leader_gap_s leader_least_m lane_s {_ROAD}",
     "needless_stop needless_yield needless_slow needless_detour",
 )
+# Of no plate, in every scene: against the direction of a lane nobody is sent.
+WRONG_WAY = RuleKind("wrong_way", None, "longest_s near_obstacle_m", "wrong_way")
+OF_NO_PLATE: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in (NEEDLESS, WRONG_WAY)})
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
 
 Part = TypeVar("Part")

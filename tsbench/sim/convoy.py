@@ -6,13 +6,19 @@ only; planners never see the plan.
 
 from __future__ import annotations
 
-from tsbench.roads.network import RoadNetwork
+import math
+
+from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.scene import ReleasePlan, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0
 # Pedestrians: nearer, or who always drives at half speed could wait for them to step out and stop then.
 WALKERS_AT_M = 3.0
+# Until the ego's front is so near to its line, nobody shows what the plates say.
+SHOWS_AT_M = 5.0
+# Pedestrians step out sooner only before an ego that could no longer stop at its line with this deceleration.
+LATE_BRAKE_MPS2 = 6.0
 _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
@@ -34,40 +40,63 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
     return time - (gone - to_zone) / max(v, 0.5)
 
 
+class Approach:
+    """The ego's station on its way to the line at the end of a lane: from geometry alone, whatever lane it is on."""
+
+    def __init__(self, lane: Lane) -> None:
+        self._line = lane.line
+        self._length = lane.line.length
+        x, y = lane.line.point_at(self._length)
+        heading = lane.line.heading_at(self._length)
+        self._end = x, y, math.cos(heading), math.sin(heading)
+        x, y = lane.line.point_at(0.0)
+        heading = lane.line.heading_at(0.0)
+        self._start = x, y, math.cos(heading), math.sin(heading)
+
+    def to_line(self, ego: EgoState) -> float:
+        """Metres from the ego's front to the line along the lane, < 0 past it; both ends go on straight."""
+        half = EGO_LENGTH_M / 2
+        s, _ = self._line.project(ego.x, ego.y)
+        if s >= self._length:
+            x, y, cos, sin = self._end
+            return (x - ego.x) * cos + (y - ego.y) * sin - half
+        if s <= 0.0:
+            x, y, cos, sin = self._start
+            s = (ego.x - x) * cos + (ego.y - y) * sin
+        return self._length - s - half
+
+
 class ConvoyRelease:
     """Decides the moment of release, of vehicles or pedestrians. `update` returns True once, at that tick."""
 
     def __init__(self, plan: ReleasePlan, network: RoadNetwork) -> None:
         self.plan = plan
-        self._network = network
-        self._latest_m = WALKERS_AT_M if isinstance(plan, WalkersPlan) else RELEASE_AT_M
-        self._until_past = isinstance(plan, WalkersPlan) and plan.until_past
         lane = network.lane(plan.line_lane)
-        self._edge = frozenset(network.edges[lane.edge].lanes)
-        self._length = lane.line.length
+        self.approach = Approach(lane)
+        self._walkers = isinstance(plan, WalkersPlan)
+        self._latest_m = WALKERS_AT_M if self._walkers else RELEASE_AT_M
+        self._until_past = isinstance(plan, WalkersPlan) and plan.until_past
+        ways = [sum(network.lanes[v].line.length for v in c.via) for c in network.outgoing[lane.index]]
+        self._through_m = max(ways, default=0.0)
         self._done = False
 
     def update(self, ego: EgoState) -> bool:
         """Is it time, and was it not before?"""
-        if self._done:
-            return False
-        if self._until_past:
-            self._done = self._is_past(ego)
+        if not self._done:
+            self._done = self._is_time(ego, self.approach.to_line(ego))
             return self._done
-        if ego.lane in self._edge:
-            to_line = self._length - ego.s - EGO_LENGTH_M / 2
-            if to_line > self._latest_m:
-                plan = self.plan
-                eta = predicted_arrival(
-                    to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
-                )
-                if eta > plan.ahead_s:
-                    return False
-        self._done = True
-        return True
+        return False
 
-    def _is_past(self, ego: EgoState) -> bool:
-        """Is the ego behind the junction that the line leads into?"""
-        if ego.lane < 0 or ego.lane in self._edge:
+    def _is_time(self, ego: EgoState, to_line: float) -> bool:
+        if self._until_past:
+            # The ego's centre is behind the junction that the line leads into.
+            return -to_line - EGO_LENGTH_M / 2 > self._through_m
+        if to_line <= self._latest_m:
+            return True
+        if self._walkers and to_line > max(SHOWS_AT_M, ego.speed * ego.speed / (2.0 * LATE_BRAKE_MPS2)):
             return False
-        return not self._network.edges[self._network.lanes[ego.lane].edge].internal
+        plan = self.plan
+        eta = predicted_arrival(
+            to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
+        )
+        return eta <= plan.ahead_s

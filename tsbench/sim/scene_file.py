@@ -7,6 +7,7 @@ Units: m, s, m/s, rad; floats are written with repr and come back exact.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from tsbench.signs.contrast import contrast_from_additional, contrast_to_poi
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, SceneLayout, WalkersPlan
 
 EGO_ID = "ego"
+# Who stands on a secondary arm and waits.
+WAITING_ID = "waiting_0"
 
 
 # Numbers of an obstacle and of a plan, by which they are written and read.
@@ -94,6 +97,30 @@ def read_additional(path: Path, content: bytes | None = None) -> etree._Element:
     """The root element of an additional file, from its uncompressed `content` where that is at hand; InputError."""
     data = read_plain(path, "scene file") if content is None else content
     return parse(data, path, "additional", "scene file")
+
+
+@dataclass(frozen=True, slots=True)
+class LateEntry:
+    """A car that enters after the start: SUMO id and type, s, edges of its way, order of the lane that it enters on."""
+
+    name: str
+    vtype: str
+    depart: float
+    edges: tuple[str, ...]
+    lane: int
+
+
+def late_entries(additional: SceneFile) -> tuple[bytes, tuple[LateEntry, ...]]:
+    """A scene's additional file without the cars that enter after the start, and these in the order of the file."""
+    root = read_additional(additional.path, additional.content)
+    found = []
+    for vehicle in root.findall("vehicle"):
+        depart, route = float(vehicle.get("depart", "0")), vehicle.find("route")
+        if depart > 0.0 and route is not None:
+            edges, lane = tuple(str(route.get("edges")).split()), int(str(vehicle.get("departLane")))
+            found.append(LateEntry(str(vehicle.get("id")), str(vehicle.get("type")), depart, edges, lane))
+            root.remove(vehicle)
+    return etree.tostring(root) if found else additional.content, tuple(found)
 
 
 def _params(element: etree._Element) -> dict[str, str]:

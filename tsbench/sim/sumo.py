@@ -30,6 +30,10 @@ _SUMO_ERRORS = (libsumo.TraCIException, libsumo.FatalTraCIError, RuntimeError)
 # keepRoute of moveToXY: off the road too (2), and on lanes that the ego may not use (4), or nobody there would see it.
 _ANYWHERE = 2 | 4
 _RAD_PER_DEGREE = math.pi / 180.0
+# SUMO's speed modes: all checks, and all but those of the right of way at junctions.
+_OWN_SPEED, _NO_PRIORITY = 31, 7
+# More than any car here gains in a step.
+_SPEED_UP_MPS = 0.5
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _OPTIONS = [
     "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
@@ -114,9 +118,13 @@ class Simulation:
         self._ego_there = False
         self._ego_front = (0.0, 0.0)
 
-    def load_scene(self, scene: Scene) -> None:
-        """Load a scene. Raises SimulationError where SUMO refuses it (its words are on stderr)."""
-        with _in_memory(scene.net.content) as net, _in_memory(scene.additional.content) as additional:
+    def load_scene(self, scene: Scene, additional_content: bytes | None = None) -> None:
+        """Load a scene. Raises SimulationError where SUMO refuses it (its words are on stderr).
+
+        additional_content: in place of its additional file's.
+        """
+        content = scene.additional.content if additional_content is None else additional_content
+        with _in_memory(scene.net.content) as net, _in_memory(content) as additional:
             self._load(net, additional, scene.network, scene.seed, scene.additional.path)
 
     def load(self, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
@@ -197,9 +205,27 @@ class Simulation:
         libsumo.vehicle.setLaneChangeMode(vehicle, 0)
         libsumo.vehicle.setSpeed(vehicle, 0.0)
 
-    def release(self, vehicle: str) -> None:
-        """Give a held vehicle back to its own driver."""
+    def release(self, vehicle: str, heeds_priority: bool = True) -> None:
+        """Give a held vehicle back to its own driver. heeds_priority: does it look at the right of way?"""
+        libsumo.vehicle.setSpeedMode(vehicle, _OWN_SPEED if heeds_priority else _NO_PRIORITY)
         libsumo.vehicle.setSpeed(vehicle, -1.0)
+
+    def stop_before_end(self, vehicle: str, before_m: float, brake_mps2: float) -> None:
+        """Slow a vehicle where it must, so that its front stops `before_m` before its lane's end. Each step anew."""
+        v = libsumo.vehicle
+        room = libsumo.lane.getLength(v.getLaneID(vehicle)) - v.getLanePosition(vehicle) - before_m
+        # The speed after this step with which it still stops in time, at a constant deceleration.
+        step = brake_mps2 * DT_S
+        most = math.sqrt(step * step / 4.0 + 2.0 * brake_mps2 * max(room, 0.0)) - step / 2.0
+        v.setSpeed(vehicle, most if v.getSpeed(vehicle) + _SPEED_UP_MPS > most else -1.0)
+
+    def is_there(self, vehicle: str) -> bool:
+        """Is the vehicle on the road?"""
+        return vehicle in libsumo.vehicle.getIDList()
+
+    def time(self) -> float:
+        """SUMO's clock, s."""
+        return float(libsumo.simulation.getTime())
 
     def hold_persons(self, persons: tuple[str, ...]) -> None:
         """Keep pedestrians standing where they are put in, whatever wait the scene gives them; they are seen from now.
@@ -229,10 +255,17 @@ class Simulation:
         speed = libsumo.vehicle.getSpeed
         return [speed(i) for i in sorted(libsumo.vehicle.getIDList()) if i.startswith(prefix)]
 
-    def add_car(self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int) -> None:
-        """Let a car of a loaded type in at the start of its first edge, as fast as is safe."""
+    def add_car(
+        self, vehicle: str, vtype: str, edges: tuple[str, ...], lane_order: int, at_s: float | None = None
+    ) -> None:
+        """Let a car of a loaded type in at the start of its first edge, as fast as is safe.
+
+        at_s: when, of SUMO's clock; None: now.
+        """
         libsumo.route.add(f"{vehicle}_route", edges)
         depart = {"departLane": str(lane_order), "departPos": "base", "departSpeed": "max"}
+        if at_s is not None:
+            depart["depart"] = repr(at_s)
         libsumo.vehicle.add(vehicle, f"{vehicle}_route", vtype, **depart)
 
     def distance_driven(self, vehicle: str) -> float:

@@ -111,15 +111,20 @@ def test_a_post_that_stands_elsewhere_tells_the_halves_apart(maker: SceneMaker) 
 
 
 def test_others_who_betray_the_half_early_and_too_late(maker: SceneMaker) -> None:
-    """A car that enters beside the road's end, first when there is time to stop, then when there is none."""
+    """A car that enters beside the road's end: when there is time to stop, when only who waits has it, never."""
     early = prove(maker, pair(maker, "early", cars=(Car("bg_000", 0, 1.0, ("road",), 2, 120.0),)))[0]
     assert early.blind_equal is True
     assert early.differs_s == pytest.approx(1.0, abs=0.5)
     assert early.brake_mps2 is not None
     assert early.brake_mps2 < 6.0
     assert "who watches the others can still stop with" in early.unpaired_because(pair(maker, "early")[0])
+    # Too late for who drives on, but not for who stands and watches.
     late = prove(maker, pair(maker, "late", cars=(Car("bg_000", 0, 9.0, ("road",), 2, 250.0),)))[0]
-    assert (late.differs_s, late.brake_mps2) == (None, None)
+    assert late.differs_s == pytest.approx(9.0, abs=0.5)
+    assert late.brake_mps2 is not None
+    assert late.brake_mps2 < 6.0
+    never = prove(maker, pair(maker, "never", cars=(Car("bg_000", 0, 70.0, ("road",), 2, 250.0),)))[0]
+    assert (never.differs_s, never.brake_mps2) == (None, None)
 
 
 def test_braking_is_for_what_is_still_ahead(maker: SceneMaker) -> None:

@@ -20,6 +20,7 @@ from tsbench.dataset.certify.pair import (
     line_point,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
+from tsbench.dataset.certify.watching import Habit, Watcher, braking_if_early, drawn_habits
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import passed
@@ -28,6 +29,7 @@ from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
+from tsbench.sim.convoy import Approach
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
@@ -145,11 +147,33 @@ class Certifier:
     def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
         """When others first do something else, under the tempted driver's commands of the signed half, and the braking
         that would still stop it before its line then; None, None where they never do before the line.
+
+        Of a driver who watches, where others show it sooner what the plates say.
         """
         facts, same = a.blind.result.facts, self._replay(a.blind, b.spec).result.facts
         tick = None if facts is None or same is None else first_difference(facts, same)
         brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
-        return (None, None) if tick is None or brake is None else (tick.time, brake)
+        found = [] if tick is None or brake is None else [(tick.time, brake)]
+        found += [
+            shown
+            for habit in drawn_habits(a.spec.pair_name)
+            if (shown := self.shown_to(habit, a.spec, b.spec))
+        ]
+        return min(found, key=lambda shown: shown[1], default=(None, None))
+
+    def shown_to(
+        self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
+    ) -> tuple[float, float] | None:
+        """When others first do something else in the contrast half, under a watching driver's commands of the signed
+        one, and the braking that would still stop it then; None where its front is 5 m before its line by then.
+        """
+        scene, _ = self._loader.load(signed)
+        approach = Approach(scene.network.lane(scene.start.lane))
+        drive = self._run(LoadedPlanner(habit.name, lambda: Watcher(habit, approach)), signed)
+        facts, same = drive.result.facts, self._replay(drive, contrast).result.facts
+        tick = None if facts is None or same is None else first_difference(facts, same)
+        brake = None if tick is None else braking_if_early(approach, tick.ego)
+        return None if tick is None or brake is None else (tick.time, brake)
 
     def _planner(self, name: str) -> LoadedPlanner:
         if name not in self._loaded:
@@ -185,6 +209,6 @@ def _digest(*results: EpisodeResult) -> str:
         digest.update(np.array(egos, dtype=np.float64).tobytes())
         for snapshot in result.facts.snapshots:
             digest.update(snapshot.actors.pose.tobytes())
-        for violation in (*result.facts.target.violations, *result.facts.needless):
+        for violation in result.facts.against:
             digest.update(violation.sentence.encode())
     return digest.hexdigest()

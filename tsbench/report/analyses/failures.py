@@ -68,8 +68,8 @@ def failures(pool: Pool) -> Analysis:
     notes = (
         f"Shares of n episodes, %, with {INTERVAL_NOTE}. "
         "The first five are all there is; collision, off road and timeout say what ended those that did not arrive",
-        "complied: no violation of the target sign's rule, and in a contrast half no needless obedience, up to the end "
-        f"of the episode. {READINGS_NOTE}",
+        "complied: no violation of the target sign's rule, never the wrong way, and in a contrast half no needless "
+        f"obedience, up to the end of the episode. {READINGS_NOTE}",
         *(
             ["needless …: episodes of contrast halves with such an event, whatever else was in them"]
             * contrasted

@@ -30,7 +30,7 @@ def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFact
     row = head_row(spec, planner, privileged, facts.outcome, None)
     row.update({name: _plain(value) for name, value in episode_metrics(facts).items()})
     key = {"planner": planner, "scenario_id": spec.scenario_id}
-    found = [((*facts.target.violations, *facts.needless), True)]
+    found = [(facts.against, True)]
     found += [(verdict.violations, False) for verdict in facts.others]
     events = [{**key, "target": target, **_event(event)} for some, target in found for event in some]
     events.sort(key=lambda event: (not event["target"], event["start_s"], event["sign_id"], event["clause"]))

@@ -1,0 +1,72 @@
+"""Who stands and watches, or leaves its lane to be let through, is told nothing before its line."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import cycle
+
+import pytest
+from simworld import simulation
+
+from tsbench.dataset.certify.certifier import Certifier
+from tsbench.dataset.certify.watching import HABITS, Habit, drawn_habits
+from tsbench.scenarios.certificates import LEAST_BRAKE_MPS2
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim import junction_traffic
+
+Pair = tuple[ScenarioSpec, ScenarioSpec]
+# Where plates decide what others do: each habit on one pair.
+PRIORITY = ("yield", "stop", "secondary_road", "main_road", "crosswalk")
+
+
+@cache
+def pairs() -> list[Pair]:
+    """The pairs of the dev split, in the order of their names."""
+    halves: dict[str, dict[str, ScenarioSpec]] = {}
+    for row in read_table(table_path("dev")):
+        if row.pair_id:
+            halves.setdefault(row.pair_id, {})[row.half] = row
+    return [(pair[SIGNED], pair[CONTRAST]) for _, pair in sorted(halves.items()) if len(pair) == 2]
+
+
+def of_type(name: str) -> list[Pair]:
+    return [pair for pair in pairs() if pair[0].pair_type == name]
+
+
+def told_too_soon(pair: Pair, habit: Habit) -> bool:
+    """Could the watcher still stop at its line, with what a certificate allows, when others first differ?"""
+    shown = Certifier(simulation(), SceneLoader()).shown_to(habit, *pair)
+    return shown is not None and shown[1] < LEAST_BRAKE_MPS2
+
+
+@pytest.mark.parametrize("habit", HABITS, ids=lambda habit: habit.name)
+def test_others_tell_nothing_at_junctions_and_crossings(habit: Habit) -> None:
+    for kind in PRIORITY:
+        first, second = of_type(kind)
+        assert not told_too_soon(second if HABITS.index(habit) % 2 else first, habit), kind
+
+
+def test_others_tell_nothing_in_any_pair() -> None:
+    wrong = [
+        (pair[0].pair_id, habit.name)
+        for pair, habit in zip(pairs(), cycle(HABITS), strict=False)
+        if pair[0].pair_type not in PRIORITY and told_too_soon(pair, habit)
+    ]
+    assert len(pairs()) > 40
+    assert wrong == []
+
+
+def test_a_junction_without_its_keeper_tells_who_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The check finds what it looks for."""
+    monkeypatch.setattr(junction_traffic, "exchangeable", lambda scene: False)
+    habit = next(habit for habit in HABITS if habit.name == "stands at 20 m")
+    assert all(told_too_soon(of_type(kind)[1], habit) for kind in PRIORITY[:4])
+
+
+def test_a_certificate_tries_some_habits_of_all_by_the_name_of_the_pair() -> None:
+    drawn = [drawn_habits(f"pair-{k}") for k in range(60)]
+    assert drawn == [drawn_habits(f"pair-{k}") for k in range(60)]
+    assert {len(habits) for habits in drawn} == {2}
+    assert {habit.name for habits in drawn for habit in habits} == {habit.name for habit in HABITS}

@@ -1,0 +1,81 @@
+"""Everybody but the ego at a junction whose plates could be exchanged: until the ego is at its line they tell nothing.
+
+Who has priority is seen in what others do. So until the ego's front has been 5 m before its line, however late that
+is, SUMO's right of way moves nobody: the convoy comes as the release says and stops before its own line, who waits on
+another arm waits on, and who would enter the scene enters later. Source: docs/spec/scenes.md, "Junction". Units: m, s.
+"""
+
+from __future__ import annotations
+
+from tsbench.signs.contrast import PassageParams
+from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
+from tsbench.sim.convoy import SHOWS_AT_M, Approach, ConvoyRelease
+from tsbench.sim.scene import Scene
+from tsbench.sim.scene_file import WAITING_ID, LateEntry, late_entries
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S, EgoState
+
+# The first of a convoy stands so far before its own line at the latest, and brakes no harder than this for it: less
+# than what the rule of giving way takes for forced (sign_catalog/rules/give_way.yaml).
+HOLD_BEFORE_LINE_M = 3.0
+HOLD_BRAKE_MPS2 = 2.0
+
+
+def exchangeable(scene: Scene) -> bool:
+    """Do plates of this scene say who has priority at a junction, in one half of a pair so and in the other not?"""
+    params = scene.target_sign.params
+    if isinstance(params, GiveWayParams) and not isinstance(params, RoundaboutParams):
+        return True
+    return any(
+        c.name == "needless_yield" and isinstance(c.params, PassageParams) and not c.params.crossing
+        for c in scene.contrast
+    )
+
+
+class JunctionTraffic:
+    """Loads a scene, holds and lets go. `begin` once the ego is there; then `update` before every step."""
+
+    def __init__(self, sim: Simulation, scene: Scene) -> None:
+        self._sim, self._scene = sim, scene
+        self._convoy = scene.convoy.vehicles if scene.convoy else ()
+        self._release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
+        self._approach = Approach(scene.network.lane(scene.start.lane))
+        self._silent = exchangeable(scene)
+        self._comes = False
+        self._late: tuple[LateEntry, ...] = ()
+        content = scene.additional.content
+        if self._silent:
+            content, self._late = late_entries(scene.additional)
+        sim.load_scene(scene, content)
+
+    def begin(self) -> None:
+        """Hold who waits for the ego."""
+        for vehicle in self._convoy:
+            self._sim.hold(vehicle)
+        if self._silent and self._sim.is_there(WAITING_ID):
+            self._sim.hold(WAITING_ID)
+
+    def update(self, ego: EgoState) -> None:
+        """Before a step: whom the ego's new place sets free."""
+        if self._release is not None and self._release.update(ego):
+            self._comes = True
+            for vehicle in self._convoy:
+                self._sim.release(vehicle, heeds_priority=not self._silent)
+        if not self._silent:
+            return
+        if self._approach.to_line(ego) <= SHOWS_AT_M:
+            self._speak()
+        elif self._comes:
+            self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
+
+    def _speak(self) -> None:
+        """From now everybody does what the plates say; who would have entered by now enters from now on."""
+        self._silent = False
+        for vehicle in self._convoy:
+            self._sim.release(vehicle)
+        if self._sim.is_there(WAITING_ID):
+            self._sim.release(WAITING_ID)
+        if self._late:
+            delay = max(self._sim.time() + DT_S - self._late[0].depart, 0.0)
+            for car in self._late:
+                self._sim.add_car(car.name, car.vtype, car.edges, car.lane, round(car.depart + delay, 1))
