@@ -255,9 +255,9 @@ def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> Non
         path = there or osm_dir / (
             f"{extract.name}.osm.gz" if asked else file_at(extract.name, extract.address)
         )
-        if there is None and asked:
+        if not path.exists() and asked:
             overpass.fetch_extract(path, extract.address)
-        elif there is None:
+        elif not path.exists():
             fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)
         told(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")

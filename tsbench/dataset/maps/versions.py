@@ -97,7 +97,9 @@ def contents_of(path: Path) -> Contents:
         named = [f"{_KINDS[kind[row]]} {number[row]}" for row in gone.tolist()]
         lines.append(f"left out what is deleted: {some(named)}")
     if not newest.all():
-        lines.append(f"left out older versions, of which the newest counts: {(~newest).sum():,} in all")
+        lines.append(
+            f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
+        )
     return Contents(path, kind.astype(np.int8), newest & visible, tuple(lines))
 
 
