@@ -90,6 +90,16 @@ def test_an_extract_in_order_is_read_in_one_go(tmp_path: Path) -> None:
     assert contents.lines == ()
 
 
+def test_what_needs_nothing_is_given_as_pyosmium_writes_it(tmp_path: Path) -> None:
+    """The bytes that the maps of the pool were made from."""
+    made, notes = plain(tmp_path, extract(*NODES, *WAYS, RELATION))
+    with osmium.SimpleWriter(str(tmp_path / "copy.osm")) as writer:
+        for one in osmium.FileProcessor(str(tmp_path / "town.osm")):
+            writer.add(one)
+    assert (tmp_path / "copy.osm").read_bytes() == made
+    assert notes == ()
+
+
 WAY = WAYS[3]
 assert 'id="504" version="1"' in WAY
 WITHOUT = extract(*NODES, *WAYS[:3], *WAYS[4:])
