@@ -30,6 +30,17 @@ def test_convert(tmp_path: Path) -> None:
     assert "<net " in (tmp_path / "new" / "one.net.xml").read_text()
 
 
+def test_convert_says_what_it_did_not_take(tmp_path: Path) -> None:
+    odd = OSM.replace("</way>", '<tag k="maxspeed" v="5030"/><tag k="lanes" v="&#x9b;31m&#xa;two"/></way>')
+    (tmp_path / "one.osm").write_text(odd)
+    out = tmp_path / "one.net.xml"
+    done = CliRunner().invoke(maps, ["convert", str(tmp_path / "one.osm"), "--out", str(out)])
+    note, *more = done.stderr.splitlines()
+    assert note == f"note: {tmp_path}/one.osm: the tag maxspeed set aside, not 3 to 150 km/h: '5030' of way 9"
+    assert all(line.startswith("note: ") and line.isprintable() for line in more)
+    assert done.stdout.count("\n") == 1
+
+
 def test_convert_says_what_is_wrong(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         call("convert", str(tmp_path / "none.osm"), "--out", str(tmp_path / "one.net.xml"))

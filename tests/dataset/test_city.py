@@ -14,7 +14,7 @@ from pool_builders import row
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use, data_root, dataset_file, dataset_root, using_city
-from tsbench.dataset.city import cities_folder, city_names, load_city
+from tsbench.dataset.city import cities_folder, city_names, fetch_extracts, load_city
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import class_speeds
@@ -175,6 +175,32 @@ def test_strangers_in_the_folder_do_not_matter(described: Callable[..., str], tm
     name = described({"extracts": [{**EXTRACT, "sha256": hashlib.sha256(b"mine").hexdigest()}]})
     with using_city(name):
         assert list_extracts(folder) == [folder / "a.osm"]
+
+
+def test_an_extract_is_fetched_once_whatever_its_ending(
+    described: Callable[..., str], tmp_path: Path
+) -> None:
+    import hashlib
+
+    content = b"<osm/>"
+    (tmp_path / "st.gallen-2013.01.osm.xml").write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()
+    address = str(tmp_path / "st.gallen-2013.01.osm.xml")
+    entry = {**EXTRACT, "name": "st.gallen", "address": address, "sha256": digest, "bytes": len(content)}
+    name, folder = described({"extracts": [entry]}), tmp_path / "osm"
+    told: list[str] = []
+    fetch_extracts(name, folder, told.append)
+    assert [path.name for path in folder.iterdir()] == ["st.gallen.osm.xml"]
+    # Who has it under another ending needs no second one, which would be refused.
+    (folder / "st.gallen.osm.xml").rename(folder / "st.gallen.OSM")
+    fetch_extracts(name, folder, told.append)
+    assert [path.name for path in folder.iterdir()] == ["st.gallen.OSM"]
+    assert [line.split(": ")[0] for line in told] == [
+        f"{folder}/st.gallen.osm.xml",
+        f"{folder}/st.gallen.OSM",
+    ]
+    with using_city(name):
+        assert list_extracts(folder) == [folder / "st.gallen.OSM"]
 
 
 def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> None:

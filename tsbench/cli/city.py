@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tsbench.cli import options
-from tsbench.cli.console import bars, print_table
+from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.paths import MIRRORED, using_city
 from tsbench.signs.countries import Country, country_in_use
 
@@ -150,7 +150,7 @@ def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int)
     chosen = options.types_of(types)
     with using_city(name):
         with bars() as show:
-            build_city(chosen, osm_dir or sources_dir(), workers, show)
+            build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
         _show_types(name, read_pool(pool_file()), chosen)
         there = [split for split in splits_there() if read_table(table_path(split))]
         split = "test" if "test" in there else there[0]

@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from tsbench.core.streams import progress_console
+from tsbench.core.text import written_out
 
 if TYPE_CHECKING:
     from tsbench.report.analyses.model import Analysis
@@ -54,6 +55,12 @@ def bars() -> Iterator[Callable[[str, int, int], None]]:
             progress.update(tasks[name], completed=done, total=total)
 
         yield show
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Lines on standard error about what was not taken as it is; what they quote may come from anywhere."""
+    for note in notes:
+        click.echo(f"note: {written_out(' '.join(note.split()))}", err=True)
 
 
 def show_analysis(analysis: Analysis, out: Path | None, *, printed: bool = True) -> None:

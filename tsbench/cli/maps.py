@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tsbench.cli import options
-from tsbench.cli.console import bars, print_table
+from tsbench.cli.console import bars, print_notes, print_table
 
 if TYPE_CHECKING:
     from tsbench.dataset.maps.stats import CountTable
@@ -31,6 +31,7 @@ def convert(extract: Path, out: Path) -> None:
     click.echo(
         f"{out}: from {facts.nodes:,} nodes, {facts.ways:,} ways, {facts.roads:,} of them roads for cars"
     )
+    print_notes(f"{extract}: {line}" for line in (*facts.notes, *facts.warnings))
 
 
 @maps.command()
@@ -48,6 +49,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     report = target.with_name("harvest.json")
     with bars() as show:
         result = run_harvest(osm_dir or paths.sources_dir(), target, report, workers, show)
+    print_notes(result.notes)
     _print_counts(count_tables(result.rows)[:2])
     print_table(("refused, by reason", "sum"), ((why, f"{n:,}") for why, n in result.refused.items()))
     click.echo(

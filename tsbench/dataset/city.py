@@ -18,6 +18,7 @@ from tsbench.core.paths import MIRRORED, city_in_use, using_city
 from tsbench.core.textfile import read_yaml
 from tsbench.data.cities import LEFT, RIGHT, cities_folder, driven_as
 from tsbench.data.fetch import fetch_file
+from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country
 
@@ -249,14 +250,15 @@ def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> Non
     from tsbench.dataset.maps import overpass  # brings pyosmium, which who only runs need not have
 
     for extract in load_city(name).extracts:
-        if overpass.is_address(extract.address):
-            path = osm_dir / f"{extract.name}.osm.gz"
-            if not path.exists():
-                overpass.fetch_extract(path, extract.address)
-        else:
-            path = osm_dir / f"{extract.name}{''.join(Path(extract.address).suffixes)}"
-            if not path.exists():
-                fetch_file(extract.address, extract.bytes, extract.sha256, path)
+        asked = overpass.is_address(extract.address)
+        there = extracts_in(osm_dir, extract.name).get(extract.name)
+        path = there or osm_dir / (
+            f"{extract.name}.osm.gz" if asked else file_at(extract.name, extract.address)
+        )
+        if not path.exists() and asked:
+            overpass.fetch_extract(path, extract.address)
+        elif not path.exists():
+            fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)
         told(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
 

@@ -63,6 +63,22 @@ def test_what_is_no_extract_is_refused(tmp_path: Path) -> None:
         surfaces(path, FRAME)
 
 
+def test_order_and_deleted_houses_are_as_in_roads(extract: Path, tmp_path: Path) -> None:
+    lines = extract.read_text().splitlines()
+    ways = [line for line in lines if line.startswith("<way")]
+    others = [line for line in lines if not line.startswith("<way")]
+    gone = [
+        line.replace('version="1"', 'version="1" action="delete"') if "shed" in line else line
+        for line in ways
+    ]
+    path = tmp_path / "mixed.osm"
+    path.write_text("\n".join([*others[:2], *gone, *others[2:]]))
+    found, right = surfaces(path, FRAME), surfaces(extract, FRAME)
+    small = min((shape for _, shape in right), key=lambda shape: shape.area)
+    left = [shape for _, shape in right if not shape.equals(small)]
+    assert [shape.equals(other) for (_, shape), other in zip(found, left, strict=True)] == [True] * 3
+
+
 def test_overpass_is_asked_for_them_only_if_wanted() -> None:
     box = (7.0, 53.0, 7.1, 53.1)
     plain, more = query(box), query(box, ground=True)

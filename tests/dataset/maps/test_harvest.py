@@ -11,11 +11,13 @@ import pytest
 from town import Town, make_town
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 from tsbench.dataset.maps.families.registry import REGISTRY
 from tsbench.dataset.maps.harvest import harvest
 from tsbench.dataset.maps.overlap import Coverage
 from tsbench.dataset.maps.paths import build_dir
 from tsbench.dataset.maps.source import SourceNetwork, load_source
+from tsbench.report.map_sheet import map_sheet
 from tsbench.scenarios.map_pool import POOL_SCHEMA, map_id, read_pool, write_pool
 
 
@@ -106,6 +108,18 @@ def test_an_extract_without_maps_is_said(workplace: Path, tmp_path: Path) -> Non
     with pytest.raises(InputError, match="no map found"):
         harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert not (tmp_path / "pool.parquet").exists()
+
+
+def test_an_extract_with_dots_in_its_name_is_harvested_under_it(workplace: Path, tmp_path: Path) -> None:
+    file = tmp_path / "st.gallen.osm"
+    file.write_text(make_town().xml(), encoding="utf-8")
+    result = harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
+    assert {row.source for row in result.rows} == {"st.gallen"}
+    assert json.loads((tmp_path / "harvest.json").read_text())["extracts_sha256"] == {
+        "st.gallen": sha256_of(file)
+    }
+    assert map_sheet([(result.rows[0], load_source("st.gallen", tmp_path))]).size
+    assert result.notes == ()
 
 
 def test_networks_are_read_back_by_name(workplace: Path, osm_dir: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.dataset.city import Extract, check_extract, chosen_city
-from tsbench.dataset.maps.osm import SUFFIXES
+from tsbench.dataset.maps.names import SUFFIXES, extracts_in
 
 
 def extract_info(name: str) -> Extract:
@@ -24,14 +24,14 @@ def by_preference(names: list[str]) -> list[str]:
 
 
 def find_extract(name: str, osm_dir: Path) -> Path:
-    """The extract called `name` in a folder, whatever its kind."""
-    for suffix in SUFFIXES:
-        path = osm_dir / f"{name}{suffix}"
-        if path.is_file():
-            return path
+    """The extract called `name` in a folder, whatever its kind. Raises InputError where there is none, or two."""
+    found = extracts_in(osm_dir, name)
+    if name in found:
+        return found[name]
     address = extract_info(name).address
+    other = next((f" ({path.name} is not called so: rename it)" for path in found.values()), "")
     raise InputError(
-        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like); "
+        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like){other}; "
         + (f"it is at {address}, " if address else "")
         + "`tsbench maps fetch` gets extracts, or name their folder with --osm"
     )
@@ -52,7 +52,7 @@ def list_extracts(osm_dir: Path) -> list[Path]:
         for path, extract in named.items():
             check_extract(extract, path)
         return sorted(named)
-    found = sorted(path for path in osm_dir.iterdir() if path.name.endswith(SUFFIXES))
+    found = sorted(extracts_in(osm_dir).values())
     if not found:
         raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
     return found

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import osmium
 import pyarrow as pa
@@ -16,6 +18,7 @@ from tsbench.core.paths import dataset_root
 from tsbench.dataset.city import check_extract, chosen_city
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.utm import Floats, UtmFrame
+from tsbench.dataset.maps.versions import contents_of, osm_file
 from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 from tsbench.scenarios.table import read_table, splits_there, table_path
 
@@ -61,9 +64,23 @@ def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
 
 def surfaces(path: Path, frame: UtmFrame) -> list[tuple[str, shapely.Geometry]]:
     """Every building, green or water surface of an extract: kind, polygons in metres of the city. Raises InputError."""
+    contents = contents_of(path)
+    if contents.as_they_are:
+        return _surfaces(path, osm_file(path), frame)
+    # Areas are made of ways whose nodes came before.
+    with tempfile.TemporaryDirectory(prefix="tsbench-ground-") as folder:
+        tidy = Path(folder) / "extract.osm"
+        with osmium.SimpleWriter(str(tidy)) as writer:
+            for one in contents.objects():
+                writer.add(one)
+        return _surfaces(path, osm_file(tidy), frame)
+
+
+def _surfaces(path: Path, file: Any, frame: UtmFrame) -> list[tuple[str, shapely.Geometry]]:
+    """The same of a file in order; path: what the user calls it."""
     found = []
     try:
-        for area in osmium.FileProcessor(str(path)).with_areas():
+        for area in osmium.FileProcessor(file).with_areas():
             if area.is_area() and (kind := _kind(area.tags)):
                 parts = [
                     shapely.Polygon(

@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from tsbench.dataset.maps.extracts import by_preference, list_extracts
 from tsbench.dataset.maps.families.expectations import expectations
 from tsbench.dataset.maps.families.registry import REGISTRY
 from tsbench.dataset.maps.lint import lint_crops
-from tsbench.dataset.maps.osm import extract_name
+from tsbench.dataset.maps.names import extract_name
 from tsbench.dataset.maps.overlap import Coverage
 from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
 from tsbench.dataset.maps.source import kept_source, load_source
@@ -35,10 +35,14 @@ Keep = Callable[..., Kept] | None
 
 @dataclass(frozen=True)
 class HarvestResult:
-    """The pool's rows and what was refused: counts by source and reason."""
+    """The pool's rows and what was refused: counts by source and reason.
+
+    notes: what of the extracts was not taken as it is, a line each.
+    """
 
     rows: list[PoolRow]
     rejected: dict[str, dict[str, int]]
+    notes: tuple[str, ...] = ()
 
     @property
     def refused(self) -> dict[str, int]:
@@ -89,10 +93,9 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
 
         # the biggest extract is the last in the order of preference: begin with it
         ranked = [(folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)][::-1]
-        frames = each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
-        _check_one_frame(
-            {name: frame for (_, name, _, _), frame in zip(ranked, frames, strict=True)}, osm_dir
-        )
+        read = each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
+        frames = {name: frame for (_, name, _, _), (frame, _) in zip(ranked, read, strict=True)}
+        _check_one_frame(frames, osm_dir)
         counts = each(
             "finding maps", _find, ranked, lambda _, name, *__: Kept(folder / f"found-{name}.json", "")
         )
@@ -104,7 +107,8 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
         raise InputError(f"{osm_dir}: no map found in {len(names)} extracts; see the reasons in {report}")
     write_pool(result.rows, out)
     write_json(report, _summary(result, extracts), indent=1, sort_keys=True)
-    return result
+    notes = {name: told for (_, name, _, _), (_, told) in zip(ranked, read, strict=True)}
+    return replace(result, notes=tuple(f"{extracts[name]}: {one}" for name in names for one in notes[name]))
 
 
 def _key(extracts: Sequence[Path]) -> str:
@@ -118,8 +122,9 @@ def _key(extracts: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _convert(name: str, osm_dir: Path) -> UtmFrame:
-    return load_source(name, osm_dir).frame
+def _convert(name: str, osm_dir: Path) -> tuple[UtmFrame, list[str]]:
+    source = load_source(name, osm_dir)
+    return source.frame, source.notes
 
 
 def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:

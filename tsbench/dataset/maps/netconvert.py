@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from tsbench.core.errors import InputError
@@ -14,8 +17,19 @@ from tsbench.core.files import replacing
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.osm import ExtractFacts, read_extract
 from tsbench.dataset.maps.paths import netconvert_file, types_file
+from tsbench.dataset.maps.plain_xml import origins_and_junctions
+from tsbench.dataset.maps.plausible import some
 
 EXTRACT_TIMEOUT_S = 900.0
+# Warnings that a tag was not taken as it is; the others are about the making of junctions, stops and restrictions.
+_OF_TAGS = (
+    "Value of key", "Skipping edge", "Using default width", "Using minimum lane number", "New value for oneway",
+    "Unknown lane use", "Discarding edge",
+)  # fmt: skip
+# That coordinates are not moved to the origin is meant so; totals come after the first five of a kind.
+_SAID_ALWAYS = re.compile(r"Network contains very large coordinates|\d+ total messages of type")
+# What differs between two warnings of one kind.
+_VALUES = re.compile(r"'.*'|\(.*\)|-?\d+(\.\d+)?")
 
 
 def sumo_home() -> Path:
@@ -89,9 +103,51 @@ def _convert(extract: Path, folder: Path, option: str, name: str) -> ExtractFact
         extract, folder / "extract.osm", city.frame.meridian if city.frame.mirrored else None
     )
     arguments = ("--osm-files", "extract.osm", option, name)
-    run_netconvert(folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
+    said = run_netconvert(
+        folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S
+    )
     (folder / "extract.osm").unlink()
-    return facts
+    warnings = _kinds(said)
+    of_tags = [line for line in warnings if line.startswith(_OF_TAGS)]
+    built = (
+        [folder / name] if option == "--output-file" else [folder / f"{name}.{k}.xml" for k in ("nod", "edg")]
+    )
+    notes = (*facts.notes, *(f"netconvert: {line}" for line in of_tags), *_lost_roads(facts, built))
+    others = tuple(f"netconvert: {line}" for line in warnings if line not in of_tags)
+    return replace(facts, notes=notes, warnings=others)
+
+
+def _lost_roads(facts: ExtractFacts, built: Sequence[Path]) -> list[str]:
+    """A line for the roads that no edge was made of; those that lie within one junction are part of it."""
+    edges, junctions = origins_and_junctions(built)
+    lost = [
+        f"way {way}"
+        for way, (first, last) in sorted(facts.road_ends.items())
+        if way not in edges and (first not in junctions or junctions[first] != junctions.get(last))
+    ]
+    if not lost:
+        return []
+    return [
+        f"{len(lost):,} of {facts.roads:,} roads for cars are not in the network, because cars may not use them, their "
+        f"nodes are missing or they are as short as a junction: {some(lost)}"
+    ]
+
+
+def _kinds(stderr: str) -> list[str]:
+    """netconvert's warnings, the first of each kind and how many like it."""
+    first: dict[str, str] = {}
+    count: Counter[str] = Counter()
+    for line in stderr.splitlines():
+        text = line.strip().removeprefix("Warning: ")
+        if not line.startswith("Warning: ") or _SAID_ALWAYS.match(text):
+            continue
+        kind = _VALUES.sub("", text)
+        first.setdefault(kind, text)
+        count[kind] += 1
+    return [
+        text + (f" (and {count[kind] - 1} like it)" if count[kind] > 1 else "")
+        for kind, text in first.items()
+    ]
 
 
 def _last_error(stderr: str) -> str:

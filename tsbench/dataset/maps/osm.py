@@ -12,10 +12,12 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
+from tsbench.dataset.maps.names import check_file
 from tsbench.dataset.maps.osm_mirror import mirrored
+from tsbench.dataset.maps.plausible import SetAside
 from tsbench.dataset.maps.utm import Floats
+from tsbench.dataset.maps.versions import contents_of, not_whole
 
-SUFFIXES = (".osm", ".osm.gz", ".osm.bz2", ".osm.pbf", ".xml", ".xml.gz", ".xml.bz2", ".pbf")
 CAR_ROADS = frozenset(
     f"{road}{link}"
     for road in ("motorway", "trunk", "primary", "secondary", "tertiary")
@@ -25,64 +27,66 @@ CAR_ROADS = frozenset(
 
 @dataclass(frozen=True)
 class ExtractFacts:
-    """What one pass over an extract tells: sizes and the traffic signals' places, (n, 2) degrees: lat, lon."""
+    """What an extract tells: sizes and the traffic signals' places, (n, 2) degrees: lat, lon.
+
+    road_ends: first and last node of each road for cars, by way. notes: a line for each thing that was not taken as it
+    is. warnings: what netconvert said besides, a line of each kind.
+    """
 
     nodes: int
     ways: int
-    roads: int
     signals: Floats
+    road_ends: dict[int, tuple[int, int]]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
-
-def extract_name(path: Path) -> str:
-    """`nw-moscow` for `.../nw-moscow.osm.gz`."""
-    return path.name.split(".", 1)[0]
+    @property
+    def roads(self) -> int:
+        return len(self.road_ends)
 
 
 def read_extract(path: Path, plain_xml: Path, meridian: int | None = None) -> ExtractFacts:
-    """Check an extract and write it as uncompressed OSM XML to `plain_xml`.
+    """Check an extract and write it as uncompressed OSM XML to `plain_xml`: nodes, then ways, then relations.
 
-    meridian: of a mirror (degrees) that it is written in, None for none; what is told is of the extract as it is.
+    What is deleted or an older version is left out, and so are tags that no road can have. meridian: of a mirror
+    (degrees) that it is written in, None for none; what is told is of the extract as it is.
 
     Raises InputError if it is missing, empty, truncated, not OSM, or has no road for cars.
     """
-    _check_file(path)
-    nodes = ways = roads = 0
+    check_file(path)
+    contents = contents_of(path)
+    nodes = ways = 0
+    road_ends: dict[int, tuple[int, int]] = {}
     signals: list[tuple[float, float]] = []
+    aside = SetAside()
     try:
         with osmium.SimpleWriter(str(plain_xml), overwrite=True) as writer:
-            for entity in osmium.FileProcessor(str(path)):
-                highway = entity.tags.get("highway")
+            for entity in contents.objects():
+                highway, tags = entity.tags.get("highway"), None
                 if entity.is_node():
                     nodes += 1
                     if highway == "traffic_signals":
                         signals.append((entity.location.lat, entity.location.lon))
                 elif entity.is_way():
                     ways += 1
-                    roads += highway in CAR_ROADS and len(entity.nodes) > 1
-                writer.add(entity if meridian is None else mirrored(entity, meridian))
+                    if highway in CAR_ROADS:
+                        if len(entity.nodes) > 1:
+                            road_ends[entity.id] = (entity.nodes[0].ref, entity.nodes[-1].ref)
+                        tags = aside.from_road(entity.id, ((tag.k, tag.v) for tag in entity.tags))
+                if meridian is not None:
+                    writer.add(mirrored(entity, meridian, tags))
+                else:
+                    writer.add(entity if tags is None else entity.replace(tags=tags))
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
-        place = f"after {nodes} nodes and {ways} ways"
-        raise InputError(
-            f"{path}: not a whole OSM file ({' '.join(str(broken).split())}; {place})"
-        ) from broken
-    if roads == 0:
+        raise not_whole(path, broken, nodes, ways) from broken
+    if not road_ends:
         raise InputError(
             f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)"
         )
     if nodes == 0:
         raise InputError(
-            f"{path}: no road for cars in it has a place ({roads} roads, but no nodes): cut it out again with "
+            f"{path}: no road for cars in it has a place ({len(road_ends)} roads, but no nodes): cut it out again with "
             "`osmium extract`, whose ways are complete"
         )
-    return ExtractFacts(nodes, ways, roads, np.array(signals, float).reshape(-1, 2))
-
-
-def _check_file(path: Path) -> None:
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if not path.is_file():
-        raise InputError(f"{path}: not a file; name one OSM extract ({', '.join(SUFFIXES)})")
-    if not path.name.lower().endswith(SUFFIXES):
-        raise InputError(f"{path}: unknown kind of file; expected one of {', '.join(SUFFIXES)}")
-    if path.stat().st_size == 0:
-        raise InputError(f"{path}: the file is empty (0 bytes)")
+    notes = (*contents.lines, *aside.lines())
+    return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, notes)

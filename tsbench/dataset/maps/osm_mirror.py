@@ -7,7 +7,7 @@ Mirrored twice, an extract is what it was.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 _SWAPPED = {"left": "right", "right": "left"}
@@ -24,9 +24,9 @@ _COUNT = re.compile(r"\d+(\.\d+)?")
 _DROPPED = re.compile(r"^placement(:|$)")
 
 
-def mirrored(entity: Any, meridian: int) -> Any:
-    """A node, way or relation of pyosmium in the mirror; meridian: degrees east."""
-    tags = mirrored_tags((tag.k, tag.v) for tag in entity.tags)
+def mirrored(entity: Any, meridian: int, tags: Mapping[str, str] | None = None) -> Any:
+    """A node, way or relation of pyosmium in the mirror; meridian: degrees east; tags: instead of its own."""
+    tags = mirrored_tags(tags.items() if tags is not None else ((tag.k, tag.v) for tag in entity.tags))
     if entity.is_node() and entity.location.valid():
         # In whole units of 1e-7 degrees, so that nothing is lost.
         place = entity.location

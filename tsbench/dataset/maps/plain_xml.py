@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gzip
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import IO
 
 from lxml import etree
 
-# Outside these a width is no lane's: netconvert halves the lane of a two-way road tagged lanes=1.
-WIDTH_RANGE_M = (2.75, 4.5)
-# Above this a limit is a slip of the pen: no country posts as much, and netconvert takes 142 km/h where there is none.
-FASTEST_MPS = 150.0 / 3.6
+from tsbench.dataset.maps.plausible import WIDTH_RANGE_M
+
 DEFAULT_WIDTH_M = 3.25
+# The OSM nodes that an id of a junction is made of; an id of an editor's own is below zero.
+_NUMBERS = re.compile(r"-?\d+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +40,15 @@ class ParsedEdge:
     line: list[tuple[float, float]]
 
 
-def _elements(path: Path, tag: str) -> Iterator[etree._Element]:
-    """The elements called `tag`, one by one, the tree behind them freed."""
+def _elements(file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str]) -> Iterator[etree._Element]:
+    """The elements called `tag`, or so, one by one, the tree behind them freed."""
     for _, element in etree.iterparse(
-        str(path), events=("end",), tag=tag, resolve_entities=False, no_network=True, huge_tree=True
+        str(file) if isinstance(file, Path) else file,
+        events=("end",),
+        tag=tag,
+        resolve_entities=False,
+        no_network=True,
+        huge_tree=True,
     ):
         yield element
         element.clear()
@@ -75,6 +83,24 @@ def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[Parse
 def parse_roundabouts(path: Path) -> list[list[str]]:
     """Edge ids of each roundabout, in no order along the ring."""
     return sorted(e.get("edges", "").split() for e in _elements(path, "roundabout"))
+
+
+def origins_and_junctions(built: Iterable[Path]) -> tuple[set[int], dict[int, str]]:
+    """OSM ways that edges were made of, and the junction of each OSM node that is one or part of one.
+
+    built: a network (.gz or not), or files of nodes and edges.
+    """
+    ways: set[int] = set()
+    junctions: dict[int, str] = {}
+    for path in built:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            for element in _elements(stream, ("param", "node", "junction")):
+                if element.tag != "param":
+                    name = element.get("id", "")
+                    junctions |= dict.fromkeys((int(node) for node in _NUMBERS.findall(name)), name)
+                elif element.get("key") == "origId":
+                    ways.update(int(way) for way in element.get("value", "").split())
+    return ways, junctions
 
 
 def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> ParsedEdge:

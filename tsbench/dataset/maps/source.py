@@ -18,11 +18,10 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.extracts import find_extract
+from tsbench.dataset.maps.names import extract_name
 from tsbench.dataset.maps.netconvert import convert_to_plain
-from tsbench.dataset.maps.osm import extract_name
 from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import (
-    FASTEST_MPS,
     ParsedEdge,
     class_speeds,
     parse_edges,
@@ -30,9 +29,10 @@ from tsbench.dataset.maps.plain_xml import (
     parse_projection,
     parse_roundabouts,
 )
+from tsbench.dataset.maps.plausible import FASTEST_MPS
 from tsbench.dataset.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
-SCHEMA = 3
+SCHEMA = 4
 Ints = npt.NDArray[np.int64]
 
 
@@ -41,7 +41,8 @@ class SourceNetwork:
     """Nodes and directed car edges of one extract; metres in `frame`; all sorted by id.
 
     `node_xy` (n, 2); `tail`/`head` (m,) node rows; `points` (p, 2) with `first` (m + 1,) offsets per edge;
-    `osm_ids` per edge; `rings`: edge ids of each roundabout; `signals` (s, 2) places of traffic signals.
+    `osm_ids` per edge; `rings`: edge ids of each roundabout; `signals` (s, 2) places of traffic signals;
+    `notes`: what of the extract was not taken as it is.
     """
 
     name: str
@@ -63,6 +64,7 @@ class SourceNetwork:
     points: Floats
     rings: list[list[str]]
     signals: Floats
+    notes: list[str]
 
     @cached_property
     def node_row(self) -> dict[str, int]:
@@ -169,6 +171,7 @@ def _convert(extract: Path) -> SourceNetwork:
         points=np.concatenate([np.array(edge.line) for edge in edges]),
         rings=rings,
         signals=frame.to_metres(facts.signals[:, 0], facts.signals[:, 1]),
+        notes=list(facts.notes),
         **columns,
     )
 
@@ -202,6 +205,7 @@ def _write(source: SourceNetwork, path: Path) -> None:
         "node_xy": source.node_xy.tolist(),
         "rings": source.rings,
         "signals": source.signals.tolist(),
+        "notes": source.notes,
     }
     table = pa.table(columns).replace_schema_metadata({"tsbench": json.dumps(extra)})
     with replacing(path) as part:
@@ -226,5 +230,6 @@ def _read(path: Path) -> SourceNetwork:
         points=line.values.to_numpy().reshape(-1, 2),
         rings=extra["rings"],
         signals=np.array(extra["signals"], float).reshape(-1, 2),
+        notes=extra["notes"],
         **columns,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from tsbench.core.errors import InputError
@@ -20,8 +21,16 @@ from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 
-def build_city(types: tuple[str, ...], osm: Path, workers: int, progress: Progress) -> list[TypeReport]:
+def build_city(
+    types: tuple[str, ...],
+    osm: Path,
+    workers: int,
+    progress: Progress,
+    told: Callable[[str], None] = lambda _: None,
+) -> list[TypeReport]:
     """Build the data set of the city in use, of some types or () = all. Interrupted, it goes on where it was.
+
+    told: gets a line for each thing in the extracts that was not taken as it is.
 
     Raises InputError: an extract that is missing or another than the city's, or lies in another zone; no scenario.
     """
@@ -31,7 +40,8 @@ def build_city(types: tuple[str, ...], osm: Path, workers: int, progress: Progre
             f"{city.name} is the benchmark's own: tsbench maps harvest and tsbench scenarios build make its data set"
         )
     pool = made_pool()
-    harvest(osm, pool, pool.with_name("harvest.json"), workers, progress)
+    for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
+        told(note)
     reports = build_scenarios(BuildRequest(types, osm, dataset_root() / "scenarios", workers), progress)
     if not any(read_table(table_path(split)) for split in splits_there()):
         why = dict.fromkeys(c.why for c in carried(city, read_pool(pool), _recipes(types), build_report()))

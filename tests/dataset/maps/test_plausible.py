@@ -1,0 +1,115 @@
+"""Which numbers a road's tags may have, and what becomes of a road with others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from town import Town
+
+from tsbench.dataset.maps.netconvert import convert_extract
+from tsbench.dataset.maps.osm import read_extract
+from tsbench.dataset.maps.plausible import BOUNDS, SetAside, is_plausible, some
+from tsbench.dataset.maps.source import load_source
+from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.roads.network import read_network
+
+RESIDENTIAL_MPS = 11.11
+MERIDIAN = UtmFrame(37).meridian
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("maxspeed", "50"), ("maxspeed", "5"), ("maxspeed", "30 mph"), ("maxspeed", "90 mph"), ("maxspeed", "none"),
+        ("maxspeed", "RU:urban"), ("maxspeed", "DE:zone30"), ("maxspeed", "DE:30"), ("maxspeed", "walk"),
+        ("maxspeed", "50;30"), ("maxspeed", "fifty"), ("maxspeed", ""), ("maxspeed", "13.9 m/s"), ("lanes", "16"),
+        ("lanes", "1.5"), ("lanes", "two"), ("lanes", "2;3"), ("lanes:forward", "0"), ("width", "2.5"),
+        ("width", "7.5 m"), ("width", "230 cm"), ("width", "7'6\""), ("width:lanes", "3.5|3|2.75"),
+        ("maxspeed:hgv", "0"), ("lanes:psv", "0"), ("name", "5030"),
+    ],
+)  # fmt: skip
+def test_what_a_road_may_be(key: str, value: str) -> None:
+    assert is_plausible(key, value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("maxspeed", "0"), ("maxspeed", "-1"), ("maxspeed", "5030"), ("maxspeed", "1e4"), ("maxspeed", "inf"),
+        ("maxspeed", "nan"), ("maxspeed", "0xFFF"), ("maxspeed", "DE:5030"), ("maxspeed", "DE:zone300"),
+        ("maxspeed", "150 mph"), ("maxspeed", "5030 km/h"), ("maxspeed", "100 knots"), ("maxspeed", "50 m/s"),
+        ("maxspeed:forward", "0"), ("maxspeed:backward", "5030"), ("maxspeed:type", "5030"), ("lanes", "0"),
+        ("lanes", "40"), ("lanes", "-2"), ("lanes", "0;2"), ("lanes", "+40"), ("lanes:forward", "40"),
+        ("lanes:backward", "-3"), ("lanes:both_ways", "40"), ("width", "300"), ("width", "0"), ("width", " 300 m "),
+        ("width", "300 ft"), ("width:lanes", "3|300"), ("width:lanes:forward", "300"),
+    ],
+)  # fmt: skip
+def test_what_no_road_is(key: str, value: str) -> None:
+    assert not is_plausible(key, value)
+
+
+# By odd tag: the tags of a road, and lanes and speed of its edges (there, back) as if it were not tagged.
+ODD = {
+    "maxspeed=0": ({"maxspeed": "0"}, 1, 1),
+    "maxspeed=5030": ({"maxspeed": "5030"}, 1, 1),
+    "maxspeed:forward=0": ({"maxspeed:forward": "0"}, 1, 1),
+    "maxspeed:backward=5030": ({"maxspeed:backward": "5030"}, 1, 1),
+    "lanes=0": ({"lanes": "0"}, 1, 1),
+    "lanes=40": ({"lanes": "40"}, 1, 1),
+    "lanes=0;2": ({"lanes": "0;2"}, 1, 1),
+    "lanes:forward=40": ({"lanes": "4", "lanes:forward": "40"}, 2, 2),
+    "lanes:backward=-3": ({"lanes:backward": "-3"}, 1, 1),
+    "width=300": ({"width": "300"}, 1, 1),
+    "width:lanes:forward=300": ({"width:lanes:forward": "300"}, 1, 1),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_the_tag_is_set_aside_and_the_road_stays(odd: str, workplace: Path, tmp_path: Path) -> None:
+    town, (tags, there, back) = Town(), ODD[odd]
+    town.road([(0, 0), (300, 0)], "residential", **tags)
+    town.road([(0, 100), (300, 100)], "residential")
+    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
+    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    key, value = odd.split("=")
+    least, most, unit = BOUNDS[key]
+    assert facts.notes == (f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {value!r} of way 501",)
+    assert facts.roads == 2
+    lanes = [lane for lane in read_network(tmp_path / "town.net.xml").lanes if not lane.internal]
+    assert [sum(lane.edge == edge for lane in lanes) for edge in ("501", "-501")] == [there, back]
+    assert {lane.speed for lane in lanes} == {RESIDENTIAL_MPS}
+    assert {lane.width for lane in lanes} == {3.25}
+    source = load_source("town", tmp_path)
+    assert sorted(source.edge_ids) == ["-501", "-502", "501", "502"]
+    assert source.notes == list(facts.notes)
+
+
+def test_in_a_mirror_too(tmp_path: Path) -> None:
+    town = Town()
+    town.road([(0, 0), (300, 0)], "residential", maxspeed="5030", **{"sidewalk": "left"})
+    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
+    facts = read_extract(tmp_path / "town.osm", tmp_path / "image.osm", MERIDIAN)
+    image = (tmp_path / "image.osm").read_text()
+    assert "maxspeed" not in image
+    assert 'k="sidewalk" v="right"' in image
+    assert len(facts.notes) == 1
+
+
+def test_what_is_no_road_for_cars_keeps_its_numbers(tmp_path: Path) -> None:
+    town = Town()
+    town.road([(0, 0), (300, 0)], "residential")
+    town.ways.append((town.ways[0][0], {"railway": "rail", "maxspeed": "300"}))
+    town.ways.append((town.ways[0][0], {"waterway": "river", "width": "300"}))
+    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
+    assert read_extract(tmp_path / "town.osm", tmp_path / "plain.osm").notes == ()
+    assert (tmp_path / "plain.osm").read_text().count('v="300"') == 2
+
+
+def test_a_line_names_the_first_and_counts_the_others() -> None:
+    aside = SetAside()
+    assert aside.from_road(7, [("highway", "primary"), ("lanes", "2")]) is None
+    assert aside.from_road(8, [("highway", "primary"), ("lanes", "99")]) == {"highway": "primary"}
+    assert aside.lines() == ["the tag lanes set aside, not 1 to 16: '99' of way 8"]
+    assert some(["a", "b", "c"], 2) == "a, b and 1 more"
+    assert some(["a", "b"], 2) == "a, b"

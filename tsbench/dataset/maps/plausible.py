@@ -1,0 +1,86 @@
+"""What a road can be: the one place that says which numbers of OpenStreetMap's are slips of the pen."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+# Above this no country posts a limit; netconvert takes 142 km/h where there is none.
+FASTEST_KMH = 150.0
+FASTEST_MPS = FASTEST_KMH / 3.6
+# Outside these a width is no lane's: netconvert halves the lane of a two-way road tagged lanes=1.
+WIDTH_RANGE_M = (2.75, 4.5)
+_SPEED, _LANES, _ONE_WAY_LANES = (3.0, FASTEST_KMH, " km/h"), (1.0, 16.0, ""), (0.0, 16.0, "")
+_ROAD_WIDTH, _LANE_WIDTH = (1.0, 40.0, " m"), (1.0, 10.0, " m")
+# By tag that netconvert takes a number from: least, most, unit.
+BOUNDS = {
+    **dict.fromkeys(("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type"), _SPEED),
+    "lanes": _LANES,
+    **dict.fromkeys(("lanes:forward", "lanes:backward", "lanes:both_ways"), _ONE_WAY_LANES),
+    "width": _ROAD_WIDTH,
+    **dict.fromkeys(("width:lanes", "width:lanes:forward", "width:lanes:backward"), _LANE_WIDTH),
+}
+# What netconvert reads as a number: 50, DE:30, DE:zone30, 30 mph, 1e4, 0x50, inf.
+_NUMBER = re.compile(
+    r"(?:..:(?:zone:?)?|[A-Z]{2}(?:zone)?)?"
+    r"([+-]?(?:0x[0-9a-f]+|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|inf(?:inity)?|nan))\s*([a-z/]*)",
+    re.IGNORECASE,
+)
+# Its units, in km/h and in metres.
+_UNITS = {
+    **dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "m", "metre", "meter", "metres", "meters"), 1.0),
+    "mph": 1.609344, "knots": 1.852, "m/s": 3.6, "km": 1000.0, "ft": 0.3048, "cm": 0.01, "in": 0.0254,
+}  # fmt: skip
+
+
+def is_plausible(key: str, value: str) -> bool:
+    """May a road be tagged so? What is no number is not judged: netconvert does not take it, and says so."""
+    if key not in BOUNDS:
+        return True
+    least, most, _ = BOUNDS[key]
+    numbers = (_number(part) for part in re.split("[;|]", value))
+    return all(number is None or least <= number <= most for number in numbers)
+
+
+def _number(text: str) -> float | None:
+    """In km/h, lanes or metres; None for a text without a number or with an unknown unit, infinity for "nan"."""
+    found = _NUMBER.fullmatch(text.strip())
+    unit = _UNITS.get(found[2].lower()) if found else None
+    if found is None or unit is None:
+        return None
+    value = float(int(found[1], 16)) if "x" in found[1].lower() else float(found[1])
+    return math.inf if math.isnan(value) else value * unit
+
+
+@dataclass
+class SetAside:
+    """Tags of roads that are not believed: which they were."""
+
+    found: dict[str, list[str]] = field(default_factory=dict)
+
+    def from_road(self, way: int, tags: Iterable[tuple[str, str]]) -> dict[str, str] | None:
+        """The tags of a road without those that cannot be; None where all can."""
+        kept, lost = {}, False
+        for key, value in tags:
+            if is_plausible(key, value):
+                kept[key] = value
+            else:
+                lost = True
+                self.found.setdefault(key, []).append(f"{value!r:.40} of way {way}")
+        return kept if lost else None
+
+    def lines(self) -> list[str]:
+        """One line for each key."""
+        return [
+            f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {some(those)}"
+            for key, those in sorted(self.found.items())
+            for least, most, unit in (BOUNDS[key],)
+        ]
+
+
+def some(names: list[str], shown: int = 5) -> str:
+    """The first of them, and how many more."""
+    more = len(names) - shown
+    return ", ".join(names[:shown]) + (f" and {more:,} more" if more > 0 else "")

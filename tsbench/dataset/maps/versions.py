@@ -1,0 +1,145 @@
+"""Which objects of an extract count, and whether they stand in the order that netconvert needs.
+
+Files hold objects that are no more: versions in a history, `visible="false"`, `action="delete"` of an editor. And
+Overpass writes ways before their nodes, which netconvert then drops without a word.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import osmium
+from lxml import etree
+
+from tsbench.core.errors import InputError
+from tsbench.dataset.maps.names import CHANGES, ending_of, opened_xml
+from tsbench.dataset.maps.plausible import some
+
+_KINDS = ("node", "way", "relation")
+_ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
+_CHUNK, _TAIL = 1 << 20, 64
+# What only files of editors and of changes have; most files are not looked at any closer.
+_MARKS = re.compile(rb"""<osmChange[\s>]|\baction\s*=\s*["']delete["']""")
+
+
+def osm_file(path: Path) -> Any:
+    """The file for pyosmium, which itself knows endings in small letters only."""
+    kind, _, packed = ending_of(path.name).rpartition(".")
+    return osmium.io.File(str(path), f"osm.{packed}" if kind and packed in ("gz", "bz2") else packed)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?"""
+
+    path: Path
+    kind: npt.NDArray[np.int8]
+    counts: npt.NDArray[np.bool_]
+    lines: tuple[str, ...]
+
+    @property
+    def in_order(self) -> bool:
+        """Nodes before ways before relations, as netconvert reads them."""
+        return bool((np.diff(self.kind[self.counts]) >= 0).all())
+
+    @property
+    def as_they_are(self) -> bool:
+        return self.in_order and bool(self.counts.all())
+
+    def objects(self) -> Iterator[Any]:
+        """Those that count, nodes first, then ways, then relations; else in the order of the file."""
+        if self.in_order:
+            yield from self._those(osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION, self.counts)
+        else:
+            for kind, entity in enumerate(_ENTITIES):
+                yield from self._those(entity, self.counts[self.kind == kind])
+
+    def _those(self, entity: Any, counts: npt.NDArray[np.bool_]) -> Iterator[Any]:
+        found = osmium.FileProcessor(osm_file(self.path), entity)
+        for one, counting in zip(found, counts.tolist(), strict=True):
+            if counting:
+                yield one
+
+
+def contents_of(path: Path) -> Contents:
+    """Look an extract through. Raises InputError if it is no whole OSM file, or one of changes."""
+    kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
+    try:
+        for one in osmium.FileProcessor(
+            osm_file(path), osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION
+        ):
+            kinds.append(0 if one.is_node() else 1 if one.is_way() else 2)
+            ids.append(one.id)
+            versions.append(one.version)
+            there.append(one.visible)
+        marked = _marked_deleted(path)
+    except (RuntimeError, ValueError, OSError, EOFError, etree.XMLSyntaxError) as broken:
+        nodes, ways = kinds.count(0), kinds.count(1)
+        raise not_whole(path, broken, nodes, ways) from broken
+    kind, number, version = (np.array(one, np.int64) for one in (kinds, ids, versions))
+    visible = np.array(there, np.bool_)
+    visible[marked] = False
+    # The last of each group is its newest: of one version the one that stands later in the file.
+    order = np.lexsort((np.arange(len(kind)), version, number, kind))
+    same = (np.diff(kind[order]) == 0) & (np.diff(number[order]) == 0)
+    newest = np.zeros(len(kind), np.bool_)
+    newest[order[np.append(~same, True)] if len(order) else order] = True
+    gone = np.flatnonzero(newest & ~visible)
+    lines = []
+    if len(gone):
+        named = [f"{_KINDS[kind[row]]} {number[row]}" for row in gone.tolist()]
+        lines.append(f"left out what is deleted: {some(named)}")
+    if not newest.all():
+        lines.append(
+            f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
+        )
+    return Contents(path, kind.astype(np.int8), newest & visible, tuple(lines))
+
+
+def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputError:
+    """The line for a file that ends early or is something else."""
+    said = " ".join(str(broken).split())
+    return InputError(f"{path}: not a whole OSM file ({said}; after {nodes} nodes and {ways} ways)")
+
+
+def _marked_deleted(path: Path) -> list[int]:
+    """Numbers, in the file, of the objects that an editor marked as deleted: pyosmium does not read the mark."""
+    if ending_of(path.name).endswith("pbf") or not _has_marks(path):
+        return []
+    marked, count, depth = [], 0, 0
+    with opened_xml(path) as stream:
+        for event, element in etree.iterparse(
+            stream, events=("start", "end"), resolve_entities=False, no_network=True, huge_tree=True
+        ):
+            if event == "start":
+                if depth == 0 and element.tag == "osmChange":
+                    raise InputError(f"{path}: {CHANGES}")
+                if depth == 1 and element.tag in _KINDS:
+                    if element.get("action") == "delete":
+                        marked.append(count)
+                    count += 1
+                depth += 1
+            else:
+                depth -= 1
+                if depth == 1:
+                    element.clear()
+                    while element.getprevious() is not None:
+                        del element.getparent()[0]
+    return marked
+
+
+def _has_marks(path: Path) -> bool:
+    tail = b""
+    with opened_xml(path) as stream:
+        while chunk := stream.read(_CHUNK):
+            if _MARKS.search(tail + chunk):
+                return True
+            tail = chunk[-_TAIL:]
+    return False
