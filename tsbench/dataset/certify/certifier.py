@@ -25,7 +25,7 @@ from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import passed
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.scenarios.certificates import Certificate, bases
+from tsbench.scenarios.certificates import LEAST_BRAKE_MPS2, Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
@@ -165,7 +165,8 @@ class Certifier:
         self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
     ) -> tuple[float, float] | None:
         """When others first do something else in the contrast half, under a watching driver's commands of the signed
-        one, and the braking that would still stop it then; None where its front is 5 m before its line by then.
+        one, and the braking that would still stop it then; None where that is too late: its front is 5 m before its
+        line by then, or the braking is more than a certificate asks for.
         """
         scene, _ = self._loader.load(signed)
         approach = Approach(scene.network.lane(scene.start.lane))
@@ -173,7 +174,7 @@ class Certifier:
         facts, same = drive.result.facts, self._replay(drive, contrast).result.facts
         tick = None if facts is None or same is None else first_difference(facts, same)
         brake = None if tick is None else braking_if_early(approach, tick.ego)
-        return None if tick is None or brake is None else (tick.time, brake)
+        return None if tick is None or brake is None or brake >= LEAST_BRAKE_MPS2 else (tick.time, brake)
 
     def _planner(self, name: str) -> LoadedPlanner:
         if name not in self._loaded:
