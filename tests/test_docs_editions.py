@@ -1,4 +1,7 @@
-"""Which edition the figures of a page are of: a page with a contract names it, and older ones lie in the archive."""
+"""Which edition the figures of a page are of: a page with a contract names it, and older ones lie in the archive.
+
+While an edition is in preparation, figures are of the one before, which is in force.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ ARCHIVED = sorted(ARCHIVE.rglob("*.md"))
 _CONTRACT = re.compile(r"[Cc]ontract `([0-9a-f]{64})`")
 _FIRST_LINES = 6
 
-*OLDER, IN_FORCE = editions()
+*OLDER, IN_FORCE = [one for one in editions() if "in preparation" not in one.title]
 
 
 def hashes(name: str) -> set[str]:

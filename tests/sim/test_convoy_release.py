@@ -79,11 +79,27 @@ def test_a_long_lead_time_releases_at_once_and_only_then(cross: RoadNetwork) -> 
     assert told == [True, False, False]
 
 
-def test_an_ego_that_takes_another_way_does_not_hold_the_convoy_for_ever(cross: RoadNetwork) -> None:
-    release = ConvoyRelease(replace(PLAN, lead_time_s=0.0), cross)
-    assert not release.update(ego_at(cross, "s_in_0", 50.0, 8.0))
-    assert release.update(ego_at(cross, "w_in_0", 50.0, 8.0))
-    assert not release.update(ego_at(cross, "s_in_0", 130.0, 8.0))
+def test_who_leaves_its_lane_is_not_past_its_line(cross: RoadNetwork) -> None:
+    """Beside its lane, in the oncoming one or off all lanes, the ego is as far from its line as in it."""
+    release, length = ConvoyRelease(replace(PLAN, lead_time_s=0.0), cross), cross.lane("s_in_0").line.length
+    oncoming = ego_at(cross, "s_out_0", 55.0, 8.0)
+    aside = replace(ego_at(cross, "s_in_0", length - 55.0, 8.0, d=-3.0), lane=-1, s=0.0, d=0.0)
+    assert not release.update(oncoming)
+    assert not release.update(aside)
+    near = replace(ego_at(cross, "s_in_0", length - 10.0, 8.0, d=3.2), lane=cross.lane_index["s_out_0"])
+    assert release.update(near)
+    assert not release.update(near)
+
+
+def test_people_step_out_only_before_who_could_not_stop_any_more(cross: RoadNetwork) -> None:
+    """However long they need: not before the 5 m mark, or what 6 m/s2 would still do."""
+    plan = WalkersPlan("s_in_0", 1.0, 60.0, 13.89, 13.89, ("walker_0",), (1.2,))
+    length = cross.lane("s_in_0").line.length
+    for speed, latest in ((3.0, 5.0), (7.0, 5.0), (12.0, 12.0)):
+        release = ConvoyRelease(plan, cross)
+        for to_line in (30.0, latest + 0.1, latest - 0.1):
+            told = release.update(ego_at(cross, "s_in_0", length - to_line - EGO_LENGTH_M / 2, speed))
+            assert told == (to_line < latest), (speed, to_line)
 
 
 def test_people_are_let_go_nearer_than_vehicles(cross: RoadNetwork) -> None:

@@ -66,3 +66,8 @@ def test_who_has_priority() -> None:
 def test_what_is_needless() -> None:
     page = {row["needless"]: float(row["value"]) for row in table("contrast.md", "needless", "value")}
     assert page == dict(CATALOG.needless.thresholds)
+
+
+def test_what_is_the_wrong_way() -> None:
+    page = {row["wrong_way"]: float(row["value"]) for row in table("rules.md", "wrong_way", "value")}
+    assert page == dict(CATALOG.wrong_way.thresholds)

@@ -177,7 +177,8 @@ EPISODE_METRICS = (
     ),
     Metric(
         "wrong_way", bool, lambda e: bool(e.facts.wrong_way),
-        "an event of the [wrong way](rules.md#wrong-way): for more than 0.5 s in all against the direction of a lane",
+        "for more than 0.5 s in all on ordinary lanes whose direction is against its heading (more than 90 degrees "
+        "off), with no obstacle near: no pass, in either half",
     ),
     Metric("all_violations", int, lambda e: e.events, "events of all signs of the scene"),
 )  # fmt: skip

@@ -1,0 +1,149 @@
+"""Others at a junction: they wait for an ego that waits, and do not show what the plates say before it is there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from simworld import SceneMaker, motion_at, plate
+
+from tsbench.dataset.scenes.traffic import Car
+from tsbench.roads.destination import Destination
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
+from tsbench.sim.convoy import SHOWS_AT_M, Approach
+from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, JunctionTraffic, exchangeable
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene
+from tsbench.sim.scene_file import late_entries
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EgoState
+
+START = EgoStart("s_in_0", 80.0, 0.0)
+GIVE_WAY = {"approach": "s_in", "junction": "x", "main_in": "w_in e_in"}
+LATE = (Car("bg_000", 0, 1.3, ("n_in", "s_out"), 0, None), Car("bg_001", 0, 4.3, ("e_in", "w_out"), 0, None))
+CONVOY = ("w_in_0", (100.0, 88.0), ("w_in", "e_out"))
+
+
+def scene(made: SceneMaker, name: str, code: str = "2.4", cars: tuple[Car, ...] = LATE) -> Scene:
+    """The ego from the south, two cars on the main road, others who enter later."""
+    sign = plate(made.network, "s_in", 140.0, code, **(GIVE_WAY if code == "2.4" else {}))
+    plan = ConvoyPlan("s_in_0", 4.0, 60.0, 13.89, 5.0, ("convoy_0", "convoy_1"))
+    spec: ScenarioSpec = made.make(
+        name,
+        START,
+        Destination("n_out", 60.0),
+        ("s_in", "n_out"),
+        sign,
+        cars=cars,
+        convoy=plan,
+        convoy_at=CONVOY,
+    )
+    return SceneLoader(SceneFolder(made.root)).load(spec)[0]
+
+
+class Stage:
+    """The scene with an ego that stands wherever it is put."""
+
+    def __init__(self, sim: Simulation, scene: Scene) -> None:
+        self.sim, self.scene, self.network, self.ticks = sim, scene, scene.network, 0
+        self.line_m = scene.network.lane("s_in_0").line.length
+        self.traffic = JunctionTraffic(sim, scene)
+        sim.start_ego(motion_at(self.network, START.lane, START.s), "s_in", 0)
+        self.traffic.begin()
+        sim.step()
+
+    def stand(self, before_line: float, seconds: float) -> dict[str, tuple[str, float]]:
+        """The ego's front stands so far before its line for a while; where everybody is then."""
+        s = self.line_m - before_line - EGO_LENGTH_M / 2
+        m = motion_at(self.network, "s_in_0", s)
+        ego = EgoState(
+            m.x, m.y, m.heading, 0.0, 0.0, 0.0, 0.0, self.network.lane_index["s_in_0"], s, 0.0, True
+        )
+        for _ in range(round(seconds / DT_S)):
+            self.traffic.update(ego)
+            self.sim.place_ego(m, "s_in", 0)
+            self.sim.step()
+        return {name: (lane, place) for name, lane, place in self.sim.fleet()}
+
+
+def test_everybody_waits_for_who_stands_far_from_its_line(sim: Simulation, on_cross: SceneMaker) -> None:
+    stage = Stage(sim, scene(on_cross, "waits"))
+    there = stage.stand(20.0, 40.0)
+    lane, place = there["convoy_0"]
+    assert lane == "w_in_0"
+    assert place == pytest.approx(stage.network.lane("w_in_0").length - HOLD_BEFORE_LINE_M, abs=0.3)
+    assert there["convoy_1"][0] == "w_in_0"
+    assert there["convoy_1"][1] < place - 4.5
+    assert not {"bg_000", "bg_001"} & set(there)
+    assert stage.stand(SHOWS_AT_M + 0.2, 5.0).keys() == there.keys()
+    # At its line all is let go: who is first enters at once, the next one as much later as it would have.
+    there = stage.stand(SHOWS_AT_M - 0.2, 0.4)
+    assert "bg_000" in there
+    assert "bg_001" not in there
+    assert "bg_001" not in stage.stand(SHOWS_AT_M - 0.2, 2.5)
+    there = stage.stand(SHOWS_AT_M - 0.2, 0.6)
+    assert "bg_001" in there
+    assert there["convoy_0"][0] != "w_in_0"
+
+
+def test_who_is_early_meets_them_by_their_own_time(sim: Simulation, on_cross: SceneMaker) -> None:
+    stage = Stage(sim, scene(on_cross, "early"))
+    # SUMO's clock is two steps ahead.
+    there = stage.stand(SHOWS_AT_M - 0.2, 0.9)
+    assert "bg_000" not in there
+    assert "bg_000" in stage.stand(SHOWS_AT_M - 0.2, 0.5)
+    assert "bg_001" not in stage.stand(SHOWS_AT_M - 0.2, 2.5)
+    assert "bg_001" in stage.stand(SHOWS_AT_M - 0.2, 0.6)
+
+
+def test_the_convoy_brakes_gently_for_its_hold(sim: Simulation, on_cross: SceneMaker) -> None:
+    """Less than what the rule of giving way takes for forced."""
+    stage, before, hardest = Stage(sim, scene(on_cross, "gently")), 0.0, 0.0
+    for _ in range(400):
+        stage.stand(20.0, DT_S)
+        speed = sim.speeds("convoy_0")[0]
+        hardest, before = max(hardest, (before - speed) / DT_S), speed
+    assert before == 0.0
+    assert 1.0 < hardest < 2.5
+
+
+def test_where_plates_say_nothing_about_others_time_goes_on(sim: Simulation, on_cross: SceneMaker) -> None:
+    made = scene(on_cross, "no-entry", "3.1")
+    assert not exchangeable(made)
+    there = Stage(sim, made).stand(20.0, 6.0)
+    assert {"bg_000", "bg_001"} <= set(there)
+
+
+def test_both_halves_of_a_pair_are_held(on_cross: SceneMaker) -> None:
+    made = scene(on_cross, "halves")
+    assert exchangeable(made)
+    assert not exchangeable(replace(made, signs=(replace(made.target_sign, params=None),)))
+
+
+def test_late_entries_are_taken_out_and_all_else_stays(on_cross: SceneMaker) -> None:
+    made = scene(on_cross, "split")
+    content, late = late_entries(made.additional)
+    assert [(car.name, car.vtype, car.depart, car.edges, car.lane) for car in late] == [
+        (car.id, "bg0", car.depart, car.edges, car.lane) for car in LATE
+    ]
+    assert b"bg_00" not in content
+    assert content.count(b"<vehicle") == made.additional.content.count(b"<vehicle") - 2
+    nobody = scene(on_cross, "nobody", cars=())
+    assert late_entries(nobody.additional) == (nobody.additional.content, ())
+
+
+def test_the_station_does_not_depend_on_the_lane(on_cross: SceneMaker) -> None:
+    network = on_cross.network
+    lane = network.lane("s_in_0")
+    approach = Approach(lane)
+
+    def at(s: float, d: float, index: int = -1) -> float:
+        x, y = lane.line.point_at(0.0)
+        here = EgoState(x - d, y + s, lane.line.heading_at(0.0), 5.0, 0.0, 0.0, 0.0, index, 0.0, 0.0, True)
+        return approach.to_line(here)
+
+    length, half = lane.line.length, EGO_LENGTH_M / 2
+    for d in (0.0, 3.2, -3.0, 6.0):
+        for s in (-10.0, 0.0, 30.0, length - 1.0, length, length + 20.0):
+            assert at(s, d) == pytest.approx(length - s - half, abs=1e-6)
