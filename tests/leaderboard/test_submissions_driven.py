@@ -188,8 +188,9 @@ def test_other_weights_are_found(tmp_path: Path) -> None:
     description["sha256"] = sha256_of(weights)
     (tmp_path / "plant2-ft.json").write_text(json.dumps(description))
     forged = command("verify", out, "--sample", "2", "--seed", "1", "--workers", "1", expect=1)
-    # Its own text names no file of weights, so its code's hash is the same: what it drives betrays it.
-    assert "0 of 2 episodes as submitted" in forged
+    # Its own text names no file of weights, so its code's hash is the same: what it drives betrays it. One bit may
+    # leave an episode as it was.
+    assert "2 of 2 episodes as submitted" not in forged
     assert "digest is" in forged
     assert forged.splitlines()[-1] == "refuted"
 

@@ -57,11 +57,8 @@ def test_a_digest_is_of_everything_that_was_driven_and_of_no_name() -> None:
     assert episode_of({**row, "planner": "b"}, [{**event, "planner": "b"}]) == told
     assert episode_of({**row, "progress": 0.5 + 2**-52}, [event]).digest != told.digest
     assert episode_of(row, []).digest != told.digest
-    # Another sign's event is no failure; needless obedience is one.
+    # Another sign's event is no failure.
     assert episode_of(row, [{**event, "target": False}]).clauses == ()
-    assert episode_of(row, [{**event, "target": False, "clause": "needless_stop"}]).clauses == (
-        "needless_stop",
-    )
 
 
 def test_a_planner_is_named_where_there_are_several(make: Make) -> None:
