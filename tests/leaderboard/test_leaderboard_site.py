@@ -18,6 +18,7 @@ from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Episode, Submission
 from tsbench.leaderboard.verify import Difference, Verification
+from tsbench.run.edition import edition_now
 
 Make = Callable[..., Submission]
 
@@ -54,7 +55,7 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     assert order(page) == ["Expert", "idm"]
     assert "confirmed" in page
     assert "third-party" in page
-    assert "2026.2, dev split" in page
+    assert f"{edition_now()}, dev split" in page
     (own,) = set(out.glob("idm-*.html")) - set(out.glob("idm-e-*.html"))
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()
