@@ -23,7 +23,8 @@ class RewardSpec:
     overspeed: m/s above the limit. offset: m beside the route. lateral: m/s2 sideways. brake: m/s2 of braking.
     approach: 1/s, one over the time to collision with what is next on the route. infraction: reward of a collision, of
     leaving the road and of not arriving in time. progress: what the whole route is worth. violation: reward of each
-    violation of a sign's rule, needless: of each act of needless obedience; both are negative where they count.
+    violation of a sign's rule, and of driving the wrong way; needless: of each act of needless obedience; both are
+    negative where they count.
     """
 
     least: float = 0.4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -86,6 +87,13 @@ class TerminationCheck:
         return None if obstacle is None else Contact(snapshot.step, "obstacle", obstacle.id, True)
 
 
+def counted_against(
+    target: Verdict, needless: Iterable[Violation], wrong_way: Iterable[Violation]
+) -> tuple[Violation, ...]:
+    """What counts against SCD, in order of time: by the target's rule, needless obedience, wrong way."""
+    return tuple(sorted((*target.violations, *needless, *wrong_way), key=lambda event: event.start_s))
+
+
 @dataclass(frozen=True)
 class EpisodeFacts:
     """All that happened in one episode, the input of every per-episode metric.
@@ -109,9 +117,8 @@ class EpisodeFacts:
 
     @property
     def against(self) -> tuple[Violation, ...]:
-        """What counts against SCD, in order of time: by the target's rule, needless obedience, wrong way."""
-        events = (*self.target.violations, *self.needless, *self.wrong_way)
-        return tuple(sorted(events, key=lambda event: event.start_s))
+        """What counts against SCD, in order of time."""
+        return counted_against(self.target, self.needless, self.wrong_way)
 
     @property
     def obeyed(self) -> bool:

@@ -27,7 +27,7 @@ from tsbench.core.plain import from_plain
 from tsbench.core.text import one_line
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
-from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
+from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
 from tsbench.episode.perception import Told
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
@@ -85,9 +85,8 @@ class Trace:
 
     @property
     def events(self) -> list[Violation]:
-        """What counts against the episode, as in `EpisodeFacts.against`."""
-        events = (*self.target.violations, *self.needless, *self.wrong_way)
-        return sorted(events, key=lambda event: event.start_s)
+        """What counts against the episode, in order of time."""
+        return list(counted_against(self.target, self.needless, self.wrong_way))
 
     def routes(self, view: SealedRoads, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""

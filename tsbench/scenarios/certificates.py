@@ -18,11 +18,10 @@ from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
+from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
 SCHEMA_VERSION = 2
 DENSITY_TOLERANCE = 0.25
-# What others do differs so late that no car which came at its speed can change what it does.
-LEAST_BRAKE_MPS2 = 6.0
 # Times are sums of ticks.
 _TIME_TOLERANCE_S = 1e-6
 
@@ -88,7 +87,7 @@ class Certificate:
             return f"{self.passed_by} passes both halves"
         if self.blind_equal is False:
             return "the halves differ in more than what the plates say"
-        if self.brake_mps2 is not None and self.brake_mps2 < LEAST_BRAKE_MPS2:
+        if self.brake_mps2 is not None and self.brake_mps2 < LATE_BRAKE_MPS2:
             return f"who watches the others can still stop with {self.brake_mps2:.1f} m/s2"
         return ""
 

@@ -17,7 +17,7 @@ RELEASE_AT_M = 12.0
 WALKERS_AT_M = 3.0
 # Until the ego's front is so near to its line, nobody shows what the plates say.
 SHOWS_AT_M = 5.0
-# Pedestrians step out sooner only before an ego that could no longer stop at its line with this deceleration.
+# What others do may tell sooner only an ego that could no longer stop at its line with this deceleration.
 LATE_BRAKE_MPS2 = 6.0
 _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
@@ -82,21 +82,25 @@ class ConvoyRelease:
 
     def update(self, ego: EgoState) -> bool:
         """Is it time, and was it not before?"""
-        if not self._done:
-            self._done = self._is_time(ego, self.approach.to_line(ego))
-            return self._done
-        return False
+        return not self._done and self.update_at(self.approach.to_line(ego), ego.speed)
 
-    def _is_time(self, ego: EgoState, to_line: float) -> bool:
+    def update_at(self, to_line: float, speed: float) -> bool:
+        """The same for who knows the ego's station: its front's metres to the line."""
+        if self._done:
+            return False
+        self._done = self._is_time(to_line, speed)
+        return self._done
+
+    def _is_time(self, to_line: float, speed: float) -> bool:
         if self._until_past:
             # The ego's centre is behind the junction that the line leads into.
             return -to_line - EGO_LENGTH_M / 2 > self._through_m
         if to_line <= self._latest_m:
             return True
-        if self._walkers and to_line > max(SHOWS_AT_M, ego.speed * ego.speed / (2.0 * LATE_BRAKE_MPS2)):
+        if self._walkers and to_line > max(SHOWS_AT_M, speed * speed / (2.0 * LATE_BRAKE_MPS2)):
             return False
         plan = self.plan
         eta = predicted_arrival(
-            to_line, to_line + plan.ego_zone_m, ego.speed, plan.ego_cruise_mps, plan.ego_turn_mps
+            to_line, to_line + plan.ego_zone_m, speed, plan.ego_cruise_mps, plan.ego_turn_mps
         )
         return eta <= plan.ahead_s

@@ -36,12 +36,14 @@ class JunctionTraffic:
     """Loads a scene, holds and lets go. `begin` once the ego is there; then `update` before every step."""
 
     def __init__(self, sim: Simulation, scene: Scene) -> None:
-        self._sim, self._scene = sim, scene
+        self._sim = sim
         self._convoy = scene.convoy.vehicles if scene.convoy else ()
         self._release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
-        self._approach = Approach(scene.network.lane(scene.start.lane))
+        self._approach = (
+            self._release.approach if self._release else Approach(scene.network.lane(scene.start.lane))
+        )
         self._silent = exchangeable(scene)
-        self._comes = False
+        self._waits = self._release is not None
         self._late: tuple[LateEntry, ...] = ()
         content = scene.additional.content
         if self._silent:
@@ -57,15 +59,18 @@ class JunctionTraffic:
 
     def update(self, ego: EgoState) -> None:
         """Before a step: whom the ego's new place sets free."""
-        if self._release is not None and self._release.update(ego):
-            self._comes = True
+        if not (self._waits or self._silent):
+            return
+        to_line = self._approach.to_line(ego)
+        if self._release is not None and self._release.update_at(to_line, ego.speed):
+            self._waits = False
             for vehicle in self._convoy:
                 self._sim.release(vehicle, heeds_priority=not self._silent)
         if not self._silent:
             return
-        if self._approach.to_line(ego) <= SHOWS_AT_M:
+        if to_line <= SHOWS_AT_M:
             self._speak()
-        elif self._comes:
+        elif self._convoy and not self._waits:
             self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
 
     def _speak(self) -> None:

@@ -25,11 +25,11 @@ from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import passed
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.scenarios.certificates import LEAST_BRAKE_MPS2, Certificate, bases
+from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.convoy import Approach
+from tsbench.sim.convoy import LATE_BRAKE_MPS2, Approach
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
@@ -174,7 +174,7 @@ class Certifier:
         facts, same = drive.result.facts, self._replay(drive, contrast).result.facts
         tick = None if facts is None or same is None else first_difference(facts, same)
         brake = None if tick is None else braking_if_early(approach, tick.ego)
-        return None if tick is None or brake is None or brake >= LEAST_BRAKE_MPS2 else (tick.time, brake)
+        return None if tick is None or brake is None or brake >= LATE_BRAKE_MPS2 else (tick.time, brake)
 
     def _planner(self, name: str) -> LoadedPlanner:
         if name not in self._loaded:

@@ -12,6 +12,7 @@ from typing import IO
 
 from lxml import etree
 
+from tsbench.dataset.maps.names import opened_xml
 from tsbench.dataset.maps.plausible import WIDTH_RANGE_M
 
 DEFAULT_WIDTH_M = 3.25
@@ -93,7 +94,7 @@ def origins_and_junctions(built: Iterable[Path]) -> tuple[set[int], dict[int, st
     ways: set[int] = set()
     junctions: dict[int, str] = {}
     for path in built:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+        with opened_xml(path) as stream:
             for element in _elements(stream, ("param", "node", "junction")):
                 if element.tag != "param":
                     name = element.get("id", "")
