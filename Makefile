@@ -37,7 +37,7 @@ RESULTS := runs/results-$(VARIANTS)
 PAGES := $(if $(filter all,$(VARIANTS)),,docs/results.md docs/floor.md README.md)
 BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
 PLANNERS := $(BASES) $(addsuffix -e,$(BASES))
-BLIND := blind coin plant2-blind
+BLIND := blind coin codes plant2-blind
 LAWLESS := tsbench.dataset.certify.lawless:Lawless
 BARE := $(addprefix tsbench.planners.plant2.ablations:,WithoutHalts WithoutMemory)
 SECOND := plant2-ft-seed1
@@ -124,7 +124,7 @@ $(METADRIVE):
 # VARIANTS=all: on all test scenes, without networks, into docs/floor-all.md. Goes on where it was stopped.
 FLOOR := runs/floor-$(VARIANTS)
 floor: setup
-	$(BIN)/tsbench run $(call asked,blind coin idm idm-s1 $(LAWLESS) idm-e $(if $(filter all,$(VARIANTS)),,plant2-blind plant2-ft)) \
+	$(BIN)/tsbench run $(call asked,blind coin codes idm idm-s1 $(LAWLESS) idm-e $(if $(filter all,$(VARIANTS)),,plant2-blind plant2-ft)) \
 		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
 	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
 	$(BIN)/tsbench analyse pages docs/floor$(if $(filter all,$(VARIANTS)),-all).md --from $(FLOOR)/analyses

@@ -116,7 +116,7 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "blind", "careful", "carl", "carl-e", "coin", "commonroad-reactive",
+        "blind", "careful", "carl", "carl-e", "codes", "coin", "commonroad-reactive",
         "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
         "idm-s4", "idm-s4-e", "metadrive-ppo", "pdm", "plant2", "plant2-blind", "plant2-e", "plant2-ft",
         "plant2-ft-seed1", "ppo", "ppo-e", "reader",
@@ -171,7 +171,7 @@ def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.M
             "zzzz",
             [
                 "no such planner",
-                "registered are blind, careful, carl, carl-e, coin, commonroad-reactive, idm,",
+                "registered are blind, careful, carl, carl-e, codes, coin, commonroad-reactive, idm,",
             ],
         ),
         ("no_such_package.thing:Class", ["there is no module no_such_package"]),

@@ -210,6 +210,16 @@ def _recipe(
     return recipe, _train_rows(types)
 
 
+@train.command(short_help="Count which plates stand in which half of train's pairs.")
+@options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
+def codes(out: Path) -> None:
+    """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
+    from tsbench.learn.codes import count, write_counts
+
+    write_counts(count(_train_rows(())), out)
+    click.echo(out)
+
+
 # Of `Skill`, with heads that leave 80 columns for the types' names.
 _SHARES = {
     "arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad", "timeout": "time-\nout",

@@ -25,6 +25,7 @@ BLIND, COIN = (
     )
     for name in ("Blind", "Coin")
 )
+CODES = PlannerEntry("tsbench.planners.floor.codes:Codes", "floor", chooses_route=True, floor=True)
 PLANT2_BLIND = learned(
     "plant2-blind", "tsbench.planners.plant2.planner_blind:Plant2Blind", chooses_route=True, floor=True
 )

@@ -33,10 +33,10 @@ def road(sign: SignView | None, start: float = 50.0 * KMH, bodies: tuple[Body, .
 
 def test_floors_are_flagged_and_lead_nobody() -> None:
     floors = [name for name in registry.names() if registry.entry(name).floor]
-    assert floors == ["blind", "coin", "plant2-blind"]
+    assert floors == ["blind", "codes", "coin", "plant2-blind"]
     for name in floors:
         loaded = registry.resolve(name)
-        assert (loaded.floor, loaded.privileged, loaded.sign_access) == (True, False, False)
+        assert (loaded.floor, loaded.privileged, loaded.sign_access) == (True, False, name == "codes")
 
 
 class Witnessed(Blind):

@@ -1,0 +1,89 @@
+"""`codes`: whose way plates call for, what it is not told apart by, and that its counts are those of the scenes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from planner_loop import World, load
+
+from tsbench.learn.codes import count, write_counts
+from tsbench.planners.base import Control, Observation, SignView
+from tsbench.planners.floor.blind import Blind
+from tsbench.planners.floor.codes import Codes, Plate, counts, read_counts, signed_odds
+from tsbench.planners.idm import Idm
+from tsbench.roads.destination import Destination
+from tsbench.scenarios.table import read_table, table_path
+
+KMH = 1.0 / 3.6
+COUNTED: dict[Plate, tuple[int, int]] = {("2.5", None): (9, 0), ("2.1", None): (4, 4), ("3.24", 70.0): (0, 9)}
+
+
+def road(*plates: SignView) -> World:
+    """The long road, the ego 50 m along it at 50 km/h, its destination at 300 m."""
+    return World(load("long"), "ab_0", 50.0, 50.0 * KMH, Destination("ab", 300.0), [], signs=plates)
+
+
+def plate(code: str, value: float | None, x: float = 130.0) -> SignView:
+    return SignView(code, value, x, -6.0, 0.0, "ab", 0, x, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("plates", "odds"),
+    [
+        ([], 0.0),
+        ([("2.1", None)], 0.0),
+        ([("2.5", None)], 2.302585),
+        ([("2.5", None), ("2.5", None)], 2.302585),
+        ([("3.24", 70.0)], -2.302585),
+        ([("2.5", None), ("3.24", 70.0)], 0.0),
+        ([("3.24", 60.0)], 0.0),
+    ],
+)
+def test_plates_in_sight_vote(plates: list[Plate], odds: float) -> None:
+    """Each kind of plate once; one that no half has says nothing."""
+    assert signed_odds(plates, COUNTED) == pytest.approx(odds)
+
+
+def test_it_drives_as_blind_or_as_idm() -> None:
+    """A limit that stands in signed halves makes it slow, one of contrast halves does not; a post says nothing."""
+    low, high = plate("5.21", 20.0), plate("5.31", 70.0)
+    slow, fast = (road(low).run(d, 8.0).controls for d in (Blind(), Idm()))
+    assert slow != fast
+    assert road(low).run(Codes(), 8.0).controls == slow
+    assert road(high).run(Codes(), 8.0).controls == fast
+    assert road(high.masked()).run(Codes(), 8.0).controls == slow
+
+
+def test_where_a_plate_stands_is_nothing_to_it() -> None:
+    """The same plates on each other's posts: the same drive."""
+    drives = [
+        road(plate(*a, 130.0), plate(*b, 145.0)).run(Codes(), 8.0).controls
+        for a, b in ((("5.21", 20.0), ("5.31", 70.0)), (("5.31", 70.0), ("5.21", 20.0)))
+    ]
+    assert drives[0] == drives[1]
+
+
+class Later(Codes):
+    """Reads another plate from 0.5 s on."""
+
+    def act(self, observation: Observation) -> Control:
+        late = observation.time > 0.5
+        return super().act(replace(observation, signs=(plate("5.21", 20.0),)) if late else observation)
+
+
+def test_the_first_plates_in_sight_decide() -> None:
+    high = plate("5.31", 70.0)
+    assert road(high).run(Later(), 8.0).controls == road(high).run(Codes(), 8.0).controls
+
+
+def test_counts_are_those_of_the_scenes(tmp_path: Path) -> None:
+    """By codes that stand in scenes of the priority types alone; what is written is read again."""
+    rows = [row for row in read_table(table_path("train")) if row.pair_type in ("stop", "secondary_road")]
+    found = count(rows)
+    own = [plate for plate in found if plate[0].startswith(("2.3.", "2.5"))]
+    assert {plate: found[plate] for plate in own} == {plate: counts()[plate] for plate in own}
+    assert len(own) == 4
+    write_counts(found, tmp_path / "codes.csv")
+    assert read_counts(tmp_path / "codes.csv") == found
