@@ -33,12 +33,15 @@ def test_a_zone_is_kept_to_on_every_edge(
     code: str, end: str, limit: float, base: Callable[[], Planner]
 ) -> None:
     network = load("corridor")
-    plate = SignView(end, limit, 0.0, 0.0, 0.0, "bd", -1, 40.0, 10.0)
+    # Of the two end plates the first ends a zone that is over already.
+    ends = tuple(
+        SignView(end, limit, 0.0, 0.0, 0.0, *at, 10.0) for at in (("ab", -1, 60.0), ("bd", -1, 40.0))
+    )
     rule = target_plate(code, "ab", limit, 150.0, "ab bd")
 
     def drive(planner: Planner) -> World:
         return World(
-            network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=(plate,), target=rule
+            network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=ends, target=rule
         ).run(planner, 90.0)  # fmt: skip
 
     obedient, blind = drive(Expert(base())), drive(Idm())

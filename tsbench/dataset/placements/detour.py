@@ -47,9 +47,9 @@ class DetourPlacement(Placement):
         ahead = recipe.number("ego_before_obstacle_m")
         length_m = lane.line.length
         latest = length_m - recipe.number("least_after_m") - length
-        near = min(
-            float(task.rng.uniform(0.0, recipe.number("jitter_m"))) + ahead + 1.5 * EGO_LENGTH_M, latest
-        )
+        front = EGO_LENGTH_M + recipe.number("start_room_m")
+        front += float(task.rng.uniform(0.0, recipe.number("jitter_m")))
+        near = min(front + ahead + 0.5 * EGO_LENGTH_M, latest)
         start_s = near - ahead - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"the corridor is {length_m:.0f} m long")
         middle = near + length / 2

@@ -1,63 +1,202 @@
-"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/spec/contrast.md."""
+"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/spec/contrast.md.
+
+Units: m.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
+import numpy as np
+
+from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import ScenarioType, load_catalog
+from tsbench.sim.world import EGO_LENGTH_M
 
 # Room before an arm's line and behind its start, and from post to post.
 _CLEAR_M = 15.0
 _APART_M = 8.0
 _OFF_M = 0.5
+# Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
+_BEHIND_M = 2.0
+# Places that are tried on each edge.
+_TRIES = 4
+# How often a limit that is over stands behind the ego, and not the plate of an obstacle.
+_LIMITS_SHARE = 0.6
+
+_Plate = tuple[str, float | None]
+
+
+def with_same_plates(
+    task: SceneTask, signed: Arrangement, contrast: Arrangement
+) -> tuple[Arrangement, Arrangement]:
+    """Both halves with posts more, so that they have the same plates: only where each stands differs.
+
+    What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
+    ego's start: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
+    it; on a one-way road behind the ego, if it is over there: its end plate follows, or it is of an obstacle. Where
+    there is no room for all, the rest stay different.
+    """
+    ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
+    swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
+    edges = _leading_away(task, signed) if task.row.family == "junction" else _leading_to(task, signed)
+    posts = _posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
+    if len(posts) < len(swaps) and _may_be_over(swaps[-1][0][0]):
+        posts = _behind(task, signed, len(swaps))
+    if len(posts) < len(swaps) and _ends(swaps[-1][0][0]):
+        posts = []
+    # In the direction of traffic: a zone begins before it ends.
+    posts.sort(key=lambda post: (post.edge, post.position_m))
+
+    def half(k: int) -> tuple[SignInstance, ...]:
+        pairs = zip(posts, swaps, strict=False)
+        return tuple(replace(post, code=plates[k][0], value=plates[k][1]) for post, plates in pairs)
+
+    return replace(signed, signs=(*signed.signs, *half(0))), replace(
+        contrast, signs=(*contrast.signs, *half(1))
+    )
 
 
 def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has room for, of codes that are not the scene's.
 
     They face who comes towards the ego, or on roads that lead to its way from the side; the ego drives none of these.
+    On a one-way road they stand behind the ego, and are over: a limit and its end, an obstacle that is passed.
     """
-    catalog = load_catalog()
-    taken = {s.code for s in arrangement.signs}
-    codes = [c for kind in catalog.types for c in kind.codes if c not in taken and kind.group != "priority"]
-    places = list(_places(task, arrangement))
-    rng, found = task.rng, list(arrangement.signs)
-    for k in task.rng.permutation(len(places)):
-        if len(found) - len(arrangement.signs) >= task.variant.distractors:
+    wanted, taken = task.variant.distractors, {s.code for s in arrangement.signs}
+    kinds = [
+        kind for kind in load_catalog().types if kind.group != "priority" and taken.isdisjoint(kind.codes)
+    ]
+    posts = _posts(task, arrangement, _leading_to(task, arrangement), wanted, math.inf)
+    if posts or task.row.family != "corridor":
+        codes = [code for kind in kinds for code in kind.codes]
+        return tuple(_bearing(post, _drawn(codes, task), task) for post in posts)
+    return _over(task, kinds, _behind(task, arrangement, wanted))
+
+
+def _over(
+    task: SceneTask, kinds: Sequence[ScenarioType], posts: Sequence[SignInstance]
+) -> tuple[SignInstance, ...]:
+    """The posts with plates that no longer hold behind them: limits with their ends, and plates of obstacles."""
+    limits = [(kind.codes[0], kind.end_codes[0]) for kind in kinds if kind.end_codes]
+    passed = [code for kind in kinds for code in kind.codes if _at_obstacle(code)]
+    found: list[SignInstance] = []
+    for post in posts:
+        if found and found[-1].code in dict(limits):
+            found.append(replace(post, code=dict(limits)[found[-1].code], value=found[-1].value))
+        elif limits and post is not posts[-1] and task.rng.random() < _LIMITS_SHARE:
+            found.append(_bearing(post, _drawn([code for code, _ in limits], task), task))
+        elif passed:
+            found.append(_bearing(post, _drawn(passed, task), task))
+    return tuple(found)
+
+
+def _drawn(codes: Sequence[str], task: SceneTask) -> str:
+    return codes[int(task.rng.integers(len(codes)))]
+
+
+def _bearing(post: SignInstance, code: str, task: SceneTask) -> SignInstance:
+    """The post with a plate, whose value is drawn from those that the sign may post."""
+    value = load_catalog().sign(code).value
+    posted = None if value is None else float(value.allowed[int(task.rng.integers(len(value.allowed)))])
+    return replace(post, code=code, value=posted)
+
+
+def _ends(code: str) -> bool:
+    return load_catalog().sign(code).is_end
+
+
+def _may_be_over(code: str) -> bool:
+    """Does the plate end another, or hold for the place where it stands and no farther?"""
+    return _ends(code) or _at_obstacle(code)
+
+
+def _at_obstacle(code: str) -> bool:
+    return load_catalog().sign(code).rule.name == "detour"
+
+
+def _in_order(plates: Counter[_Plate]) -> list[_Plate]:
+    return sorted(plates.elements(), key=lambda plate: (plate[0], plate[1] or 0.0))
+
+
+def _posts(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int, within_m: float
+) -> list[SignInstance]:
+    """Up to `count` posts beside edges, spread over them, near the ego's start and apart from all others."""
+    found: list[SignInstance] = []
+    start = task.network.lane(arrangement.start.lane).line.point_at(arrangement.start.s)
+    order = [edges[int(k)] for k in task.rng.permutation(len(edges))]
+    for edge in order * _TRIES:
+        if len(found) == count:
             break
-        edge, s = places[int(k)]
-        code = codes[int(rng.integers(len(codes)))]
-        value = catalog.sign(code).value
-        shown = None if value is None else float(value.allowed[int(rng.integers(len(value.allowed)))])
-        plate = plate_beside(
-            task.network, code, edge, s, number=100 + len(found), role=DISTRACTOR, value=shown
+        line = task.network.edge_lanes(edge)[0].line
+        post = _post(
+            task, arrangement, edge, float(task.rng.uniform(_CLEAR_M, line.length - _CLEAR_M)), len(found)
         )
         # In a bend the post may stand beside another place of its road than it is meant for.
-        line = task.network.edge_lanes(edge)[0].line
-        if abs(line.project(plate.x, plate.y)[0] - s) < _OFF_M and all(
-            (plate.x - p.x) ** 2 + (plate.y - p.y) ** 2 > _APART_M**2 for p in found
-        ):
-            found.append(plate)
-    return tuple(found[len(arrangement.signs) :])
+        on_its_place = abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
+        near = math.dist(start, (post.x, post.y)) < within_m
+        others = (*arrangement.signs, *found)
+        if on_its_place and near and all(math.dist((post.x, post.y), (p.x, p.y)) > _APART_M for p in others):
+            found.append(post)
+    return found
 
 
-def _places(task: SceneTask, arrangement: Arrangement) -> Iterator[tuple[str, float]]:
-    """(edge, m along it) where a plate faces somebody else: edges with cars that are on none of the ego's ways."""
-    network, graph = task.network, task.graph
-    ways = {*arrangement.route_hint, *arrangement.compliant_hint}
-    near = {n for e in arrangement.route_hint[:2] for n in (network.edges[e].source, network.edges[e].target)}
-    for name in sorted(network.edges):
-        edge = network.edges[name]
-        if edge.internal or name in ways or not passenger_lanes(network, name):
-            continue
-        length = network.edge_lanes(name)[0].line.length
-        towards = edge.target in near and graph.successors(name)
-        back = edge.source in near and (edge.target, edge.source) in _ends(task, ways)
-        if (towards or back) and length > 2.0 * _CLEAR_M:
-            yield name, float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
+def _behind(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:
+    """Up to `count` posts on the ego's own road that it has passed before its start, apart from all others."""
+    edge = task.network.lane(arrangement.start.lane).edge
+    rear = arrangement.start.s - EGO_LENGTH_M / 2
+    posts = [
+        _post(task, arrangement, edge, s, 0)
+        for s in np.arange(_BEHIND_M, rear - _BEHIND_M, _APART_M).tolist()
+    ]
+    free = [p for p in posts if all(math.dist((p.x, p.y), (q.x, q.y)) >= _APART_M for q in arrangement.signs)]
+    chosen = sorted(task.rng.permutation(len(free))[:count].tolist())
+    return [_post(task, arrangement, edge, free[n].position_m, k) for k, n in enumerate(chosen)]
 
 
-def _ends(task: SceneTask, ways: set[str]) -> set[tuple[str, str]]:
-    return {(task.network.edges[e].source, task.network.edges[e].target) for e in ways}
+def _post(task: SceneTask, arrangement: Arrangement, edge: str, s: float, k: int) -> SignInstance:
+    """The k-th post beyond those of an arrangement, its plate not yet chosen."""
+    number, code = len(arrangement.signs) + k, arrangement.signs[0].code
+    return plate_beside(task.network, code, edge, s, number=number, role=DISTRACTOR)
+
+
+def _leading_to(task: SceneTask, arrangement: Arrangement) -> list[str]:
+    """Edges with cars, on none of the ego's ways, that lead to it from the side or run against it."""
+    edges, graph = task.network.edges, task.graph
+    near = {n for e in arrangement.route_hint for n in (edges[e].source, edges[e].target)}
+    ends = {(edges[e].source, edges[e].target) for e in _ways(arrangement)}
+
+    def leads(name: str) -> bool:
+        against = edges[name].source in near and (edges[name].target, edges[name].source) in ends
+        return against or (edges[name].target in near and bool(graph.successors(name)))
+
+    # A corridor has no roads but its own two directions, a ring none but its arms.
+    if task.row.family in ("corridor", "roundabout"):
+        return list(_others(task, arrangement))
+    return [name for name in _others(task, arrangement) if leads(name)]
+
+
+def _leading_away(task: SceneTask, arrangement: Arrangement) -> list[str]:
+    """Edges with cars, on none of the ego's ways, by which others leave the first junction."""
+    edges = task.network.edges
+    junction = edges[arrangement.route_hint[0]].target
+    return [name for name in _others(task, arrangement) if edges[name].source == junction]
+
+
+def _ways(arrangement: Arrangement) -> set[str]:
+    return {*arrangement.route_hint, *arrangement.compliant_hint}
+
+
+def _others(task: SceneTask, arrangement: Arrangement) -> Iterator[str]:
+    """Edges with cars that have room for a post, in a fixed order, but those of the ego's ways."""
+    network, ways = task.network, _ways(arrangement)
+    for name in sorted(network.edges.keys() - ways):
+        long_enough = network.edge_lanes(name)[0].line.length > 2.0 * _CLEAR_M
+        if long_enough and not network.edges[name].internal and passenger_lanes(network, name):
+            yield name

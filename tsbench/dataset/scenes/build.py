@@ -147,10 +147,16 @@ class TypeBuilder:
 
     def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
         """Maps of the split that the recipe's family takes, in the order in which they are tried."""
-        name = self.recipe.type.id
+        name, last = self.recipe.type.id, self.recipe.two_way_first
         usable = [r for r in rows if r.family == self.recipe.type.family and self.split_of[r.map_id] == split]
         return sorted(
-            usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id)
+            usable,
+            key=lambda r: (
+                last and r.oneway,
+                not r.well_tagged,
+                seed_of("candidate", name, r.map_id),
+                r.map_id,
+            ),
         )
 
     def fill(

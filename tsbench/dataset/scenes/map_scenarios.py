@@ -14,7 +14,7 @@ from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
-from tsbench.dataset.placements.distractors import distractors
+from tsbench.dataset.placements.distractors import distractors, with_same_plates
 from tsbench.dataset.placements.registry import placement_of
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
@@ -190,16 +190,18 @@ class SiteBuilder:
             return self._row(row, roads[half], variant, split, seed, a, files), others
 
         there = task(SIGNED)
-        signed = self.placement.place(there)
-        others_plates = distractors(there, signed)
-        spec, others = write(SIGNED, _with_plates(signed, others_plates), None)
-        if not self.recipe.paired:
+        signed, contrast = self.placement.place(there), None
+        if recipe.paired:
+            contrast = self.placement.contrast(task(CONTRAST), signed)
+            if contrast is None:
+                raise UnfitMapError("there is no contrast half")
+            signed, contrast = with_same_plates(there, signed, contrast)
+        more = distractors(there, signed)
+        spec, others = write(SIGNED, _with_plates(signed, more), None)
+        if contrast is None:
             return _Drawn((spec,), others.density)
-        a = self.placement.contrast(task(CONTRAST), signed)
-        if a is None:
-            raise UnfitMapError("there is no contrast half")
         spec = replace(spec, pair_id=spec.scenario_id)
-        other, _ = write(CONTRAST, _with_plates(a, others_plates), others)
+        other, _ = write(CONTRAST, _with_plates(contrast, more), others)
         other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
         return _Drawn((spec, other), others.density)
 

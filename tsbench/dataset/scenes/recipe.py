@@ -15,7 +15,8 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
-_MAY = {"tempted", "breaker", "paired"}
+_FLAGS = ("paired", "two_way_first")
+_MAY = {"tempted", "breaker", *_FLAGS}
 # Least and most of a number, and its unit, by the end of its name; what has none of these ends is a count.
 _RANGES = {
     "_m": (0.0, 1000.0, "m"), "_mps": (0.1, 60.0, "m/s"), "_kmh": (1.0, 200.0, "km/h"), "_mps2": (0.1, 10.0, "m/s2"),
@@ -48,6 +49,7 @@ class Recipe:
     as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
     (docs/spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody;
     asked for where traffic often ends that driver's episode first. paired: have its rows a contrast half?
+    two_way_first: are maps of roads with two directions tried before others?
     """
 
     type: ScenarioType
@@ -59,6 +61,7 @@ class Recipe:
     tempted: str = "idm"
     breaker: str = ""
     paired: bool = False
+    two_way_first: bool = False
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -81,9 +84,10 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     for key in ("maps", "numbers", "choices"):
         if not isinstance(data[key], dict) or not all(isinstance(name, str) for name in data[key]):
             raise InputError(f"{path}: {key}: must be a mapping of names")
-    if not isinstance(data.get("paired", False), bool):
-        raise InputError(f"{path}: paired: must be true or false, not {data['paired']!r:.80}")
-    for key in ("placement", *(_MAY - {"paired"} & set(data))):
+    for key in _FLAGS:
+        if not isinstance(data.get(key, False), bool):
+            raise InputError(f"{path}: {key}: must be true or false, not {data[key]!r:.80}")
+    for key in ("placement", *(_MAY - set(_FLAGS) & set(data))):
         if not isinstance(data[key], str):
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["schema"] != SCHEMA_VERSION or data["type"] != type_id:
@@ -117,6 +121,7 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         tempted=str(data.get("tempted", "idm")),
         breaker=str(data.get("breaker", "")),
         paired=data.get("paired", False),
+        two_way_first=data.get("two_way_first", False),
     )
 
 

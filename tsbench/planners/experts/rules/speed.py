@@ -31,6 +31,8 @@ class SpeedConstraint(RuleConstraint):
         self._path: RoutePath | None = None
         self._line_s = math.inf
         self._inside = self._over = False
+        # End plates before the zone end another one.
+        self._earlier: frozenset[tuple[str, float]] = frozenset()
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         """Before the zone what it takes to be slow in time, inside it the limit, behind it nothing."""
@@ -40,17 +42,22 @@ class SpeedConstraint(RuleConstraint):
             self._path = route.path
             self._line_s = line_place(self._roads, route.path, *self._plate)
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
-        self._inside = self._inside or front >= self._line_s
-        if not self._inside:
+        passed = self._passed_ends(observation, front)
+        if not self._inside and front < self._line_s:
+            self._earlier = passed
             return -math.inf, slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
-        self._over = self._passed_end(observation, front)
+        self._inside, self._over = True, bool(passed - self._earlier)
         return -math.inf, slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
 
-    def _passed_end(self, observation: Observation, front: float) -> bool:
-        ends = [s for s in observation.signs if s.code in self._ended_by]
+    def _passed_ends(self, observation: Observation, front: float) -> frozenset[tuple[str, float]]:
+        """Where end plates of the kind stand that the front has passed."""
         path = observation.route.path
-        places = (line_place(self._roads, path, s.edge, s.position_m) for s in ends)
-        return any(place + _EARLY_M < front for place in places)
+        return frozenset(
+            (s.edge, s.position_m)
+            for s in observation.signs
+            if s.code in self._ended_by
+            and line_place(self._roads, path, s.edge, s.position_m) + _EARLY_M < front
+        )
 
 
 def line_place(roads: RoadMap, path: RoutePath, edge: str, position: float) -> float:

@@ -1,0 +1,112 @@
+"""Posts that bind nobody who is watched: the same plates in both halves of a pair, and what stands there besides."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from pool_builders import corridor, crossroads
+from simworld import FAST, cross_plain, road_plain, simulation
+
+from tsbench.core.benchmark import SIGN_RANGE_M
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.scenes import map_scenarios as site_module
+from tsbench.dataset.scenes.map_scenarios import SiteBuilder
+from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene import Scene
+
+
+def two_way() -> tuple[PoolRow, PlainNet]:
+    """240 m of road with two lanes in each direction."""
+    there = ((0.0, 0.0), (240.0, 0.0))
+    a, b = (PlainNode(name, *at) for name, at in zip("ab", there, strict=True))
+    kind = {"num_lanes": 2, "speed": FAST, "priority": 9, "type": "highway.secondary"}
+    edges = (
+        PlainEdge("road", "a", "b", shape=there, **kind),
+        PlainEdge("back", "b", "a", shape=there[::-1], **kind),
+    )
+    return corridor(speed=FAST, length=240.0, lanes=2, oneway=False, opposite="back"), PlainNet(
+        (a, b), edges, ()
+    )
+
+
+CROSS = (crossroads(), cross_plain())
+ONE_WAY = (corridor(speed=FAST, length=240.0), road_plain(240.0, speed=FAST))
+LONG = (corridor(speed=FAST), road_plain(speed=FAST))
+MAPS = {
+    **dict.fromkeys(("yield", "stop", "secondary_road", "main_road", "blocked_road"), CROSS),
+    **dict.fromkeys(("speed_limit", "min_speed", "crosswalk"), two_way()),
+    **dict.fromkeys(("zone_speed_limit", "residential_zone"), ONE_WAY),
+    **dict.fromkeys(("detour_left", "detour_right", "bus_lane", "bike_lane"), LONG),
+}
+
+
+def scenes_of(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scene]:
+    """The scenes of a map's ten variants, signed and contrast in turn."""
+    row, crop = made
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(site_module, "plain_crop", lambda *_: crop)
+        builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
+        site = builder.build(row, None, "train")  # type: ignore[arg-type]
+    assert site.reason == ""
+    loader = SceneLoader(SceneFolder(root))
+    return [loader.load(spec)[0] for spec in site.rows]
+
+
+def plates(scene: Scene) -> list[tuple[str, float]]:
+    return sorted((sign.code, sign.value or 0.0) for sign in scene.signs)
+
+
+def posts(scene: Scene) -> list[tuple[float, float, float]]:
+    return [(sign.x, sign.y, sign.heading) for sign in scene.signs]
+
+
+def behind(scene: Scene) -> list[SignInstance]:
+    """Plates on the ego's own edge that it has passed before its start, in the order in which it did."""
+    edge_id = scene.network.lane(scene.start.lane).edge
+    passed = [s for s in scene.signs if s.edge == edge_id and s.position_m < scene.start.s]
+    return sorted(passed, key=lambda sign: sign.position_m)
+
+
+@pytest.mark.parametrize("type_id", MAPS)
+def test_both_halves_have_the_same_plates(type_id: str, tmp_path: Path) -> None:
+    """On the same posts, in another order, so that only who relates a plate to its place can tell the halves apart."""
+    scenes = scenes_of(type_id, MAPS[type_id], tmp_path)
+    for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
+        assert plates(signed) == plates(contrast)
+        assert posts(signed) == posts(contrast)
+        start = signed.network.lane(signed.start.lane).line.point_at(signed.start.s)
+        ways = {*signed.route_hint, *signed.compliant_hint}
+        for one, other in zip(signed.signs, contrast.signs, strict=True):
+            if one.role == other.role == DISTRACTOR and (one.code, one.value) != (other.code, other.value):
+                assert (one.params, other.params) == (None, None)
+                assert math.dist(start, (one.x, one.y)) < SIGN_RANGE_M
+                assert one.edge not in ways or one in behind(signed)
+
+
+def test_where_there_is_no_room_the_plates_differ(tmp_path: Path) -> None:
+    """On a one-way road nothing can face the other direction, and a least speed that is passed would hold on."""
+    scenes = scenes_of("min_speed", ONE_WAY, tmp_path)
+    for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
+        assert plates(signed) != plates(contrast)
+        assert posts(signed) == posts(contrast)
+
+
+@pytest.mark.parametrize("type_id", ["bus_lane", "detour_either", "zone_speed_limit"])
+def test_what_the_ego_has_passed_is_over(type_id: str, tmp_path: Path) -> None:
+    """Behind a start on a one-way road stand limits with their ends, and plates of obstacles; nothing else."""
+    catalog, found = load_catalog(), 0
+    for scene in scenes_of(type_id, LONG, tmp_path):
+        passed = behind(scene)
+        found += len(passed)
+        for k, sign in enumerate(passed):
+            rule = catalog.sign(sign.code).rule
+            ends = [s for s in passed[k + 1 :] if s.code in rule.ended_by and s.value == sign.value]
+            assert catalog.sign(sign.code).is_end or rule.name == "detour" or ends
+    assert found >= 6
