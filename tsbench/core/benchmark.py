@@ -4,7 +4,7 @@ from __future__ import annotations
 
 TYPES = 29
 # Of each type, by split, in the order in which they are built: with test alone planners can be compared already.
-MAPS = {"test": 20, "dev": 1, "holdout": 10, "train": 80}
+MAPS = {"test": 20, "dev": 5, "holdout": 10, "train": 80}
 # Of each map; number 0 has no background traffic. dev is for a look in passing: it has the first two.
 VARIANTS = 10
 VARIANTS_OF = {split: 2 if split == "dev" else VARIANTS for split in MAPS}
