@@ -44,6 +44,10 @@ READER, CAREFUL = (
     PlannerEntry(f"tsbench.planners.experts.reader:{name}", "expert", privileged=True)
     for name in ("Reader", "Careful")
 )
+CAUTIOUS, ELDERLY, ASSERTIVE = (
+    PlannerEntry(f"tsbench.planners.experts.legal_styles:{name}", "expert", privileged=True)
+    for name in ("Cautious", "Elderly", "Assertive")
+)
 
 
 def origin(spec: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
@@ -16,7 +17,7 @@ from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.floor.blind import Blind
 from tsbench.planners.helpers import sign_ahead
-from tsbench.planners.idm import Idm
+from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.signs.catalog import load_catalog
 
 # Told places are off by a few metres along the road; no two posts of one scene that face the same way are nearer.
@@ -25,13 +26,17 @@ _SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
 
 
 class Reader:
-    """`idm` until the plate is read; then `idm-e` under the plate as it was read."""
+    """`idm` until the plate is read; then `idm-e` under the plate as it was read.
+
+    driver: how it drives in both cases.
+    """
 
     privileged = True
     sign_access = True
+    driver: ClassVar[IdmParameters] = IdmParameters()
 
     def __init__(self) -> None:
-        self._base = Idm()
+        self._base = Idm(self.driver)
         self._context: PlannerContext
         self._privilege: Privilege
         self._told: tuple[str, float | None] | None = None
@@ -39,7 +44,7 @@ class Reader:
 
     def reset(self, context: PlannerContext) -> None:
         if context.privilege is None:
-            raise InputError("reader and careful need PlannerContext.privilege: privileged = True")
+            raise InputError("reader and its kin need PlannerContext.privilege: privileged = True")
         self._context, self._privilege = context, context.privilege
         self._told, self._expert = None, None
         self._base.reset(replace(context, privilege=None))
@@ -47,7 +52,7 @@ class Reader:
     def act(self, observation: Observation) -> Control:
         read = next((s for s in observation.signs if s.code and self._is_target(s)), None)
         if read is not None and self._told != (read.code, read.value):
-            self._told, self._expert = (read.code, read.value), self._obeying(read)
+            self._told, self._expert = (read.code, read.value), self.obeying(read)
         if self._expert is not None:
             try:
                 return self._expert.act(observation)
@@ -67,10 +72,11 @@ class Reader:
         at = self._privilege.sign
         return math.hypot(sign.x - at.x, sign.y - at.y) < _SAME_POST_M
 
-    def _obeying(self, read: SignView) -> Expert:
+    def obeying(self, read: SignView) -> Expert:
+        """The expert that obeys a plate as it was read."""
         sign = replace(self._privilege.sign, code=read.code, value=read.value)
         rule = load_catalog().sign(read.code).rule
-        expert = Expert(Idm())
+        expert = Expert(Idm(self.driver))
         expert.reset(replace(self._context, privilege=replace(self._privilege, sign=sign, rule=rule)))
         return expert
 

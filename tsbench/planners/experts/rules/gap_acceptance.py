@@ -73,7 +73,7 @@ class Yielding:
 
     paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
     junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
-    pass (COURTESY).
+    pass as `courtesy` asks.
     """
 
     def __init__(
@@ -83,10 +83,11 @@ class Yielding:
         paths: tuple[JunctionPath, ...],
         demand: GapRequirement,
         others: tuple[JunctionPath, ...] = (),
+        courtesy: GapRequirement = COURTESY,
     ) -> None:
         self._privilege, self._approach = privilege, approach
         self._paths, self._ruled = (*paths, *others), len(paths)
-        self._demand = demand
+        self._demand, self._courtesy = demand, courtesy
         self._finder = PriorityVehicles(privilege.network, self._paths, EXPERT_FOLLOWING)
         self._path: RoutePath | None = None
         self._passage: Crossing | None = None
@@ -195,7 +196,7 @@ class Yielding:
             seen = ObservedVehicle(
                 vehicle, self._paths[vehicle.path], zone, self._trend[vehicle.row][1], standing
             )
-            demand = self._demand if vehicle.path < self._ruled else COURTESY
+            demand = self._demand if vehicle.path < self._ruled else self._courtesy
             if demand.blocks(seen, plan):
                 return False
         return self._room_behind(observation, here)

@@ -10,6 +10,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 from tsbench.planners.base import Observation, Privilege
+from tsbench.planners.experts.rules.conflict_check import GapRequirement
 from tsbench.planners.experts.rules.constraint import FREE
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY, Yielding
 from tsbench.planners.experts.rules.junction import paths_through
@@ -34,12 +35,18 @@ class RightOfWay:
     """Bounds the acceleration before each such junction; `but`: an approach (on the map) that a constraint looks after.
 
     alert_edges: those at whose end the ego has right of way, and looks out all the same for who is in the junction.
+    demand: what is asked before the ego goes in front of a vehicle with right of way.
     """
 
     def __init__(
-        self, privilege: Privilege, but: str = "", alert_edges: AbstractSet[str] = frozenset()
+        self,
+        privilege: Privilege,
+        but: str = "",
+        alert_edges: AbstractSet[str] = frozenset(),
+        demand: GapRequirement = COURTESY,
     ) -> None:
         self._privilege, self._but, self._alert = privilege, but, alert_edges
+        self._demand = demand
         self._path: RoutePath | None = None
         self._junctions: list[_Junction] = []
         self._near: list[Yielding] = []
@@ -54,7 +61,7 @@ class RightOfWay:
         while self._junctions and self._junctions[0].line_s - route.s <= _LOOK_M:
             approach = self._junctions.pop(0).approach
             others = paths_through(self._privilege.network, approach)
-            self._near.append(Yielding(self._privilege, approach, (), COURTESY, others))
+            self._near.append(Yielding(self._privilege, approach, (), self._demand, others, self._demand))
         if not self._near:
             return FREE
         asked = [junction.acceleration_bounds(observation, route) for junction in self._near]
