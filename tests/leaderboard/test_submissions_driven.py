@@ -94,7 +94,7 @@ def run(spec: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def submitted(run: Path) -> Path:
     path = run.parent / "mine.json"
-    assert "108 judged again from their traces" in command(
+    assert "508 judged again from their traces" in command(
         "submit", run, "--authors", "us", "--copy-traces", "2", "--out", path
     )
     return path

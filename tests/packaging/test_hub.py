@@ -85,7 +85,7 @@ def test_the_card_shows_its_tables_to_a_hub(hub: Path) -> None:
     shown = {entry["path"] for config in told["configs"] for entry in config["data_files"]}
     assert {name for name in shown if not (hub / name).is_file()} == set()
     assert {"rows/dev.parquet", "rows/test.parquet", "rows/train.parquet", "rows/holdout.parquet"} <= shown
-    assert "| `rows/dev.parquet` | 108 |" in text
+    assert "| `rows/dev.parquet` | 508 |" in text
 
 
 def test_too_many_files_are_refused(hub: Path, tmp_path: Path) -> None:
