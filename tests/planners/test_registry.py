@@ -56,6 +56,7 @@ FOREIGN = {
     "metadrive-ppo": r"pip download --no-deps metadrive-simulator==0\.4\.3",
     "commonroad-reactive": r"It needs the extra `commonroad` in an environment of its own",
 }
+READERS = ("reader", "careful", "cautious", "elderly", "assertive")
 OWN = [name for name in registry.names() if name not in FOREIGN]
 
 
@@ -64,7 +65,7 @@ def test_every_registered_planner_loads(name: str) -> None:
     loaded = registry.resolve(name)
     assert loaded.name == loaded.spec == name
     assert isinstance(loaded.factory(), Planner)
-    assert loaded.privileged is (name.endswith("-e") or name in ("reader", "careful"))
+    assert loaded.privileged is (name.endswith("-e") or name in READERS)
 
 
 @pytest.mark.parametrize("name", FOREIGN)
@@ -116,7 +117,7 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "blind", "careful", "carl", "carl-e", "codes", "coin", "commonroad-reactive",
+        "assertive", "blind", "careful", "carl", "carl-e", "cautious", "codes", "coin", "commonroad-reactive", "elderly",
         "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
         "idm-s4", "idm-s4-e", "metadrive-ppo", "pdm", "plant2", "plant2-blind", "plant2-e", "plant2-ft",
         "plant2-ft-seed1", "ppo", "ppo-e", "reader",
@@ -171,7 +172,7 @@ def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.M
             "zzzz",
             [
                 "no such planner",
-                "registered are blind, careful, carl, carl-e, codes, coin, commonroad-reactive, idm,",
+                "registered are assertive, blind, careful, carl, carl-e, cautious, codes, coin, commonroad-reactive,",
             ],
         ),
         ("no_such_package.thing:Class", ["there is no module no_such_package"]),

@@ -7,7 +7,7 @@ Source: docs/spec/planners.md, "Legal styles". Units: m, s, m/s, m/s2.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import ClassVar
 
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
@@ -35,7 +35,7 @@ class WideGap(GapRequirement):
     @classmethod
     def of(cls, lag: float) -> WideGap:
         """A gap of so many seconds."""
-        return cls(**vars(COURTESY), lag=lag)
+        return cls(**asdict(COURTESY), lag=lag)
 
     def blocks(self, seen: ObservedVehicle, plan: CrossingPlan) -> bool:
         """Would this driver wait for the vehicle?"""
