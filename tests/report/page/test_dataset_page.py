@@ -83,7 +83,7 @@ def test_each_scene_is_there_with_its_certificate(page: Path, rows: list[Scenari
 
 def test_both_halves_of_a_pair_are_there(tmp_path: Path) -> None:
     """The halves of `bus_lane` have one type, one map and one variant; only the plate's lane tells them apart."""
-    pair = [r for r in read_table(table_path("dev")) if r.pair_type == "bus_lane" and r.variant == 0]
+    pair = [r for r in read_table(table_path("dev")) if r.pair_type == "bus_lane"][:2]
     write_dataset_page(pair, tmp_path / "pair.html", 1, lambda *at: None)
     text = (tmp_path / "pair.html").read_text(encoding="utf-8")
     packed = unpacked(text, f"scene/bus_lane/{pair[0].map_id}")
