@@ -28,27 +28,20 @@ _COMES_MPS = 2.0
 
 @dataclass(frozen=True)
 class WideGap(GapRequirement):
-    """COURTESY, and at least `lag` seconds from the ego's arrival at its line to the other vehicle's at the zone.
-
-    stretch: how many times as long as an ordinary driver this one needs to cross.
-    """
+    """COURTESY, and at least `lag` seconds from the ego's arrival at its line to the other vehicle's at the zone."""
 
     lag: float = 0.0
-    stretch: float = 1.0
 
     @classmethod
-    def of(cls, lag: float, stretch: float) -> WideGap:
-        """A gap of `lag` seconds, for a driver that needs `stretch` times as long."""
-        return cls(**asdict(COURTESY), lag=lag, stretch=stretch)
+    def of(cls, lag: float) -> WideGap:
+        """A gap of so many seconds."""
+        return cls(**asdict(COURTESY), lag=lag)
 
     def blocks(self, seen: ObservedVehicle, plan: CrossingPlan) -> bool:
         """Would this driver wait for the vehicle?"""
         speed = seen.vehicle.speed
         comes = seen.to_zone > 0.0 and speed >= _COMES_MPS
-        if comes and seen.to_zone / speed < plan.at_line + self.lag:
-            return True
-        k = self.stretch
-        return super().blocks(seen, CrossingPlan(k * plan.at_line, k * plan.enters, k * plan.left))
+        return (comes and seen.to_zone / speed < plan.at_line + self.lag) or super().blocks(seen, plan)
 
 
 class LegalStyle(Reader):
@@ -77,10 +70,8 @@ class Elderly(LegalStyle):
     """Keeps to 0.8 of the limits, waits for wide gaps, and starts late and gently after it has stood."""
 
     share = 0.8
-    driver = IdmParameters(speed_factor=share, headway_s=2.0)
+    driver = IdmParameters(speed_factor=share, headway_s=2.0, lateral=1.8)
     gap_s: ClassVar[float] = 9.0
-    # Over the same way, 1.0 m/s2 takes 1.5 times as long as the 2.3 m/s2 that experts reckon with.
-    stretch: ClassVar[float] = 1.5
     start_s: ClassVar[float] = 1.0
     start_mps2: ClassVar[float] = 1.0
 
@@ -92,7 +83,7 @@ class Elderly(LegalStyle):
 
     def reset(self, context: PlannerContext) -> None:
         super().reset(context)
-        self._gaps = RightOfWay(self._privilege, demand=WideGap.of(self.gap_s, self.stretch))
+        self._gaps = RightOfWay(self._privilege, demand=WideGap.of(self.gap_s))
         self._starts_at, self._starting = None, False
 
     def act(self, observation: Observation) -> Control:
