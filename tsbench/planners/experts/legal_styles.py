@@ -21,7 +21,7 @@ from tsbench.signs.catalog import load_catalog
 
 # The rule of plates that set a greatest speed.
 _GREATEST_SPEED = "speed"
-_STANDS_MPS, _UNDER_WAY_MPS = 0.1, 5.0
+_STANDS_MPS, _UNDER_WAY_MPS = 0.1, 3.0
 # A slower vehicle waits itself.
 _COMES_MPS = 2.0
 
@@ -70,7 +70,7 @@ class Elderly(LegalStyle):
     """Keeps to 0.8 of the limits, waits for wide gaps, and starts late and gently after it has stood."""
 
     share = 0.8
-    driver = IdmParameters(speed_factor=share, headway_s=2.0, lateral=1.8, slowing=2.0)
+    driver = IdmParameters(speed_factor=share, headway_s=2.0, lateral=1.8)
     gap_s: ClassVar[float] = 9.0
     start_s: ClassVar[float] = 1.0
     start_mps2: ClassVar[float] = 1.0
