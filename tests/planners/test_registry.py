@@ -117,8 +117,8 @@ def test_every_planner_that_follows_a_route_has_an_expert(
         assert loaded.sources[-1] == "tsbench.planners.experts.expert"
         assert isinstance(loaded.factory(), Expert)
     assert registry.names() == (
-        "assertive", "blind", "careful", "carl", "carl-e", "cautious", "codes", "coin", "commonroad-reactive", "elderly",
-        "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
+        "assertive", "blind", "careful", "carl", "carl-e", "cautious", "codes", "coin", "commonroad-reactive",
+        "elderly", "idm", "idm-e", "idm-s1", "idm-s1-e", "idm-s2", "idm-s2-e", "idm-s3", "idm-s3-e",
         "idm-s4", "idm-s4-e", "metadrive-ppo", "pdm", "plant2", "plant2-blind", "plant2-e", "plant2-ft",
         "plant2-ft-seed1", "ppo", "ppo-e", "reader",
     )  # fmt: skip
