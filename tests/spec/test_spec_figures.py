@@ -87,7 +87,7 @@ def test_scores_and_intervals() -> None:
 def test_the_planners_are_those_that_are_registered() -> None:
     rows = table("planners.md", "planner", "expert")
     page = {name for row in rows for name in (row["planner"], row["expert"]) if name}
-    assert len(page) == 26
+    assert len(page) == 30
     assert page == {name for name in registry.names() if registry.entry(name).target.startswith("tsbench.")}
 
 
