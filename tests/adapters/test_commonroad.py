@@ -43,8 +43,8 @@ def test_it_drives_five_scenes(seen: dict[str, Any]) -> None:
 
 def test_it_minds_the_limit_that_commonroad_reads(seen: dict[str, Any]) -> None:
     limit, freed, *_ = seen["driven"]
-    (value,) = {value for code, value, *_ in seen["told"][0]["plates"] if code == "3.24"}
-    assert value is not None
+    posted = {value for code, value, *_ in seen["told"][0]["plates"] if code == "3.24"}
+    assert posted
     assert freed["fastest"] > limit["fastest"]
 
 
@@ -62,6 +62,13 @@ def test_a_limit_holds_from_its_plate_on(seen: dict[str, Any]) -> None:
     for _, value, before, behind in limits:
         assert before is None
         assert behind == pytest.approx(value / 3.6, abs=1e-3)
+
+
+def test_a_limit_is_over_at_its_end_plate(seen: dict[str, Any]) -> None:
+    """In the first scene one begins and ends behind the ego."""
+    ((_, value, before, behind),) = [plate for plate in seen["told"][0]["plates"] if plate[0] == "3.25"]
+    assert before == pytest.approx(value / 3.6, abs=1e-3)
+    assert behind is None
 
 
 def test_road_users_and_obstacles_are_all_there(seen: dict[str, Any]) -> None:

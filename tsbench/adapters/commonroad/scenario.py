@@ -29,6 +29,7 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import lane_polygon
 from tsbench.roads.road_map import MapLane, RoadMap
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.commonroad import SIGN_NUMBERS
 from tsbench.sim.world import ActorKind
 
@@ -207,7 +208,7 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
     """The network, and by lane where its lanelets begin, and their ids.
 
     CommonRoad's plates hold for whole lanelets, so a lane is cut where a plate's line is. A plate holds from there to
-    the end of its road.
+    its end plate on the same road, or to the end of that.
     """
     free = count(1)
     lanes = [lane for lane in roads.lanes if _is_one(lane)]
@@ -241,10 +242,17 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
             )  # fmt: skip
             for sign, held in zip(plates, holds, strict=True):
                 if _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M:
-                    held.add(lanelet_id)
+                    ended = any(_is_on(roads, end, lane) and _ends(end, sign, begins) for end in plates)
+                    held |= set() if ended else {lanelet_id}
     for sign, sign_id, held in zip(plates, sign_ids, holds, strict=True):
         network.add_traffic_sign(_sign(sign, sign_id, held), held)
     return network, lanelets
+
+
+def _ends(end: SignView, sign: SignView, by: float) -> bool:
+    """Is a plate's zone over `by` m along its road, because of another plate on it?"""
+    ended_by = load_catalog().sign(sign.code).rule.ended_by if sign.code else ()
+    return end.code in ended_by and sign.position_m < end.position_m <= by + _SHORTEST_M
 
 
 def _is_on(roads: RoadMap, sign: SignView, lane: MapLane) -> bool:
