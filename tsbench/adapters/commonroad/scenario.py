@@ -241,9 +241,9 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
                 )
             )  # fmt: skip
             for sign, held in zip(plates, holds, strict=True):
-                if _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M:
-                    ended = any(_is_on(roads, end, lane) and _ends(end, sign, begins) for end in plates)
-                    held |= set() if ended else {lanelet_id}
+                begun = _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M
+                if begun and not any(_is_on(roads, end, lane) and _ends(end, sign, begins) for end in plates):
+                    held.add(lanelet_id)
     for sign, sign_id, held in zip(plates, sign_ids, holds, strict=True):
         network.add_traffic_sign(_sign(sign, sign_id, held), held)
     return network, lanelets

@@ -42,11 +42,12 @@ class SpeedConstraint(RuleConstraint):
             self._path = route.path
             self._line_s = line_place(self._roads, route.path, *self._plate)
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
-        passed = self._passed_ends(observation, front)
         if not self._inside and front < self._line_s:
-            self._earlier = passed
             return -math.inf, slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
-        self._inside, self._over = True, bool(passed - self._earlier)
+        passed = self._passed_ends(observation, front)
+        if not self._inside:
+            self._inside, self._earlier = True, passed
+        self._over = bool(passed - self._earlier)
         return -math.inf, slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
 
     def _passed_ends(self, observation: Observation, front: float) -> frozenset[tuple[str, float]]:
