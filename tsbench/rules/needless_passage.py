@@ -6,6 +6,7 @@ Source: docs/spec/contrast.md, "Needless obedience". Units: m, s, m/s.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,6 +55,8 @@ class Passage:
             and e.id != params.approach
         ]
         self._gap, foes = PriorityGap.of(give_way), junction_paths(network, others)
+        # A vehicle with priority may be waited for longer than the rule of giving way asks; the others may not.
+        self._waits = replace(self._gap, before=t["gap_s"])
         self._zones = path_zones(paths, foes, least_overlap=give_way["least_overlap_m"])
         self._first = frozenset(j for j, foe in enumerate(foes) if foe.source.edge in params.main_in)
         self._vehicles = PriorityVehicles(network, foes, RULE_FOLLOWING)
@@ -86,7 +89,7 @@ class Passage:
         return snapshot.time < self._free_from
 
     def _blocked(self, snapshot: WorldSnapshot, front: float) -> bool:
-        """Does a vehicle with priority block by the rule of giving way, or is any other in the ego's way already?
+        """Would a vehicle with priority come within `gap_s`, or is any other in the ego's way already?
 
         On ground that the ego's front has passed nobody is in its way.
         """
@@ -95,7 +98,7 @@ class Passage:
         prior = [v for v in vehicles if v.path in self._first]
         for known in self._zones:
             zones = [zone if zone is not None and front < zone.a_out else None for zone in known]
-            if blockers(prior, zones, front, speed, gap):
+            if blockers(prior, zones, front, speed, self._waits):
                 return True
             for vehicle in vehicles:
                 zone = zones[vehicle.path]
@@ -167,7 +170,7 @@ class NeedlessYield(Monitor):
         held = passage.held(snapshot, front)
         speed = self._open.update(snapshot, passage.bend(front), held)
         least = t["lowest_speed_ratio"] * speed
-        if v < least:
+        if v < least and speed - v >= t["least_difference_mps"]:
             self._crept.broken(snapshot, v, least)
         else:
             self._crept.close()
@@ -181,7 +184,8 @@ class NeedlessYield(Monitor):
         return super().finish()
 
     def _judge(self) -> None:
-        slow = self._means.taken(self.rule.thresholds["passage_speed_ratio"])
+        t = self.rule.thresholds
+        slow = self._means.taken(t["passage_speed_ratio"], t["least_difference_mps"])
         if slow is not None and self._last is not None:
             self.log.mark(self._last.step)
             self.log.event("needless_yield", self._last, self._last.time, *slow)

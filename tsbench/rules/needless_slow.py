@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.rules.speed import KMH_PER_MPS
@@ -37,9 +35,9 @@ class NeedlessSlow(Monitor):
             self._open.update(snapshot)
             self._judge()
             return
-        most = math.inf
+        most = at_metre(self._bends, self._front)
         if self._front >= self._start:
-            most = min(self._limit, at_metre(self._bends, self._front))
+            most = min(self._limit, most)
             if before is not None and before < self._start:
                 self._judge()
         speed = self._open.update(snapshot, most)
@@ -52,7 +50,8 @@ class NeedlessSlow(Monitor):
         return super().finish()
 
     def _judge(self) -> None:
-        slow = self._means.taken(self.rule.thresholds["slow_speed_ratio"])
+        t = self.rule.thresholds
+        slow = self._means.taken(t["slow_speed_ratio"], t["least_difference_mps"])
         if slow is not None and self._last is not None:
             self.log.mark(self._last.step)
             self.log.event("needless_slow", self._last, self._last.time, *slow)

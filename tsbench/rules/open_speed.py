@@ -57,12 +57,16 @@ class MeanSpeeds:
         """One tick."""
         self._own, self._open, self._count = self._own + own, self._open + open_speed, self._count + 1
 
-    def taken(self, ratio: float) -> tuple[float, float] | None:
-        """Begin anew; the ego's mean speed and `ratio` times the open one where that is more, else None."""
-        own, least, count = self._own, ratio * self._open, self._count
+    def taken(self, ratio: float, least_difference: float) -> tuple[float, float] | None:
+        """Begin anew; the ego's mean speed and `ratio` times the open one where that is more, else None.
+
+        None too where the means differ by less than `least_difference`.
+        """
+        own, reached, count = self._own, self._open, self._count
         self._own = self._open = 0.0
         self._count = 0
-        return (own / count, least / count) if own < least else None
+        late = own < ratio * reached and reached - own >= least_difference * count
+        return (own / count, ratio * reached / count) if late else None
 
 
 def bend_speeds(line: Polyline, rule: RuleSpec) -> list[float]:

@@ -97,8 +97,9 @@ _KINDS = (
 NEEDLESS = RuleKind(
     "needless",
     None,
-    "before_line_m behind_m standing_mps standing_s react_s passage_speed_ratio lowest_speed_ratio "
-    f"cruise_ratio calm_mps2 lateral_mps2 slow_zone_m slow_speed_ratio leader_gap_s leader_least_m lane_s {_ROAD}",
+    "before_line_m behind_m standing_mps standing_s gap_s react_s passage_speed_ratio lowest_speed_ratio "
+    "cruise_ratio calm_mps2 lateral_mps2 slow_zone_m slow_speed_ratio least_difference_mps leader_gap_s "
+    f"leader_least_m lane_s {_ROAD}",
     "needless_stop needless_yield needless_slow needless_detour",
 )
 # Of no plate, in every scene: against the direction of a lane nobody is sent.
