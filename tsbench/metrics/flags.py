@@ -28,10 +28,11 @@ def hard_braking(tracks: Tracks) -> bool:
 def max_overspeed(tracks: Tracks, scene: Scene) -> float | None:
     """Greatest speed above the limit of the ordinary lane that the ego was on, at least 0; None if on none.
 
-    The limit is the road's own (SUMO lane speed); what a plate posts is its rule's business.
+    The limit is the one that planners are shown; what a plate posts is its rule's business.
     """
-    lanes = scene.network.lanes
-    limit = np.array([np.nan if lane.internal else lane.speed for lane in lanes] + [np.nan])
+    network = scene.network
+    shown = zip(network.lanes, network.shown_limits, strict=True)
+    limit = np.array([np.nan if lane.internal else speed for lane, speed in shown] + [np.nan])
     over = tracks.speed - limit[tracks.lane]
     return None if np.isnan(over).all() else max(float(np.nanmax(over)), 0.0)
 

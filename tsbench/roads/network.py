@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,20 @@ class RoadNetwork(RoadMap):
         """What a driver expects of a road where no plate says otherwise, m/s; its own limit where it has no class."""
         edge = self.edges[edge_id]
         return self.class_speed.get(edge.road_class, self.lanes[edge.lanes[0]].speed)
+
+    @cached_property
+    def shown_limits(self) -> tuple[float, ...]:
+        """The limit of each lane that planners are shown, by index, m/s: what a road's class lets a driver expect.
+
+        On a junction it is the lower one of the roads that a way joins. SUMO's own limit, which comes from a plate on
+        the real road, is nobody's to keep or to use: no planner can know it.
+        """
+        limits = [self.expected_speed(lane.edge) for lane in self.lanes]
+        for connection in self.connections:
+            lowest = min(limits[connection.from_lane], limits[connection.to_lane])
+            for via in connection.via:
+                limits[via] = lowest
+        return tuple(limits)
 
     def lane(self, lane_id: str) -> Lane:
         """The lane with this SUMO id."""

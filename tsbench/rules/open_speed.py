@@ -23,12 +23,12 @@ _STRAIGHT_RAD = 0.001
 class OpenSpeed:
     """The fastest at which the ego has been, and where that is slow, what a calm driver would have reached meanwhile.
 
-    So it is no excuse to have come slowly. The lane's limit and a leader near ahead hold it down as they do the ego;
-    who is held up sets off anew. cruise: share of the limit to which the calm driver speeds up.
+    So it is no excuse to have come slowly. The limit that planners are shown and a leader near ahead hold it down as
+    they do the ego; who is held up sets off anew. cruise: share of the limit that the calm driver speeds up to.
     """
 
     def __init__(self, network: RoadNetwork, rule: RuleSpec, cruise: float = 1.0) -> None:
-        self._lanes, self._leaders = network.lanes, Leaders(network)
+        self._limits, self._leaders = network.shown_limits, Leaders(network)
         t = rule.thresholds
         self._calm, self._gap_s, self._gap_m = t["calm_mps2"], t["leader_gap_s"], t["leader_least_m"]
         self._cruise, self._limit = cruise, math.inf
@@ -38,7 +38,7 @@ class OpenSpeed:
         """The speed at this tick. most: what place and plates allow there. held: somebody makes the ego wait."""
         ego = snapshot.ego
         if ego.lane >= 0:
-            self._limit = self._lanes[ego.lane].speed
+            self._limit = self._limits[ego.lane]
         limit, reach = min(self._limit, most), self._gap_m + self._gap_s * ego.speed
         led = min((v for _, v in self._leaders.within(snapshot, reach)), default=math.inf)
         reached = min(math.sqrt(self.speed**2 + 2 * self._calm * ego.speed * DT_S), self._cruise * limit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog, code: str | No
             stored = [mirrored_row(row) for row in rows]
             return mirrored_contract(contract_hash(stored, load_catalog(catalog.root), code))
     contrast = any(row.half == CONTRAST for row in rows)
-    rules = [*catalog.judged((row.sign_code for row in rows), contrast), asdict(catalog.wrong_way)]
+    rules = catalog.judged((row.sign_code for row in rows), contrast)
     data = data_hash(rows, rules)
     return digest({"code": code or code_hash(), "data": data, "versions": versions()})
 

@@ -86,8 +86,8 @@ class Catalog:
     def judged(self, codes: Iterable[str], contrast: bool = False) -> list[dict[str, Any]]:
         """Everything that can change an episode or a record in scenes of these signs, bound rules included; for JSON.
 
-        By code; last, if there are `contrast` scenes, their rule, with those by which it knows who blocks. Names,
-        captions, drawings and law references are left out, other signs, and what holds in all scenes (`wrong_way`).
+        By code; then, if there are `contrast` scenes, their rule, with those by which it knows who blocks; last what
+        holds in all scenes. Names, captions, drawings, law references and other signs are left out.
         """
         used = {one for code in set(codes) for one in self.company(code)}
         signs = [
@@ -95,7 +95,7 @@ class Catalog:
             for code in sorted(used)
         ]
         rules = (self.needless, self.rule("give_way"), self.rule("crosswalk")) if contrast else ()
-        return signs + [asdict(rule) for rule in rules]
+        return signs + [asdict(rule) for rule in (*rules, self.wrong_way)]
 
 
 def load_catalog(root: Path | None = None) -> Catalog:

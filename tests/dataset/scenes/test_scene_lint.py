@@ -13,10 +13,11 @@ from simworld import SceneMaker, edge, obstacle, place, plain, plate
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNode
-from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.lint import lint_limits, lint_scene
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import read_network
+from tsbench.roads.sealed import seal
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import SignInstance
@@ -167,3 +168,28 @@ def test_bodies_inside_each_other(on_block: SceneMaker) -> None:
     assert "convoy_0 and bg_000 start in the same place" in problems(
         on_block, cars=cars[:1], convoy_at=convoy
     )
+
+
+def test_the_limit_that_judges_is_the_one_on_the_map(on_block: SceneMaker) -> None:
+    """Whatever SUMO's own limits are; a view of other classes' limits is told."""
+    network = on_block.network
+    edges = {name: replace(one, road_class="street") for name, one in network.edges.items()}
+    classed = replace(network, edges=edges, class_speed={"street": 9.0})
+    assert set(classed.shown_limits) == {9.0}
+    assert {lane.speed for lane in classed.lanes} != {9.0}
+    assert list(lint_limits(classed, seal(classed))) == []
+    found = list(lint_limits(classed, seal(network)))
+    assert any(line.startswith("lane ta_0 is judged by 9.00 m/s, the map shows ") for line in found)
+
+
+def test_a_way_over_a_junction_has_the_lower_limit(on_block: SceneMaker) -> None:
+    network = on_block.network
+    edges = {
+        name: replace(one, road_class="slow" if name == "ab" else "fast")
+        for name, one in network.edges.items()
+    }
+    classed = replace(network, edges=edges, class_speed={"slow": 5.0, "fast": 20.0})
+    (link,) = (
+        c for c in classed.outgoing[classed.lane_index["ta_0"]] if classed.lanes[c.to_lane].edge == "ab"
+    )
+    assert [classed.shown_limits[k] for k in (link.from_lane, *link.via, link.to_lane)] == [20.0, 5.0, 5.0]

@@ -64,7 +64,7 @@ class ClosedRoadPlacement(Placement):
         start = EgoStart(
             lane.id,
             before_line(lane, recipe.number("ego_before_line_m")),
-            min(variant.initial_speed, lane.speed),
+            min(variant.initial_speed, network.shown_limits[lane.index]),
         )
         plate_s = recipe.number("plate_after_junction_m")
         back_s = network.edge_lanes(way.back)[0].line.length - plate_s

@@ -88,7 +88,7 @@ class CrosswalkPlacement(Placement):
         walkers = self._walkers(task, crossing, before)
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
-        cruise = round(min(lane.speed, bend), 2)
+        cruise = round(min(network.shown_limits[lane.index], bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
         # Who comes fast has something to lose: slow from the start would be slow for nobody.
         share = np.interp(
@@ -115,7 +115,7 @@ class CrosswalkPlacement(Placement):
         The network stays the same: where SUMO's cars let people cross in one half alone, they would tell the plate.
         """
         (sign,), first, last = signed.signs, *signed.route_hint
-        road = max(lane.speed for edge in (first, last) for lane in task.network.edge_lanes(edge)) / KMH
+        road = max(task.network.expected_speed(edge) for edge in (first, last)) / KMH
         limits, spare = task.recipe.choices["contrast_kmh"], task.recipe.number("contrast_above_kmh")
         require(limits[-1] >= road - 0.5, f"the road's own limit is {road:.0f} km/h")
         usable = [v for v in limits if v >= road + spare - 0.5] or limits[-1:]

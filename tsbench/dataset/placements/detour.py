@@ -64,7 +64,8 @@ class DetourPlacement(Placement):
         end_s = min(middle + variant.route_length, length_m - recipe.number("end_before_edge_m"))
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
-            signs=(sign,), target=sign.id, start=EgoStart(lane.id, start_s, min(variant.initial_speed, lane.speed)),
+            signs=(sign,), target=sign.id,
+            start=EgoStart(lane.id, start_s, min(variant.initial_speed, network.shown_limits[lane.index])),
             destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - middle,
             obstacles=(obstacle,), blocked=((lane.id, start_s, beyond),),
         )  # fmt: skip

@@ -39,13 +39,17 @@ def with_same_plates(
 
     What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
     ego's start: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
-    it; on a one-way road behind the ego, if it is over there: its end plate follows, or it is of an obstacle. Where
-    there is no room for all, the rest stay different.
+    it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
+    over there: its end plate follows, or it is of an obstacle. Where there is no room for all, the rest stay different.
     """
     ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
     swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
     edges = _leading_away(task, signed) if task.row.family == "junction" else _leading_to(task, signed)
     posts = _posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
+    if len(posts) < len(swaps) and task.row.family == "dual_path":
+        posts = _posts(
+            task, signed, [*edges, *_leading_away(task, signed)], len(swaps), within_m=SIGN_RANGE_M
+        )
     if len(posts) < len(swaps) and _may_be_over(swaps[-1][0][0]):
         posts = _behind(task, signed, len(swaps))
     if len(posts) < len(swaps) and _ends(swaps[-1][0][0]):

@@ -92,7 +92,9 @@ class GiveWayPlacement(Placement):
         require(bool(options), "who has priority shows what it does before the ego is at its line")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
-        start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
+        start = EgoStart(
+            lane.id, before_line(lane, before), min(variant.initial_speed, network.shown_limits[lane.index])
+        )
         end_s = min(variant.route_length, exit_lane.line.length - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
         route = (lane.edge, exit_lane.edge)

@@ -105,7 +105,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
     turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
-    v0 = min(variant.initial_speed, ego_lane.speed)
+    v0 = min(variant.initial_speed, cruise)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")

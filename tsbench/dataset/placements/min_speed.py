@@ -31,7 +31,8 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 def task_minimum(task: SceneTask) -> float:
     """The number on a variant's plate, km/h: round those that the road allows, so that each is there as often."""
-    recipe, road = task.recipe, task.row.speed_mps / KMH
+    recipe, shown = task.recipe, task.network.expected_speed(task.row.fields["edge"])
+    road = min(task.row.speed_mps, shown) / KMH
     usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
     require(bool(usable), f"the road's own limit is {road:.0f} km/h")
     return float(usable[task.variant.value % len(usable)])

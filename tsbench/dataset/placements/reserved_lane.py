@@ -118,5 +118,6 @@ def start_before_plate(task: SceneTask, lane: str, plate: float) -> EgoStart:
     # Corridors are cut to centimetres: the lane may be a little shorter than planned.
     most = min(run_up_room(plate + 1.0, recipe), plate - EGO_LENGTH_M - 0.1)
     before = float(task.rng.uniform(recipe.number("run_up_least_m"), most))
-    speed = min(task.variant.initial_speed, task.network.lane(lane).speed)
+    limit = task.network.shown_limits[task.network.lane(lane).index]
+    speed = min(task.variant.initial_speed, limit)
     return EgoStart(lane, plate - before - EGO_LENGTH_M / 2, speed)

@@ -45,7 +45,7 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     network, recipe, rng = task.network, task.recipe, task.rng
     chosen = met[0]
     lane = network.lanes[chosen.ego.from_lane]
-    turn, cruise = turn_speed(network, chosen.ego), lane.speed
+    turn, cruise = turn_speed(network, chosen.ego), network.shown_limits[lane.index]
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, start.speed, cruise, turn)
     body = replace(
         task.drivers[0], speed=float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps"))),

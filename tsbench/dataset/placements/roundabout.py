@@ -79,7 +79,9 @@ class RoundaboutPlacement(Placement):
         lane, path = _entry_lane(task, route, destination)
         before = min(recipe.number("ego_before_line_m"), lane.line.length - EGO_LENGTH_M - _STILL_ROOM_M)
         require(before >= recipe.number("ego_least_m"), f"the entry lane is {lane.line.length:.0f} m long")
-        start = EgoStart(lane.id, before_line(lane, before), min(variant.initial_speed, lane.speed))
+        start = EgoStart(
+            lane.id, before_line(lane, before), min(variant.initial_speed, network.shown_limits[lane.index])
+        )
         require(
             _sharpest(path) <= math.radians(recipe.number("sharpest_bend_deg")),
             "the way has a bend that no car can take",

@@ -10,6 +10,8 @@ import numpy as np
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork
+from tsbench.roads.sealed import SealedRoads
 from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import read_additional
@@ -42,6 +44,14 @@ def lint_scene(scene: Scene, graph: LaneGraph) -> Iterator[str]:
     yield from _lint_plates(scene)
     yield from _lint_obstacles(scene)
     yield from _lint_bodies(scene)
+
+
+def lint_limits(network: RoadNetwork, view: SealedRoads) -> Iterator[str]:
+    """Lanes whose limit on the planners' map is not the one by which they are judged, in words."""
+    for lane, judged in zip(network.lanes, network.shown_limits, strict=True):
+        at = view.places[lane.index].lane
+        if at >= 0 and view.map.lanes[at].speed != judged:
+            yield f"lane {lane.id} is judged by {judged:.2f} m/s, the map shows {view.map.lanes[at].speed:.2f}"
 
 
 def _obedient_way(scene: Scene, graph: LaneGraph) -> tuple[str, ...] | None:

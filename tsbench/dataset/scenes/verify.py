@@ -10,7 +10,7 @@ from pathlib import Path
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.lint import lint_limits, lint_scene
 from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import recipe_types
 from tsbench.dataset.scenes.split import APART_M, extents
@@ -39,7 +39,8 @@ def verify_rows(
                 catalog.check_plates(
                     spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, "scene"
                 )
-                problems += [(spec.scenario_id, p) for p in lint_scene(scene, roads.graph)]
+                found = (*lint_scene(scene, roads.graph), *lint_limits(roads.network, roads.view))
+                problems += [(spec.scenario_id, problem) for problem in found]
             except InputError as error:
                 problems.append((spec.scenario_id, str(error)))
         progress(k + 1)
