@@ -184,12 +184,9 @@ def test_what_is_judged_follows_the_content_and_not_its_form(
 def test_a_sign_stands_with_what_ends_it_and_its_context(catalog: Catalog) -> None:
     assert catalog.company("3.24") == ("3.24", "3.25")
     assert catalog.company("2.1") == ("2.1", "2.4")
-    assert [entry["code"] for entry in catalog.judged(["5.21", "2.1", "2.1"])] == [
-        "2.1",
-        "2.4",
-        "5.21",
-        "5.22",
-    ]
+    *signs, everywhere = catalog.judged(["5.21", "2.1", "2.1"])
+    assert [entry["code"] for entry in signs] == ["2.1", "2.4", "5.21", "5.22"]
+    assert everywhere["name"] == "wrong_way"
 
 
 def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog) -> None:

@@ -154,6 +154,11 @@ def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:
     return tuple(lane for lane in network.edge_lanes(edge) if lane.permits("passenger"))
 
 
+def start_speed(task: SceneTask, lane: Lane) -> float:
+    """The variant's initial speed, m/s: at most the limit that planners are shown, and the one SUMO departs with."""
+    return min(task.variant.initial_speed, task.network.shown_limits[lane.index], lane.speed)
+
+
 def before_line(lane: Lane, distance: float) -> float:
     """Arc length of the ego's centre whose front is `distance` before the end of a lane. Raises UnfitMapError."""
     s = lane.line.length - distance - EGO_LENGTH_M / 2

@@ -17,6 +17,7 @@ from tsbench.dataset.placements.base import (
     keep_clear,
     passenger_lanes,
     plate_beside,
+    start_speed,
 )
 from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
 from tsbench.dataset.scenes.recipe import Recipe
@@ -64,7 +65,7 @@ class ClosedRoadPlacement(Placement):
         start = EgoStart(
             lane.id,
             before_line(lane, recipe.number("ego_before_line_m")),
-            min(variant.initial_speed, network.shown_limits[lane.index]),
+            start_speed(task, lane),
         )
         plate_s = recipe.number("plate_after_junction_m")
         back_s = network.edge_lanes(way.back)[0].line.length - plate_s

@@ -88,7 +88,7 @@ class CrosswalkPlacement(Placement):
         walkers = self._walkers(task, crossing, before)
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
-        cruise = round(min(network.shown_limits[lane.index], bend), 2)
+        cruise = round(min(network.shown_limits[lane.index], lane.speed, bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
         # Who comes fast has something to lose: slow from the start would be slow for nobody.
         share = np.interp(

@@ -8,7 +8,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, passenger_lanes, require
+from tsbench.dataset.placements.base import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    passenger_lanes,
+    require,
+    start_speed,
+)
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
@@ -65,7 +72,7 @@ class DetourPlacement(Placement):
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
             signs=(sign,), target=sign.id,
-            start=EgoStart(lane.id, start_s, min(variant.initial_speed, network.shown_limits[lane.index])),
+            start=EgoStart(lane.id, start_s, start_speed(task, lane)),
             destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - middle,
             obstacles=(obstacle,), blocked=((lane.id, start_s, beyond),),
         )  # fmt: skip

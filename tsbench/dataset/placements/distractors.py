@@ -86,9 +86,9 @@ def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance
 def _over(
     task: SceneTask, kinds: Sequence[ScenarioType], posts: Sequence[SignInstance]
 ) -> tuple[SignInstance, ...]:
-    """The posts with plates that no longer hold behind them: limits with their ends, and plates of obstacles."""
+    """The posts with plates that no longer hold behind them: limits with their ends, ends alone, obstacles' plates."""
     limits = [(kind.codes[0], kind.end_codes[0]) for kind in kinds if kind.end_codes]
-    passed = [code for kind in kinds for code in kind.codes if _at_obstacle(code)]
+    passed = [code for kind in kinds for code in (*kind.codes, *kind.end_codes) if _may_be_over(code)]
     found: list[SignInstance] = []
     for post in posts:
         if found and found[-1].code in dict(limits):

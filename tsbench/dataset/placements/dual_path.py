@@ -18,6 +18,7 @@ from tsbench.dataset.placements.base import (
     passenger_lanes,
     plate_beside,
     require,
+    start_speed,
 )
 from tsbench.dataset.placements.obedient_way import (
     check_way,
@@ -99,9 +100,7 @@ class ManoeuvrePlacement(Placement):
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
-        start = EgoStart(
-            lane.id, before_line(lane, before), min(variant.initial_speed, network.shown_limits[lane.index])
-        )
+        start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
         goal = network.edge_lanes(target)[0].line.length
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")

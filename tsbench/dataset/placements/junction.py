@@ -13,7 +13,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.base import (  # fmt: skip
     Arrangement,
     Placement,
     SceneTask,
@@ -22,7 +22,8 @@ from tsbench.dataset.placements.base import (
     passenger_lanes,
     plate_beside,
     require,
-)  # fmt: skip
+    start_speed,
+)
 from tsbench.dataset.placements.junction_arms import (
     Arms,
     bending_arms,
@@ -92,9 +93,7 @@ class GiveWayPlacement(Placement):
         require(bool(options), "who has priority shows what it does before the ego is at its line")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
-        start = EgoStart(
-            lane.id, before_line(lane, before), min(variant.initial_speed, network.shown_limits[lane.index])
-        )
+        start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
         end_s = min(variant.route_length, exit_lane.line.length - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
         route = (lane.edge, exit_lane.edge)

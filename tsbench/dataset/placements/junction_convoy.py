@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tsbench.dataset.placements.base import ConvoySetup, SceneTask, UnfitMapError, passenger_lanes
+from tsbench.dataset.placements.base import (
+    ConvoySetup,
+    SceneTask,
+    UnfitMapError,
+    passenger_lanes,
+    start_speed,
+)
 from tsbench.dataset.placements.junction_arms import Arms
 from tsbench.geometry.angles import U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
@@ -101,11 +107,11 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
 
     Raises UnfitMapError.
     """
-    network, recipe, variant, rng = task.network, task.recipe, task.variant, task.rng
+    network, recipe, rng = task.network, task.recipe, task.rng
     foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
     turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
-    v0 = min(variant.initial_speed, cruise)
+    v0 = start_speed(task, ego_lane)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
     accel = recipe.number("convoy_accel_mps2")

@@ -15,6 +15,7 @@ from tsbench.dataset.placements.base import (
     SceneTask,
     plate_beside,
     require,
+    start_speed,
 )
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
@@ -118,6 +119,5 @@ def start_before_plate(task: SceneTask, lane: str, plate: float) -> EgoStart:
     # Corridors are cut to centimetres: the lane may be a little shorter than planned.
     most = min(run_up_room(plate + 1.0, recipe), plate - EGO_LENGTH_M - 0.1)
     before = float(task.rng.uniform(recipe.number("run_up_least_m"), most))
-    limit = task.network.shown_limits[task.network.lane(lane).index]
-    speed = min(task.variant.initial_speed, limit)
+    speed = start_speed(task, task.network.lane(lane))
     return EgoStart(lane, plate - before - EGO_LENGTH_M / 2, speed)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.base import (  # fmt: skip
     Arrangement,
     Placement,
     SceneTask,
@@ -20,7 +20,8 @@ from tsbench.dataset.placements.base import (
     passenger_lanes,
     plate_beside,
     require,
-)  # fmt: skip
+    start_speed,
+)
 from tsbench.dataset.placements.junction_convoy import Conflict, meeting
 from tsbench.dataset.placements.ring_convoy import ring_convoy
 from tsbench.dataset.scenes.recipe import Recipe
@@ -79,9 +80,7 @@ class RoundaboutPlacement(Placement):
         lane, path = _entry_lane(task, route, destination)
         before = min(recipe.number("ego_before_line_m"), lane.line.length - EGO_LENGTH_M - _STILL_ROOM_M)
         require(before >= recipe.number("ego_least_m"), f"the entry lane is {lane.line.length:.0f} m long")
-        start = EgoStart(
-            lane.id, before_line(lane, before), min(variant.initial_speed, network.shown_limits[lane.index])
-        )
+        start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
         require(
             _sharpest(path) <= math.radians(recipe.number("sharpest_bend_deg")),
             "the way has a bend that no car can take",
