@@ -206,11 +206,14 @@ def test_slower_variants_start_farther_below_and_leaders_are_rare(networks: dict
 
 
 def test_minimums_as_the_road_allows(networks: dict[str, RoadNetwork]) -> None:
-    def posted(limit: int) -> list[float]:
+    def posted(limit: int, shown: int = 130) -> list[float]:
         tasks = [task_of(networks, "min_speed", asked=k) for k in range(6)]
-        return [task_minimum(replace(t, row=corridor(speed=limit / 3.6))) for t in tasks]
+        classes = {edge.road_class for edge in tasks[0].network.edges.values()}
+        network = replace(tasks[0].network, class_speed=dict.fromkeys(classes, shown / 3.6))
+        return [task_minimum(replace(t, row=corridor(speed=limit / 3.6), network=network)) for t in tasks]
 
     assert posted(60) == [40.0, 50.0] * 3
+    assert posted(80, shown=60) == posted(60)
     assert posted(80) == [40.0, 50.0, 60.0] * 2
     assert posted(50) == [40.0] * 6
     with pytest.raises(UnfitMapError, match="the road's own limit is 40 km/h"):
