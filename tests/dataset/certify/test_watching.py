@@ -9,6 +9,7 @@ import pytest
 from simworld import simulation
 
 from tsbench.dataset.certify.certifier import Certifier
+from tsbench.dataset.certify.pair import alike_to_others
 from tsbench.dataset.certify.watching import HABITS, Habit, drawn_habits
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
@@ -70,3 +71,15 @@ def test_a_certificate_tries_some_habits_of_all_by_the_name_of_the_pair() -> Non
     assert drawn == [drawn_habits(f"pair-{k}") for k in range(60)]
     assert {len(habits) for habits in drawn} == {2}
     assert {habit.name for habits in drawn for habit in habits} == {habit.name for habit in HABITS}
+
+
+def alike(pair: Pair) -> bool:
+    loader = SceneLoader()
+    (one, _), (other, _) = (loader.load(half) for half in pair)
+    return pair[0].net_sha256 == pair[1].net_sha256 and alike_to_others(one, other)
+
+
+def test_only_where_plates_are_about_others_are_the_halves_not_alike_to_them() -> None:
+    """In these types a certificate tries watching drivers; in the rest there is nothing that they could be shown."""
+    assert {pair[0].pair_type for pair in pairs() if not alike(pair)} == set(PRIORITY)
+    assert not any(alike(pair) for pair in pairs() if pair[0].pair_type in PRIORITY)

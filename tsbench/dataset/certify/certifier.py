@@ -15,6 +15,7 @@ from tsbench.dataset.certify.pair import (
     Prejudiced,
     Recorder,
     Replay,
+    alike_to_others,
     braking_before,
     first_difference,
     line_point,
@@ -148,18 +149,25 @@ class Certifier:
         """When others first do something else, under the tempted driver's commands of the signed half, and the braking
         that would still stop it before its line then; None, None where they never do before the line.
 
-        Of a driver who watches, where others show it sooner what the plates say.
+        Of a driver who watches, where others show it sooner what the plates say. Nobody watches where the halves are
+        alike to others: they can show nothing.
         """
         facts, same = a.blind.result.facts, self._replay(a.blind, b.spec).result.facts
         tick = None if facts is None or same is None else first_difference(facts, same)
         brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
         found = [] if tick is None or brake is None else [(tick.time, brake)]
+        if self._alike(a.spec, b.spec):
+            return min(found, default=(None, None))
         found += [
             shown
             for habit in drawn_habits(a.spec.pair_name)
             if (shown := self.shown_to(habit, a.spec, b.spec))
         ]
         return min(found, key=lambda shown: shown[1], default=(None, None))
+
+    def _alike(self, a: ScenarioSpec, b: ScenarioSpec) -> bool:
+        same_roads = a.net_sha256 == b.net_sha256
+        return same_roads and alike_to_others(self._loader.load(a)[0], self._loader.load(b)[0])
 
     def shown_to(
         self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec

@@ -9,16 +9,22 @@ from dataclasses import replace
 from itertools import zip_longest
 
 import numpy as np
+from lxml import etree
 
 from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
-from tsbench.sim.scene import Scene
+from tsbench.signs.contrast import CONTRAST
+from tsbench.sim.junction_traffic import exchangeable
+from tsbench.sim.scene import Scene, SceneFile
+from tsbench.sim.scene_file import read_additional
 from tsbench.sim.world import WorldSnapshot
 
 _STOP = Control(-3.0, 0.0)
 # Positions and speeds of SUMO's own arithmetic, in m and m/s.
 _SAME = 1e-6
+# Points of a scene's file that nobody but the ego's judge and driver is told: plates, what is needless, the asked way.
+_OF_THE_EGO = ("sign", CONTRAST, "start")
 
 
 class Recorder:
@@ -75,6 +81,20 @@ class Prejudiced:
     def act(self, observation: Observation) -> Control | Trajectory:
         """The expert's answer."""
         return self._expert.act(observation)
+
+
+def alike_to_others(a: Scene, b: Scene) -> bool:
+    """Do two scenes on the same network tell SUMO and those who release others the same?
+
+    They differ then in plates alone, which nobody else reads: under the same commands of an ego all others do the same.
+    """
+    held_back = exchangeable(a) == exchangeable(b)
+    return held_back and _for_others(a.additional) == _for_others(b.additional)
+
+
+def _for_others(file: SceneFile) -> list[bytes]:
+    root = read_additional(file.path, file.content)
+    return [etree.tostring(one) for one in root if one.get("type") not in _OF_THE_EGO]
 
 
 def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
