@@ -107,9 +107,10 @@ def new(
     osm_dir: Path | None,
 ) -> None:
     """Fetch the roads of a box and describe them as the city NAME in cities/NAME.yaml."""
-    from tsbench.dataset.city import describe_city, new_city_file, zone_of
+    from tsbench.dataset.city import describe_city, new_city_file
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.maps.versions import contents_of
 
     file, box = new_city_file(name), overpass.parse_box(bbox)
     day = date or f"{datetime.now(UTC):%Y-%m-%d}"
@@ -117,7 +118,7 @@ def new(
     path = (osm_dir or sources_dir()) / f"{name}.osm.gz"
     digest = overpass.fetch_extract(path, address)
     facts = {"date": day, "address": address, "sha256": digest, "bytes": path.stat().st_size}
-    describe_city(file, title or name, country, zone_of(box), facts)
+    describe_city(file, title or name, country, contents_of(path).zone, facts)
     click.echo(
         f"{path}: SHA-256 {digest}\n{file}: look through it, then tsbench city build {name} --osm {path.parent}"
     )

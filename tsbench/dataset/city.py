@@ -72,8 +72,8 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    side: that traffic keeps to. zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map,
-    in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
+    side: that traffic keeps to. zone: of UTM, the frame of all extracts: most nodes of each lie in it. types: its
+    type map, in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
     maps: of each type at most, by the splits that it has.
     """
 
@@ -215,11 +215,6 @@ def new_city_file(name: str) -> Path:
     if path.exists():
         raise InputError(f"{path}: there is such a city already")
     return path
-
-
-def zone_of(box: tuple[float, float, float, float]) -> int:
-    """The zone of UTM that netconvert takes for a box (west, south, east, north, degrees)."""
-    return int((0.5 * (box[0] + box[2]) + 180.0) // 6.0) % 60 + 1
 
 
 def describe_city(path: Path, title: str, country: str, zone: int, facts: Mapping[str, Any]) -> City:
