@@ -21,6 +21,7 @@ from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country
+from tsbench.signs.driving_side import country_code, driving_sides
 
 SCHEMA_VERSION = 1
 # A country's extract has less.
@@ -132,13 +133,13 @@ def _read(path: Path, name: str) -> City:
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["side"] not in (RIGHT, LEFT):
         raise InputError(f"{path}: side: {data['side']!r:.80}: expected {RIGHT} or {LEFT}")
-    if side_of(data["country"]) not in (None, data["side"]):
+    country = country_code(data["country"], f"{path}: country")
+    side = driving_sides()[country]
+    if data["side"] != side:
+        raise InputError(f"{path}: side: {data['side']}: traffic keeps to the {side} in {country!r}")
+    if data["types"] == COUNTRY_TYPES and not has_speeds(country):
         raise InputError(
-            f"{path}: side: {data['side']}: traffic keeps to the {side_of(data['country'])} in {data['country']!r:.80}"
-        )
-    if data["types"] == COUNTRY_TYPES and not has_speeds(data["country"]):
-        raise InputError(
-            f"{path}: types: no speeds are known of {data['country']!r:.80}: write {TOWN_TYPES}, "
+            f"{path}: types: no speeds are known of {country!r}: write {TOWN_TYPES}, "
             "or the country's file (docs/signs.md)"
         )
     _number(path, "zone", data["zone"], 1, 60, int)
@@ -148,15 +149,9 @@ def _read(path: Path, name: str) -> City:
     for split, count in maps.items():
         _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
     return City(
-        name, data["title"], data["country"], data["side"], data["zone"], data["types"],
+        name, data["title"], country, data["side"], data["zone"], data["types"],
         _split(path, data["split"]), maps, _extracts(path, data["extracts"]),
     )  # fmt: skip
-
-
-def side_of(country: str) -> str | None:
-    """The side that traffic keeps to in a country, by its code; None where no file says it."""
-    traffic = load_country(country).traffic if country in country_codes() else None
-    return traffic.side if traffic else None
 
 
 def has_speeds(country: str) -> bool:
@@ -230,7 +225,7 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
     }
     data = {
         "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country,
-        "side": side_of(country) or RIGHT, "zone": zone, "types": types,
+        "side": driving_sides()[country], "zone": zone, "types": types,
         "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1}, "extracts": [extract],
     }  # fmt: skip
     write_atomic(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())

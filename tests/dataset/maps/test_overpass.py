@@ -168,6 +168,31 @@ def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
         assert load_source("edge", tmp_path).frame == made.frame
 
 
+@pytest.mark.parametrize(
+    ("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")]
+)
+def test_a_new_city_keeps_to_the_side_of_its_country(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str, side: str
+) -> None:
+    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
+    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+    call("city", "new", "here", *where, "--country", country)
+    assert (load_city("here").country, load_city("here").side) == (country.lower(), side)
+
+
+@pytest.mark.parametrize("country", ["uk", "zz", "", "deu"])
+def test_what_is_no_country_is_not_fetched(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str
+) -> None:
+    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
+    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+    with pytest.raises(
+        InputError, match=f"^--country: '{country}' is no country's code: write its two letters"
+    ):
+        call("city", "new", "here", *where, "--country", country)
+    assert (Overpass.asked, list(tmp_path.iterdir())) == ([], [])
+
+
 def test_a_box_from_the_command_line(server: str, tmp_path: Path) -> None:
     where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--out", str(tmp_path))
     assert str(tmp_path / "town.osm.gz") in call("fetch", "fetch", "town", *where)
