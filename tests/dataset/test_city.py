@@ -91,6 +91,8 @@ EXTRACT = {
         ({"country": 49}, "country: must be text"),
         ({"maps": {"tets": 5}}, "maps: expected numbers for some of"),
         ({"maps": {"test": 0}}, "maps: test: 0 is not in 1 to 80"),
+        ({"withdrawn": "j-1"}, "withdrawn: must be a list of map ids"),
+        ({"withdrawn": [1]}, "withdrawn: must be a list of map ids"),
         ({"split": {"tile_m": 1000}}, "split: expected the keys test_share, tile_m"),
         ({"split": {"tile_m": 499, "test_share": 0.5}}, "split: tile_m: 499"),
         ({"split": {"tile_m": 1000, "test_share": 1.01}}, r"split: test_share: 1\.01"),

@@ -29,7 +29,7 @@ _MOST_BYTES = 1 << 34
 # What a city's `types` may say besides the name of a type map: the town's, with its country's speeds.
 COUNTRY_TYPES, TOWN_TYPES = "country", "town.typ.xml"
 _KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
-_MAY = {"maps"}
+_MAY = {"maps", "withdrawn"}
 _SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
 _EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "bytes", "licence"}
 
@@ -75,7 +75,7 @@ class City:
 
     side: that traffic keeps to. zone: of UTM, the frame of all extracts: most nodes of each lie in it. types: its
     type map, in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
-    maps: of each type at most, by the splits that it has.
+    maps: of each type at most, by the splits that it has. withdrawn: ids of maps that no new scene is made on.
     """
 
     name: str
@@ -87,6 +87,7 @@ class City:
     split: SplitPlan
     maps: Mapping[str, int]
     extracts: tuple[Extract, ...]
+    withdrawn: frozenset[str] = frozenset()
 
     @property
     def frame(self) -> UtmFrame:
@@ -148,9 +149,12 @@ def _read(path: Path, name: str) -> City:
         raise InputError(f"{path}: maps: expected numbers for some of {', '.join(MAPS)}")
     for split, count in maps.items():
         _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
+    withdrawn = data.get("withdrawn", [])
+    if not isinstance(withdrawn, list) or not all(isinstance(one, str) for one in withdrawn):
+        raise InputError(f"{path}: withdrawn: must be a list of map ids")
     return City(
         name, data["title"], country, data["side"], data["zone"], data["types"],
-        _split(path, data["split"]), maps, _extracts(path, data["extracts"]),
+        _split(path, data["split"]), maps, _extracts(path, data["extracts"]), frozenset(withdrawn),
     )  # fmt: skip
 
 
