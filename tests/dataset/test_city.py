@@ -72,6 +72,15 @@ EXTRACT = {
         ({"side": "middle"}, "side: 'middle': expected right or left"),
         ({"side": "left"}, "side: left: traffic keeps to the right in 'de'"),
         ({"country": "gb"}, "side: right: traffic keeps to the left in 'gb'"),
+        ({"country": "GB"}, "side: right: traffic keeps to the left in 'gb'"),
+        ({"country": "ie"}, "side: right: traffic keeps to the left in 'ie'"),
+        ({"country": "in"}, "side: right: traffic keeps to the left in 'in'"),
+        ({"country": "nl", "side": "left"}, "side: left: traffic keeps to the right in 'nl'"),
+        ({"country": "uk"}, "country: 'uk' is no country's code: write its two letters of ISO 3166, such as de, or gb"),
+        ({"country": "zz"}, "country: 'zz' is no country's code"),
+        ({"country": ""}, "country: '' is no country's code"),
+        ({"country": "deu"}, "country: 'deu' is no country's code"),
+        ({"country": " de"}, "country: ' de' is no country's code"),
         ({"zone": 0}, "zone: 0 is not in 1 to 60"),
         ({"zone": 61}, "zone: 61 is not in 1 to 60"),
         ({"zone": 32.0}, r"zone: 32\.0"),
@@ -82,6 +91,8 @@ EXTRACT = {
         ({"country": 49}, "country: must be text"),
         ({"maps": {"tets": 5}}, "maps: expected numbers for some of"),
         ({"maps": {"test": 0}}, "maps: test: 0 is not in 1 to 80"),
+        ({"withdrawn": "j-1"}, "withdrawn: must be a list of map ids"),
+        ({"withdrawn": [1]}, "withdrawn: must be a list of map ids"),
         ({"split": {"tile_m": 1000}}, "split: expected the keys test_share, tile_m"),
         ({"split": {"tile_m": 499, "test_share": 0.5}}, "split: tile_m: 499"),
         ({"split": {"tile_m": 1000, "test_share": 1.01}}, r"split: test_share: 1\.01"),
@@ -123,8 +134,18 @@ def test_a_town_may_have_its_country_s_speeds(described: Callable[..., str]) -> 
 
 
 def test_speeds_of_a_country_that_has_no_file_are_not_invented(described: Callable[..., str]) -> None:
-    with pytest.raises(InputError, match="types: no speeds are known of 'xx'"):
-        load_city(described({"types": "country", "country": "xx"}))
+    with pytest.raises(InputError, match="types: no speeds are known of 'nl'"):
+        load_city(described({"types": "country", "country": "nl"}))
+
+
+@pytest.mark.parametrize(
+    ("country", "code", "side"), [("DE", "de", "right"), ("Ie", "ie", "left"), ("no", "no", "right")]
+)
+def test_a_country_s_code_in_any_case(
+    described: Callable[..., str], country: str, code: str, side: str
+) -> None:
+    city = load_city(described({"country": country, "side": side, "types": "town.typ.xml"}))
+    assert (city.country, city.side, city.frame.mirrored) == (code, side, side == "left")
 
 
 def test_a_city_that_nobody_described() -> None:

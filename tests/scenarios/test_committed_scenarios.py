@@ -65,6 +65,15 @@ def test_each_split_says_of_which_edition_it_is() -> None:
         assert {r.split for r in read_table(table_path(split, SCENARIOS))} == {split}
 
 
+def test_rows_on_withdrawn_maps_are_of_train_alone(
+    rows: list[ScenarioSpec], pool: dict[str, PoolRow]
+) -> None:
+    withdrawn = load_city("moscow").withdrawn
+    assert withdrawn
+    assert withdrawn <= set(pool)
+    assert {r.split for r in rows if r.map_id in withdrawn} <= {"train"}
+
+
 def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
     """Test is whole; in train and dev few maps are wanting, as the build says; holdout has what its district gives."""
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))

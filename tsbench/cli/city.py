@@ -92,7 +92,7 @@ def _show_country(code: str, country: Country | None) -> None:
 @city.command()
 @click.argument("name")
 @options.box
-@click.option("--country", required=True, metavar="CODE", help="Two letters, such as de.")
+@click.option("--country", required=True, metavar="CODE", help="Its two letters of ISO 3166, such as de.")
 @click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
 @click.option("--ground", is_flag=True, help="Also fetch buildings, greenery and water, for pictures.")
 @options.osm
@@ -107,17 +107,19 @@ def new(
     osm_dir: Path | None,
 ) -> None:
     """Fetch the roads of a box and describe them as the city NAME in cities/NAME.yaml."""
-    from tsbench.dataset.city import describe_city, new_city_file, zone_of
+    from tsbench.dataset.city import describe_city, new_city_file
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.maps.versions import contents_of
+    from tsbench.signs.driving_side import country_code
 
-    file, box = new_city_file(name), overpass.parse_box(bbox)
+    file, box, code = new_city_file(name), overpass.parse_box(bbox), country_code(country, "--country")
     day = date or f"{datetime.now(UTC):%Y-%m-%d}"
     address = overpass.address(box, day, server or overpass.SERVER, ground)
     path = (osm_dir or sources_dir()) / f"{name}.osm.gz"
     digest = overpass.fetch_extract(path, address)
     facts = {"date": day, "address": address, "sha256": digest, "bytes": path.stat().st_size}
-    describe_city(file, title or name, country, zone_of(box), facts)
+    describe_city(file, title or name, code, contents_of(path).zone, facts)
     click.echo(
         f"{path}: SHA-256 {digest}\n{file}: look through it, then tsbench city build {name} --osm {path.parent}"
     )

@@ -21,6 +21,7 @@ from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country
+from tsbench.signs.driving_side import country_code, driving_sides
 
 SCHEMA_VERSION = 1
 # A country's extract has less.
@@ -28,7 +29,7 @@ _MOST_BYTES = 1 << 34
 # What a city's `types` may say besides the name of a type map: the town's, with its country's speeds.
 COUNTRY_TYPES, TOWN_TYPES = "country", "town.typ.xml"
 _KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
-_MAY = {"maps"}
+_MAY = {"maps", "withdrawn"}
 _SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
 _EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "bytes", "licence"}
 
@@ -72,9 +73,9 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    side: that traffic keeps to. zone: of UTM, as netconvert takes it: the frame of all extracts. types: its type map,
-    in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
-    maps: of each type at most, by the splits that it has.
+    side: that traffic keeps to. zone: of UTM, the frame of all extracts: most nodes of each lie in it. types: its
+    type map, in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
+    maps: of each type at most, by the splits that it has. withdrawn: ids of maps that no new scene is made on.
     """
 
     name: str
@@ -86,6 +87,7 @@ class City:
     split: SplitPlan
     maps: Mapping[str, int]
     extracts: tuple[Extract, ...]
+    withdrawn: frozenset[str] = frozenset()
 
     @property
     def frame(self) -> UtmFrame:
@@ -132,13 +134,13 @@ def _read(path: Path, name: str) -> City:
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["side"] not in (RIGHT, LEFT):
         raise InputError(f"{path}: side: {data['side']!r:.80}: expected {RIGHT} or {LEFT}")
-    if side_of(data["country"]) not in (None, data["side"]):
+    country = country_code(data["country"], f"{path}: country")
+    side = driving_sides()[country]
+    if data["side"] != side:
+        raise InputError(f"{path}: side: {data['side']}: traffic keeps to the {side} in {country!r}")
+    if data["types"] == COUNTRY_TYPES and not has_speeds(country):
         raise InputError(
-            f"{path}: side: {data['side']}: traffic keeps to the {side_of(data['country'])} in {data['country']!r:.80}"
-        )
-    if data["types"] == COUNTRY_TYPES and not has_speeds(data["country"]):
-        raise InputError(
-            f"{path}: types: no speeds are known of {data['country']!r:.80}: write {TOWN_TYPES}, "
+            f"{path}: types: no speeds are known of {country!r}: write {TOWN_TYPES}, "
             "or the country's file (docs/signs.md)"
         )
     _number(path, "zone", data["zone"], 1, 60, int)
@@ -147,16 +149,13 @@ def _read(path: Path, name: str) -> City:
         raise InputError(f"{path}: maps: expected numbers for some of {', '.join(MAPS)}")
     for split, count in maps.items():
         _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
+    withdrawn = data.get("withdrawn", [])
+    if not isinstance(withdrawn, list) or not all(isinstance(one, str) for one in withdrawn):
+        raise InputError(f"{path}: withdrawn: must be a list of map ids")
     return City(
-        name, data["title"], data["country"], data["side"], data["zone"], data["types"],
-        _split(path, data["split"]), maps, _extracts(path, data["extracts"]),
+        name, data["title"], country, data["side"], data["zone"], data["types"],
+        _split(path, data["split"]), maps, _extracts(path, data["extracts"]), frozenset(withdrawn),
     )  # fmt: skip
-
-
-def side_of(country: str) -> str | None:
-    """The side that traffic keeps to in a country, by its code; None where no file says it."""
-    traffic = load_country(country).traffic if country in country_codes() else None
-    return traffic.side if traffic else None
 
 
 def has_speeds(country: str) -> bool:
@@ -217,11 +216,6 @@ def new_city_file(name: str) -> Path:
     return path
 
 
-def zone_of(box: tuple[float, float, float, float]) -> int:
-    """The zone of UTM that netconvert takes for a box (west, south, east, north, degrees)."""
-    return int((0.5 * (box[0] + box[2]) + 180.0) // 6.0) % 60 + 1
-
-
 def describe_city(path: Path, title: str, country: str, zone: int, facts: Mapping[str, Any]) -> City:
     """Write the description of a city of one extract. facts: its date, address, sha256 and bytes."""
     name = path.stem
@@ -235,7 +229,7 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
     }
     data = {
         "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country,
-        "side": side_of(country) or RIGHT, "zone": zone, "types": types,
+        "side": driving_sides()[country], "zone": zone, "types": types,
         "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1}, "extracts": [extract],
     }  # fmt: skip
     write_atomic(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True).encode())

@@ -16,6 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.core.paths import data_file, left_hand_in_use, stored_city
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
+from tsbench.signs.driving_side import driving_sides
 from tsbench.signs.model import Sign
 from tsbench.signs.reading import read_file
 
@@ -203,7 +204,7 @@ def country_in_use() -> Country | None:
 @cache
 def _of_city(city: Path, folder: Path) -> Country | None:
     told = textfile.read_yaml(city, "description of a city") if city.is_file() else {}
-    path = folder / f"{told.get('country')}.yaml"
+    path = folder / f"{str(told.get('country')).lower()}.yaml"
     return _load(path) if path.is_file() else None
 
 
@@ -263,6 +264,11 @@ def _country(file: _File, catalog: Catalog) -> Country:
             raise ValueError(f"signs: {sign}: code {entry.code!r} needs its letters under latin")
         if entry.drawing is not None and not (catalog.root / "plates" / entry.drawing).is_file():
             raise ValueError(f"signs: {sign}: drawing: no {entry.drawing} in {catalog.root / 'plates'}")
+    sides = driving_sides(catalog.root)
+    if file.country not in sides:
+        raise ValueError(f"country: {file.country!r} is no country's code of ISO 3166")
+    if file.traffic is not None and file.traffic.side != sides[file.country]:
+        raise ValueError(f"traffic: side: {file.traffic.side}: driving_sides.yaml says {sides[file.country]}")
     percent = file.published_percent
     if percent is not None and not 0 <= percent <= 100:
         raise ValueError(f"published_percent: must lie between 0 and 100, not {percent:g}")

@@ -59,8 +59,8 @@ def test_the_placement_of_a_line_is_left_out() -> None:
 def test_an_extract_comes_back_from_the_second_mirror(tmp_path: Path) -> None:
     path, once, twice, plain = (tmp_path / f"{name}.osm" for name in ("town", "once", "twice", "plain"))
     path.write_text(make_town().xml(), encoding="utf-8")
-    facts = read_extract(path, once, MERIDIAN)
-    read_extract(once, twice, MERIDIAN)
+    facts = read_extract(path, once, in_mirror=True)
+    read_extract(once, twice, in_mirror=True)
     straight = read_extract(path, plain)
     assert twice.read_bytes() == plain.read_bytes() != once.read_bytes()
     # Signals are told where they are.
@@ -89,7 +89,7 @@ def test_a_british_town_has_the_roads_of_its_image(tmp_path: Path) -> None:
     right.write_text(make_town().xml(), encoding="utf-8")
     left.write_text(make_town().xml(UtmFrame(37, mirrored=True), NORTH), encoding="utf-8")
     image, plain = tmp_path / "image.osm", tmp_path / "plain.osm"
-    read_extract(left, image, MERIDIAN)
+    read_extract(left, image, in_mirror=True)
     read_extract(right, plain)
     for one, other in zip(osmium.FileProcessor(str(plain)), osmium.FileProcessor(str(image)), strict=True):
         assert one.id == other.id

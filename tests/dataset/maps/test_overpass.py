@@ -15,10 +15,12 @@ from click.testing import CliRunner
 from tsbench.cli.city import city
 from tsbench.cli.maps import maps
 from tsbench.core.errors import InputError
+from tsbench.core.paths import using_city
 from tsbench.dataset import city as cities
-from tsbench.dataset.city import load_city, zone_of
+from tsbench.dataset.city import load_city
 from tsbench.dataset.maps.osm import read_extract
 from tsbench.dataset.maps.overpass import address, fetch_extract, is_address, parse_box
+from tsbench.dataset.maps.source import load_source
 
 BOX = (11.5, 49.9, 11.6, 50.0)
 ROADS = """<node id="1" lat="49.95" lon="11.55"><tag k="highway" v="traffic_signals"/></node>
@@ -120,13 +122,6 @@ def test_no_server_is_one_line(tmp_path: Path) -> None:
         fetch_extract(tmp_path / "x.osm.gz", address(BOX, None, "http://127.0.0.1:9/x"))
 
 
-@pytest.mark.parametrize(
-    ("west", "zone"), [(11.5, 32), (-0.2, 30), (0.0, 31), (179.9, 60), (-180.0, 1), (37.5, 37)]
-)
-def test_the_zone_is_netconverts(west: float, zone: int) -> None:
-    assert zone_of((west, 50.0, west + 0.05, 50.1)) == zone
-
-
 def test_a_new_city_is_fetched_described_and_fetched_again(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -151,6 +146,51 @@ def test_a_new_city_is_fetched_described_and_fetched_again(
     monkeypatch.setattr(Overpass, "body", ROADS.replace("49.96", "49.97"))
     with pytest.raises(InputError, match="is not that of 'here'"):
         call("city", "fetch", "here", "--osm", str(tmp_path / "changed"))
+
+
+def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
+    server: str, workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middle of the box and the first node are of zone 33, most nodes of zone 32."""
+    places = (12.001, 11.991, 11.995, 11.999)
+    nodes = "".join(f'<node id="{k}" lat="49.95" lon="{lon}"/>' for k, lon in enumerate(places, start=1))
+    way = '<way id="9">{}<tag k="highway" v="residential"/></way>'.format(
+        "".join(f'<nd ref="{k}"/>' for k in (1, 4, 3, 2))
+    )
+    monkeypatch.setattr(Overpass, "body", nodes + way)
+    (tmp_path / "cities").mkdir()
+    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path / "cities")
+    where = ("--bbox", "11.99,49.9,12.02,50.0", "--server", server, "--osm", str(tmp_path))
+    call("city", "new", "edge", *where, "--country", "de", "--date", "2024-02-29")
+    made = load_city("edge")
+    assert made.zone == 32
+    with using_city("edge"):
+        assert load_source("edge", tmp_path).frame == made.frame
+
+
+@pytest.mark.parametrize(
+    ("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")]
+)
+def test_a_new_city_keeps_to_the_side_of_its_country(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str, side: str
+) -> None:
+    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
+    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+    call("city", "new", "here", *where, "--country", country)
+    assert (load_city("here").country, load_city("here").side) == (country.lower(), side)
+
+
+@pytest.mark.parametrize("country", ["uk", "zz", "", "deu"])
+def test_what_is_no_country_is_not_fetched(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str
+) -> None:
+    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
+    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+    with pytest.raises(
+        InputError, match=f"^--country: '{country}' is no country's code: write its two letters"
+    ):
+        call("city", "new", "here", *where, "--country", country)
+    assert (Overpass.asked, list(tmp_path.iterdir())) == ([], [])
 
 
 def test_a_box_from_the_command_line(server: str, tmp_path: Path) -> None:

@@ -11,11 +11,9 @@ from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
 from tsbench.dataset.maps.plausible import BOUNDS, SetAside, is_plausible, some
 from tsbench.dataset.maps.source import load_source
-from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.roads.network import read_network
 
 RESIDENTIAL_MPS = 11.11
-MERIDIAN = UtmFrame(37).meridian
 
 
 @pytest.mark.parametrize(
@@ -89,7 +87,7 @@ def test_in_a_mirror_too(tmp_path: Path) -> None:
     town = Town()
     town.road([(0, 0), (300, 0)], "residential", maxspeed="5030", **{"sidewalk": "left"})
     (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    facts = read_extract(tmp_path / "town.osm", tmp_path / "image.osm", MERIDIAN)
+    facts = read_extract(tmp_path / "town.osm", tmp_path / "image.osm", in_mirror=True)
     image = (tmp_path / "image.osm").read_text()
     assert "maxspeed" not in image
     assert 'k="sidewalk" v="right"' in image

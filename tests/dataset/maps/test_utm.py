@@ -9,12 +9,13 @@ import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from town import EAST, NORTH, make_town
+from town import EAST, NORTH, Town, make_town
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.harvest import _check_one_frame
 from tsbench.dataset.maps.source import SourceNetwork, load_source
-from tsbench.dataset.maps.utm import UtmFrame, frame_of
+from tsbench.dataset.maps.utm import UtmFrame, frame_of, zones_at
+from tsbench.dataset.maps.versions import contents_of
 
 ZONES = st.integers(1, 60)
 
@@ -42,6 +43,36 @@ def test_it_agrees_with_proj_in_all_zones_and_hemispheres(
 def test_another_projection_is_one_line(projection: str) -> None:
     with pytest.raises(InputError, match=r"town\.osm: netconvert used the projection"):
         frame_of(projection, "town.osm")
+
+
+@given(ZONES)
+def test_netconvert_is_told_the_zone_that_is_read_back(zone: int) -> None:
+    assert frame_of(UtmFrame(zone).projection, "x") == UtmFrame(zone)
+
+
+def test_zones_of_longitudes() -> None:
+    found = {11.5: 32, 11.999: 32, 12.0: 33, -0.2: 30, 0.0: 31, 179.9: 60, 180.0: 1, -180.0: 1, 37.5: 37}
+    assert dict(zip(found, zones_at(list(found)).tolist(), strict=True)) == found
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize(("west", "zone"), [(450.0, 32), (150.0, 33)])
+def test_a_town_on_a_zones_border_is_in_the_zone_of_most_of_it(
+    west: float, zone: int, reverse: bool, workplace: Path, tmp_path: Path
+) -> None:
+    """Streets of 600 m, `west` of them before the border of the zones 32 and 33, whichever node comes first."""
+    start = UtmFrame(32).to_metres(50.0, 12.0)[0].item() - EAST - west
+    town = Town()
+    for row in range(3):
+        street = [(start + 50.0 * k, 100.0 * row) for k in range(13)]
+        town.road(street[::-1] if reverse else street, "residential")
+    name = f"border-{zone}-{reverse}"
+    (tmp_path / f"{name}.osm").write_text(town.xml(UtmFrame(32), 5_540_000.0), encoding="utf-8")
+    assert contents_of(tmp_path / f"{name}.osm").zone == zone
+    source = load_source(name, tmp_path)
+    assert source.frame == UtmFrame(zone)
+    lon = source.frame.to_degrees(*source.node_xy.T)[:, 1]
+    assert lon.min() < 12.0 < lon.max()
 
 
 # Paris, a town on the equator's other side, one beside the date line: zone, northing of the town's origin.

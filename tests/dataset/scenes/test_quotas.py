@@ -16,6 +16,7 @@ from pool_builders import row
 from tsbench.core import parallel
 from tsbench.core.parallel import Workers
 from tsbench.core.provenance import closure
+from tsbench.dataset.city import load_city
 from tsbench.dataset.scenes import build as build_module
 from tsbench.dataset.scenes.build import (
     BuildRequest,
@@ -124,6 +125,18 @@ def test_draws_that_were_not_kept_are_counted_by_reason(tmp_path: Path) -> None:
     *_, report = fill(tmp_path, strewn(12), pool)
     tried = 24 + sum(report.reasons.values())
     assert report.draws == {"lead of # m": 2 * tried, "one drive passes both halves": tried}
+
+
+def test_a_withdrawn_map_is_not_tried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = strewn(12)
+    before, *_ = fill(tmp_path / "a", rows)
+    withdrawn = frozenset(before[:3])
+    monkeypatch.setattr(
+        build_module, "chosen_city", lambda: replace(load_city("moscow"), withdrawn=withdrawn)
+    )
+    names, counts, _, report = fill(tmp_path / "b", rows)
+    assert not withdrawn & set(names)
+    assert (counts, report.reasons) == (QUOTA, {}), "others take their place"
 
 
 def test_only_maps_of_the_split(tmp_path: Path) -> None:

@@ -132,7 +132,6 @@ def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
     city = chosen_city()
     other = next((name for name, found in frames.items() if found != city.frame), None)
     if other is not None:
-        # netconvert takes the zone of a node of the extract's, which near a zone's edge may be either
         remedy = (
             f"write `zone: {frames[other].zone}` into cities/{city.name}.yaml"
             if len(set(frames.values())) == 1

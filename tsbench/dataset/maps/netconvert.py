@@ -19,6 +19,7 @@ from tsbench.dataset.maps.osm import ExtractFacts, read_extract
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import origins_and_junctions
 from tsbench.dataset.maps.plausible import some
+from tsbench.dataset.maps.utm import UtmFrame
 
 EXTRACT_TIMEOUT_S = 900.0
 # Warnings that a tag was not taken as it is; the others are about the making of junctions, stops and restrictions.
@@ -98,11 +99,9 @@ def convert_to_plain(extract: Path, folder: Path, prefix: str) -> ExtractFacts:
 
 
 def _convert(extract: Path, folder: Path, option: str, name: str) -> ExtractFacts:
-    city = chosen_city()
-    facts = read_extract(
-        extract, folder / "extract.osm", city.frame.meridian if city.frame.mirrored else None
-    )
-    arguments = ("--osm-files", "extract.osm", option, name)
+    facts = read_extract(extract, folder / "extract.osm", chosen_city().frame.mirrored)
+    projection = UtmFrame(facts.zone).projection
+    arguments = ("--osm-files", "extract.osm", "--proj", projection, option, name)
     said = run_netconvert(
         folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S
     )

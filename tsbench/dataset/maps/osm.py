@@ -12,31 +12,27 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
+from tsbench.dataset.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, without_overruled
 from tsbench.dataset.maps.names import check_file
 from tsbench.dataset.maps.osm_mirror import mirrored
 from tsbench.dataset.maps.plausible import SetAside
-from tsbench.dataset.maps.utm import Floats
+from tsbench.dataset.maps.utm import Floats, UtmFrame
 from tsbench.dataset.maps.versions import contents_of, not_whole
-
-CAR_ROADS = frozenset(
-    f"{road}{link}"
-    for road in ("motorway", "trunk", "primary", "secondary", "tertiary")
-    for link in ("", "_link")
-) | {"unclassified", "residential", "living_street", "road"}
 
 
 @dataclass(frozen=True)
 class ExtractFacts:
     """What an extract tells: sizes and the traffic signals' places, (n, 2) degrees: lat, lon.
 
-    road_ends: first and last node of each road for cars, by way. notes: a line for each thing that was not taken as it
-    is. warnings: what netconvert said besides, a line of each kind.
+    road_ends: first and last node of each road for cars, by way. zone: of UTM, that netconvert is told. notes: a line
+    for each thing that was not taken as it is. warnings: what netconvert said besides, a line of each kind.
     """
 
     nodes: int
     ways: int
     signals: Floats
     road_ends: dict[int, tuple[int, int]]
+    zone: int
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -45,20 +41,22 @@ class ExtractFacts:
         return len(self.road_ends)
 
 
-def read_extract(path: Path, plain_xml: Path, meridian: int | None = None) -> ExtractFacts:
+def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> ExtractFacts:
     """Check an extract and write it as uncompressed OSM XML to `plain_xml`: nodes, then ways, then relations.
 
-    What is deleted or an older version is left out, and so are tags that no road can have. meridian: of a mirror
-    (degrees) that it is written in, None for none; what is told is of the extract as it is.
+    What is deleted, an older version or a road that is closed to cars is left out, and so are tags that no road can
+    have. in_mirror: it is written as its image in a mirror on the meridian of its zone; what is told is of the extract
+    as it is.
 
     Raises InputError if it is missing, empty, truncated, not OSM, or has no road for cars.
     """
     check_file(path)
     contents = contents_of(path)
+    meridian = UtmFrame(contents.zone).meridian
     nodes = ways = 0
     road_ends: dict[int, tuple[int, int]] = {}
     signals: list[tuple[float, float]] = []
-    aside = SetAside()
+    aside, closed = SetAside(), ClosedRoads()
     try:
         with osmium.SimpleWriter(str(plain_xml), overwrite=True) as writer:
             for entity in contents.objects():
@@ -70,23 +68,33 @@ def read_extract(path: Path, plain_xml: Path, meridian: int | None = None) -> Ex
                 elif entity.is_way():
                     ways += 1
                     if highway in CAR_ROADS:
+                        told = {tag.k: tag.v for tag in entity.tags}
+                        if reason := closed_by(told):
+                            closed.add(entity.id, reason)
+                            continue
                         if len(entity.nodes) > 1:
                             road_ends[entity.id] = (entity.nodes[0].ref, entity.nodes[-1].ref)
-                        tags = aside.from_road(entity.id, ((tag.k, tag.v) for tag in entity.tags))
-                if meridian is not None:
+                        opened = without_overruled(told)
+                        tags = aside.from_road(entity.id, opened.items()) or (
+                            opened if opened != told else None
+                        )
+                if in_mirror:
                     writer.add(mirrored(entity, meridian, tags))
                 else:
                     writer.add(entity if tags is None else entity.replace(tags=tags))
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
         raise not_whole(path, broken, nodes, ways) from broken
     if not road_ends:
-        raise InputError(
-            f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, none with a car `highway` tag)"
+        why = (
+            f"all {closed.count} roads are closed to cars: {closed.reasons}"
+            if closed.found
+            else "none with a car `highway` tag"
         )
-    if nodes == 0:
+        raise InputError(f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, {why})")
+    if contents.zone == 0:
         raise InputError(
             f"{path}: no road for cars in it has a place ({len(road_ends)} roads, but no nodes): cut it out again with "
             "`osmium extract`, whose ways are complete"
         )
-    notes = (*contents.lines, *aside.lines())
-    return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, notes)
+    notes = (*contents.lines, *closed.lines(), *aside.lines())
+    return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.zone, notes)

@@ -1,4 +1,4 @@
-"""The metric frame of an extract: UTM (WGS 84), in the zone that netconvert's `--proj.utm` took for it.
+"""The metric frame of an extract: UTM (WGS 84), in the zone in which most of its nodes lie. netconvert is told it.
 
 Krueger's series to the third order (Karney 2011, "Transverse Mercator with an accuracy of a few nanometers"): to 0.1 mm
 within the zone. PROJ differs in the last digit of one in a thousand of the committed maps' origins; tests hold the two
@@ -94,6 +94,11 @@ class UtmFrame:
         return _ZONE_DEG * self.zone - 183
 
     @property
+    def projection(self) -> str:
+        """The zone as netconvert's option `--proj` takes it; northings count from the equator."""
+        return f"+proj=utm +zone={self.zone} +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
+
+    @property
     def _meridian(self) -> float:
         return float(np.radians(self.meridian))
 
@@ -109,6 +114,11 @@ class UtmFrame:
         return (
             f"UTM zone {self.zone}{' south' if self.south else ''}{' in a mirror' if self.mirrored else ''}"
         )
+
+
+def zones_at(lon: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """The zones of longitudes (degrees), 1 to 60; of the border between two zones the eastern one."""
+    return (np.floor((np.asarray(lon, float) + 180.0) / _ZONE_DEG) % _ZONES).astype(np.int64) + 1
 
 
 def frame_of(projection: str, what: str) -> UtmFrame:

@@ -6,6 +6,7 @@ Overpass writes ways before their nodes, which netconvert then drops without a w
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.names import CHANGES, ending_of, opened_xml
 from tsbench.dataset.maps.plausible import some
+from tsbench.dataset.maps.utm import zones_at
 
 _KINDS = ("node", "way", "relation")
 _ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
@@ -37,12 +39,16 @@ def osm_file(path: Path) -> Any:
 
 @dataclass(frozen=True)
 class Contents:
-    """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?"""
+    """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?
+
+    zone: of UTM, in which most of the nodes that count lie; 0 where none has a place.
+    """
 
     path: Path
     kind: npt.NDArray[np.int8]
     counts: npt.NDArray[np.bool_]
     lines: tuple[str, ...]
+    zone: int
 
     @property
     def in_order(self) -> bool:
@@ -70,7 +76,7 @@ class Contents:
 
 def contents_of(path: Path) -> Contents:
     """Look an extract through. Raises InputError if it is no whole OSM file, or one of changes."""
-    kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
+    kinds, ids, versions, there, east = array("b"), array("q"), array("q"), array("b"), array("d")
     try:
         for one in osmium.FileProcessor(
             osm_file(path), osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION
@@ -79,6 +85,7 @@ def contents_of(path: Path) -> Contents:
             ids.append(one.id)
             versions.append(one.version)
             there.append(one.visible)
+            east.append(one.lon if one.is_node() and one.location.valid() else math.nan)
         marked = _marked_deleted(path)
     except (RuntimeError, ValueError, OSError, EOFError, etree.XMLSyntaxError) as broken:
         nodes, ways = kinds.count(0), kinds.count(1)
@@ -100,7 +107,13 @@ def contents_of(path: Path) -> Contents:
         lines.append(
             f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
         )
-    return Contents(path, kind.astype(np.int8), newest & visible, tuple(lines))
+    counts = newest & visible
+    return Contents(path, kind.astype(np.int8), counts, tuple(lines), _zone_of_most(np.array(east)[counts]))
+
+
+def _zone_of_most(lon: npt.NDArray[np.float64]) -> int:
+    there = np.bincount(zones_at(lon[~np.isnan(lon)]))
+    return int(there.argmax()) if len(there) else 0
 
 
 def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputError:

@@ -141,14 +141,21 @@ class TypeBuilder:
         self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]
     ) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
-        self.maps = chosen_city().maps
+        city = chosen_city()
+        self.maps, self.withdrawn = city.maps, city.withdrawn
         placement = Path(inspect.getfile(type(placement_of(recipe))))
         self.key = f"{_maker_fingerprint(placement)}|{recipe}"
 
     def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
-        """Maps of the split that the recipe's family takes, in the order in which they are tried."""
+        """Maps of the split that the recipe's family takes and the city has not withdrawn, in the order of trying."""
         name, last = self.recipe.type.id, self.recipe.two_way_first
-        usable = [r for r in rows if r.family == self.recipe.type.family and self.split_of[r.map_id] == split]
+        usable = [
+            r
+            for r in rows
+            if r.family == self.recipe.type.family
+            and self.split_of[r.map_id] == split
+            and r.map_id not in self.withdrawn
+        ]
         return sorted(
             usable,
             key=lambda r: (
