@@ -31,7 +31,12 @@ def test_it_says_what_the_run_says(run: Path, make: Make, tmp_path: Path) -> Non
     path = tmp_path / "idm.json"
     path.write_text(made.to_json(), encoding="utf-8")
     assert read_submission(path) == made
-    assert (made.title, made.planner.name, made.third_party, len(made.episodes)) == ("IDM", "idm", True, DEV_ROWS)
+    assert (made.title, made.planner.name, made.third_party, len(made.episodes)) == (
+        "IDM",
+        "idm",
+        True,
+        DEV_ROWS,
+    )
     summary = tsbench.load_run(run).summary()
     mine = summary[(summary.planner == "idm") & (summary.reading == "strict")]
     for figure in made.figures:
@@ -108,11 +113,11 @@ def test_a_perception_level_goes_along(run: Path, make: Make, tmp_path: Path) ->
                 make()
 
 
-def test_the_licence_of_the_roads_goes_along(run: Path, make: Make) -> None:
-    data = json.loads(make().to_json())
+def test_the_licence_of_the_roads_goes_along(driven: Path, honest: Make) -> None:
+    data = json.loads(honest("idm").to_json())
     assert {key: data[key] for key in OSM_LICENCE} == OSM_LICENCE
     for name in ("episodes", "violations", "timing"):
-        metadata = pq.read_schema(run / f"{name}.parquet").metadata
+        metadata = pq.read_schema(driven / f"{name}.parquet").metadata
         assert {key: metadata[key.encode()].decode() for key in OSM_LICENCE} == OSM_LICENCE
 
 
@@ -169,8 +174,8 @@ def test_an_edited_trace_is_none(run: Path, make: Make) -> None:
         (lambda d: d["episodes"][0].update(scd="yes"), "malformed submission"),
     ],
 )
-def test_a_malformed_one_is_one_line(make: Make, tmp_path: Path, change: Callable, told: str) -> None:
-    data = json.loads(make().to_json())
+def test_a_malformed_one_is_one_line(honest: Make, tmp_path: Path, change: Callable, told: str) -> None:
+    data = json.loads(honest("idm").to_json())
     change(data)
     (tmp_path / "x.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=told) as caught:
@@ -178,11 +183,10 @@ def test_a_malformed_one_is_one_line(make: Make, tmp_path: Path, change: Callabl
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_episode_is_told(make: Make) -> None:
+def test_a_missing_episode_is_told(honest: Make) -> None:
     from tsbench.leaderboard.submission import figures_of
-    from tsbench.scenarios.table import read_table, table_path
 
-    made = make()
+    made = honest("idm")
     spared = replace(made, episodes=made.episodes[1:])
     with pytest.raises(InputError, match=r"1 missing .*, 0 of no row"):
         figures_of(spared.episodes, read_table(table_path("dev")), made.planner, made.contract)
