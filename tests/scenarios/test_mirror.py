@@ -29,6 +29,7 @@ from tsbench.sim.scene import SceneFile
 
 # Two drivers who look at no side: one who obeys, and one whose drives break most rules.
 DRIVERS = ("idm-e", "idm")
+DRAWS = 2
 
 
 @pytest.fixture(autouse=True)
@@ -38,8 +39,12 @@ def own_city(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: str) -> None:
-    """All types, both halves: tick by tick the same world, the same outcome, the same events."""
-    rows = read_table(table_path("dev"))
+    """Two draws of each type, both halves: tick by tick the same world, the same outcome, the same events."""
+    names: dict[str, list[str]] = {}
+    for row in read_table(table_path("dev")):
+        names.setdefault(row.pair_type, []).append(row.pair_name)
+    drawn = {name for of_type in names.values() for name in list(dict.fromkeys(of_type))[:DRAWS]}
+    rows = [row for row in read_table(table_path("dev")) if row.pair_name in drawn]
     assert {row.scenario_type for row in rows} == {kind.id for kind in load_catalog().types}
     clauses = set()
     for row in rows:
