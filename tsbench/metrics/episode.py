@@ -163,8 +163,8 @@ EPISODE_METRICS = (
     Metric("min_pet", float, lambda e: min_pet(e.tracks), "least post-encroachment time, s (below)"),
     Metric(
         "max_overspeed", float, lambda e: max_overspeed(e.tracks, e.scene),
-        "m/s, greatest excess over the *road's* limit (SUMO lane speed, ordinary lanes only), at least 0; what a plate "
-        "posts is judged by its rule",
+        "m/s, greatest excess over the *road's* limit (the one that planners are shown, ordinary lanes only), at least "
+        "0; what a plate posts is judged by its rule",
     ),
     Metric(
         "hard_braking", bool, lambda e: hard_braking(e.tracks), "the ego braked harder than 4.05 m/s2 at some tick",
