@@ -156,18 +156,10 @@ class Certifier:
         tick = None if facts is None or same is None else first_difference(facts, same)
         brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
         found = [] if tick is None or brake is None else [(tick.time, brake)]
-        if self._alike(a.spec, b.spec):
-            return min(found, default=(None, None))
-        found += [
-            shown
-            for habit in drawn_habits(a.spec.pair_name)
-            if (shown := self.shown_to(habit, a.spec, b.spec))
-        ]
+        one, other = (self._loader.load(half.spec)[0] for half in (a, b))
+        habits = () if alike_to_others(one, other) else drawn_habits(a.spec.pair_name)
+        found += [shown for habit in habits if (shown := self.shown_to(habit, a.spec, b.spec))]
         return min(found, key=lambda shown: shown[1], default=(None, None))
-
-    def _alike(self, a: ScenarioSpec, b: ScenarioSpec) -> bool:
-        same_roads = a.net_sha256 == b.net_sha256
-        return same_roads and alike_to_others(self._loader.load(a)[0], self._loader.load(b)[0])
 
     def shown_to(
         self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec

@@ -84,12 +84,15 @@ class Prejudiced:
 
 
 def alike_to_others(a: Scene, b: Scene) -> bool:
-    """Do two scenes on the same network tell SUMO and those who release others the same?
+    """Do two scenes tell SUMO and those who release others the same?
 
     They differ then in plates alone, which nobody else reads: under the same commands of an ego all others do the same.
     """
-    held_back = exchangeable(a) == exchangeable(b)
-    return held_back and _for_others(a.additional) == _for_others(b.additional)
+    return (
+        a.net.content == b.net.content
+        and exchangeable(a) == exchangeable(b)
+        and _for_others(a.additional) == _for_others(b.additional)
+    )
 
 
 def _for_others(file: SceneFile) -> list[bytes]:

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (  # fmt: skip
+from tsbench.dataset.placements.base import (
     Arrangement,
     Placement,
     SceneTask,

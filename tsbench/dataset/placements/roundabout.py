@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (  # fmt: skip
+from tsbench.dataset.placements.base import (
     Arrangement,
     Placement,
     SceneTask,
