@@ -10,7 +10,7 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.core.provenance import closure
 from tsbench.run.contract import code_files
-from tsbench.run.planner_info import describe
+from tsbench.run.planner_info import describe, resolve_unchanged
 
 MINE = """
 import neighbour
@@ -88,6 +88,14 @@ def test_weights_that_are_named_from_the_folder_of_the_run(
         (tmp_path / "net.npz").write_bytes(content)
         codes.append(describe(spec).code_sha256)
     assert len(set(codes)) == 3
+
+
+def test_a_planner_that_changed_since_its_run_began_is_not_loaded(mine: Path) -> None:
+    planner = describe(f"{mine / 'planner.py'}:drive")
+    assert resolve_unchanged(planner).name == "drive"
+    (mine / "neighbour.py").write_text("ACCELERATION = 1.0\n")
+    with pytest.raises(InputError, match="its code has changed since the run began"):
+        resolve_unchanged(planner)
 
 
 def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:

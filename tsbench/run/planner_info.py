@@ -8,6 +8,7 @@ it opens while it is made have hashes of their own.
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,7 +56,7 @@ def describe(spec: str) -> PlannerInfo:
         planner = _make(loaded)
     shared = loaded.keeps_process or bool(shared_with_children() - before)
     del planner
-    sources = [path for path in map(source_file, loaded.sources) if path is not None]
+    sources = _sources(loaded)
     place = opened_files.place_of(sources[0]) if sources else None
     return PlannerInfo(
         name=loaded.name,
@@ -65,12 +66,33 @@ def describe(spec: str) -> PlannerInfo:
         floor=loaded.floor,
         served_on=tuple(device for device in DEVICES if is_served(loaded.batched, device)),
         weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
-        # The contract has the rest.
-        code_sha256=digest(closure(sources, code_files())) if sources else None,
+        code_sha256=_code_hash(sources),
         may_remember=shared and not loaded.own,
         opened=() if loaded.own else opened_files.hashes(opened.files, place),
         unseen=() if loaded.own else opened.unseen,
     )
+
+
+def resolve_unchanged(planner: PlannerInfo) -> LoadedPlanner:
+    """A planner of a run, loaded. Raises InputError where its code is not the one that the run began with, too."""
+    loaded = resolve(planner.spec)
+    if planner.code_sha256 not in (None, _code_hash(_sources(loaded))):
+        raise changed(planner, "its code")
+    return loaded
+
+
+def changed(planner: PlannerInfo, what: str) -> InputError:
+    """What to tell whoever changes a planner while it is driven."""
+    return InputError(f"planner {planner.spec!r}: {what} has changed since the run began: start the run anew")
+
+
+def _sources(loaded: LoadedPlanner) -> list[Path]:
+    return [path for path in map(source_file, loaded.sources) if path is not None]
+
+
+def _code_hash(sources: Sequence[Path]) -> str | None:
+    """The contract has the rest."""
+    return digest(closure(sources, code_files())) if sources else None
 
 
 def _make(loaded: LoadedPlanner) -> Planner:

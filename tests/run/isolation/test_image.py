@@ -20,6 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.leaderboard.claim import claims_of
 from tsbench.leaderboard.verify import verify
 from tsbench.run.isolation import image
+from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import find_engine, image_of, in_image, run_arguments
 from tsbench.run.isolation.loading import describe
 from tsbench.run.log.tables import read_table
@@ -68,7 +69,8 @@ def test_the_command_gives_a_container_nothing_but_the_line_and_the_planners_fol
     monkeypatch.setenv("TSBENCH_TEST_SECRET", "1")
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
     command = ["python3", "-m", "client", MINE]
-    told = run_arguments("docker", "planner:1", "tsbench-cell-1", tmp_path, MINE, command)
+    own = PlannerFiles(MINE)
+    told = run_arguments("docker", "planner:1", "tsbench-cell-1", tmp_path, MINE, command, own.binds)
     at = told.index("planner:1")
     assert told[at - 1 :] == ["--entrypoint=python3", "planner:1", "-m", "client", MINE]
     options = told[:at]
@@ -81,8 +83,9 @@ def test_the_command_gives_a_container_nothing_but_the_line_and_the_planners_fol
         assert needed in options
     assert [one for one in options if one.startswith("--mount")] == [
         f"--mount=type=bind,source={tmp_path}/line,target=/tsbench-line,readonly",
-        f"--mount=type=bind,source={ROOT}/examples,target={ROOT}/examples,readonly",
+        f"--mount=type=bind,source={own.binds[0][0]},target={ROOT}/examples,readonly",
     ]
+    assert (own.binds[0][0] / "minimal_planner.py").is_file()
     assert "--env=TSBENCH_LINE=/tsbench-line/socket" in options
     assert "--env=OPENBLAS_CORETYPE=Haswell" in options
     assert not [
@@ -98,7 +101,7 @@ def test_nobody_runs_it_for_root_and_the_user_for_others(monkeypatch: pytest.Mon
     ):
         for name in ("getuid", "geteuid", "getgid"):
             monkeypatch.setattr(os, name, lambda uid=uid: uid)
-        told = run_arguments(engine, "i", "n", Path("/x"), "idm", ["python3"])
+        told = run_arguments(engine, "i", "n", Path("/x"), "idm", ["python3"], PlannerFiles("idm").binds)
         assert f"--user={user}" in told
         assert ("--userns=keep-id" in told) is keeps
         assert len([one for one in told if one.startswith("--mount")]) == 1, "tsbench itself is in the image"
@@ -112,14 +115,15 @@ def test_a_module_beside_the_run_is_mounted_and_found(
     (package / "__init__.py").touch()
     (package / "one.py").touch()
     monkeypatch.syspath_prepend(str(tmp_path))
-    told = run_arguments("docker", "i", "n", Path("/x"), "bots.one:One", ["python3"])
-    assert f"--mount=type=bind,source={package},target={package},readonly" in told
+    own = PlannerFiles("bots.one:One")
+    told = run_arguments("docker", "i", "n", Path("/x"), "bots.one:One", ["python3"], own.binds)
+    assert f"--mount=type=bind,source={own.binds[0][0]},target={package},readonly" in told
     assert f"--env=PYTHONPATH={tmp_path}" in told
 
 
 def test_a_path_that_cannot_be_mounted_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no path with a comma"):
-        run_arguments("docker", "i", "n", tmp_path, f"{tmp_path}/a,b/mine.py:Mine", ["python3"])
+        run_arguments("docker", "i", "n", tmp_path, "idm", ["python3"], [(tmp_path, tmp_path / "a,b")])
 
 
 def test_an_engine_is_found_or_missed_in_words(install: Install, tmp_path: Path) -> None:

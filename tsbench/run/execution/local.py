@@ -19,6 +19,7 @@ from tsbench.run.execution.child import cause_of_end
 from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.execution.memory import MemoryUse, resident_mb
 from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
+from tsbench.run.execution.own_folder import remove_abandoned
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.execution.watchdog import Overrun, find_overrun, lost_record
 from tsbench.run.execution.worker_process import WorkerProcess
@@ -70,6 +71,8 @@ class Pool:
         self._selector.close()
         if self._server is not None:
             self._server.close()
+        # Those that were killed could not remove their folders.
+        remove_abandoned()
 
     def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
         """What each planner is, asked in a worker that has met no other: making one may change or end a process."""

@@ -30,7 +30,7 @@ from tsbench.run.execution.heartbeat import Heartbeat
 from tsbench.run.execution.inference_client import InferenceClient
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record, cut_short, error_row, last_seconds, lost_timing, make_timing
-from tsbench.run.planner_info import PlannerInfo, describe
+from tsbench.run.planner_info import PlannerInfo, describe, resolve_unchanged
 from tsbench.scenarios.spec import ScenarioSpec
 
 
@@ -186,7 +186,7 @@ class Worker:
 
     def _make_runner(self, who: PlannerInfo) -> Runner:
         setup = self._setup
-        loaded = _named(setup.loader)(who, setup.hidden) if setup.loader else resolve(who.spec)
+        loaded = _named(setup.loader)(who, setup.hidden) if setup.loader else resolve_unchanged(who)
         if setup.inference and setup.device in who.served_on:
             assert loaded.batched is not None
             outputs = loaded.batched.outputs

@@ -79,16 +79,17 @@ def build_root(settings: dict[str, Any]) -> bool:
     for name in ("tmp", "dev/shm", _HOME[1:]):
         (root / name).mkdir(parents=True)
         _mount("tmpfs", str(root / name), "tmpfs", _NOSUID | _NODEV, f"mode=1777,size={settings['scratch']}")
-    for source in settings["binds"]:
-        _bind(Path(source), root)
+    for source, place in settings["binds"]:
+        _bind(Path(source), Path(place), root)
     for place in settings["covers"]:
         covered = root / place[1:]
         if covered.is_dir():
             _mount("tmpfs", str(covered), "tmpfs", _NOSUID | _NODEV | _RDONLY, "mode=755,size=4k")
         elif covered.is_file():
             _mount("/dev/null", str(covered), None, _BIND)
+    # Read-only: they can be written to, and their owner and mode, which are those outside, stay.
     for name in ("null", "zero", "urandom", "random"):
-        _bind(Path("/dev") / name, root, read_only=False)
+        _bind(Path("/dev") / name, Path("/dev") / name, root)
     (root / "proc").mkdir()
     proc = False
     # As long as the old one is in sight: without it nobody but root may have a new one.
@@ -103,9 +104,9 @@ def build_root(settings: dict[str, Any]) -> bool:
     return proc
 
 
-def _bind(source: Path, root: Path, read_only: bool = True) -> None:
-    """The same file or folder at the same place below a root; nothing where there is none."""
-    place = root / str(source)[1:]
+def _bind(source: Path, at: Path, root: Path) -> None:
+    """A file or folder at a place below a root, read-only; nothing where there is none."""
+    place = root / str(at)[1:]
     place.parent.mkdir(parents=True, exist_ok=True)
     if source.is_symlink():
         place.symlink_to(source.readlink())
@@ -117,10 +118,9 @@ def _bind(source: Path, root: Path, read_only: bool = True) -> None:
     else:
         place.touch()
     _mount(str(source), str(place), None, _BIND | _REC)
-    if read_only:
-        # Flags that the owner of the mount has set may not be taken off it.
-        kept = os.statvfs(place).f_flag & (_NODEV | _NOEXEC | _ATIME)
-        _mount("none", str(place), None, _REMOUNT | _BIND | _RDONLY | _NOSUID | kept)
+    # Flags that the owner of the mount has set may not be taken off it.
+    kept = os.statvfs(place).f_flag & (_NODEV | _NOEXEC | _ATIME)
+    _mount("none", str(place), None, _REMOUNT | _BIND | _RDONLY | _NOSUID | kept)
 
 
 def limit(limits: dict[str, int], processes: bool) -> None:
@@ -167,7 +167,7 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
         home = settings["home"]
     os.chdir(home)
     # Counted for each namespace of users or each id of nobody, and never for root.
-    nobody = made_by == "root" and settings["public"]
+    nobody = made_by == "root"
     processes = nobody or (made_by == "user" and os.geteuid() != 0)
     limit(settings["limits"], processes)
     give_up_rights(nobody)

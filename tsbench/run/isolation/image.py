@@ -6,7 +6,6 @@ import os
 import shutil
 import socket
 import subprocess
-import sys
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,10 +13,10 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, Final
 
-import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
 from tsbench.run.execution.own_folder import CELL, OwnFolder
+from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.places import (
     EXECUTABLE,
     LIMITS,
@@ -25,9 +24,7 @@ from tsbench.run.isolation.places import (
     SCRATCH,
     arithmetic,
     command_of,
-    is_public,
     source_of,
-    source_places,
 )
 
 _PREFIX: Final = "image:"
@@ -64,7 +61,7 @@ def image_of(spec: str) -> tuple[str | None, str]:
 class Container:
     """A planner's program in a container. line: the socket to it; effects: what holds it, for the run's manifest."""
 
-    def __init__(self, image: str, spec: str) -> None:
+    def __init__(self, image: str, spec: str, files: PlannerFiles) -> None:
         """Raises InputError: no engine, one that does not answer, no such image, or a program that does not come up."""
         self._engine = find_engine()
         self.effects: Mapping[str, Any] = {
@@ -84,7 +81,10 @@ class Container:
             line.chmod(0o755)
             waiting.listen(1)
             self.process = subprocess.Popen(
-                [self._engine, *run_arguments(self._engine, image, self._name, self.folder.path, spec, command)],
+                [
+                    self._engine,
+                    *run_arguments(self._engine, image, self._name, self.folder.path, spec, command, files.binds),
+                ],
                 stdin=subprocess.DEVNULL,
             )  # fmt: skip
             # A worker that ends as it should, without a word to its planner, ends the container, too.
@@ -149,27 +149,26 @@ def image_id(engine: str, image: str) -> str:
 
 
 def run_arguments(
-    engine: str, image: str, name: str, folder: Path, spec: str, command: Sequence[str]
-) -> list[str]:
-    """The arguments of `docker run` or `podman run`. folder: of the cell, with the line's folder in it.
+    engine: str, image: str, name: str, folder: Path, spec: str, command: Sequence[str],
+    mounts: Sequence[tuple[Path, Path]],
+) -> list[str]:  # fmt: skip
+    """The arguments of `docker run` or `podman run`.
 
-    Raises InputError for a path that a mount cannot name.
+    folder: of the cell, with the line's folder in it. mounts: copies of the planner's files, and where they are to
+    stand; what is installed has to be in the image. Raises InputError for a path that a mount cannot name.
     """
-    mounts = _mounted(spec)
-    for place in (folder, *mounts):
+    for place in (folder, *(path for mount in mounts for path in mount)):
         # A mount is words between commas.
         if "," in str(place):
             raise InputError(f"--image {image}: {place}: an engine mounts no path with a comma: rename it")
-    uid, gid = os.getuid(), os.getgid()
-    if uid == 0 and all(map(is_public, mounts)):
-        uid = gid = _NOBODY
+    uid, gid = (os.getuid(), os.getgid()) if os.getuid() != 0 else (_NOBODY, _NOBODY)
     environment = {
         **arithmetic(), "TSBENCH_LINE": f"{_LINE}/{_SOCKET}", "HOME": "/tmp", "TMPDIR": "/tmp",
         "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1",
     }  # fmt: skip
     if not (spec.startswith(EXECUTABLE) or source_of(spec).endswith(".py")):
         # A module's package, or the module itself, is found in the folder that it is in.
-        environment["PYTHONPATH"] = os.pathsep.join(str(place.parent) for place in mounts)
+        environment["PYTHONPATH"] = os.pathsep.join(str(place.parent) for _, place in mounts)
     return [
         "run", "--rm", "--pull=never", f"--name={name}", f"--label={_LABEL}={folder}", "--network=none", "--read-only",
         "--cap-drop=ALL", "--security-opt=no-new-privileges", "--hostname=cell", "--log-driver=none",
@@ -180,20 +179,10 @@ def run_arguments(
         # Without root Podman's own root is the user: who runs in there is to be the one whose files are mounted.
         *(["--userns=keep-id"] if engine == "podman" and os.geteuid() != 0 else []),
         f"--mount=type=bind,source={folder / 'line'},target={_LINE},readonly",
-        *(f"--mount=type=bind,source={place},target={place},readonly" for place in mounts),
+        *(f"--mount=type=bind,source={copy},target={place},readonly" for copy, place in mounts),
         *(f"--env={key}={value}" for key, value in environment.items()),
         f"--entrypoint={command[0]}", image, *command[1:],
     ]  # fmt: skip
-
-
-def _mounted(spec: str) -> list[Path]:
-    """The planner's own folder or file; what is installed has to be in the image."""
-    installed = (Path(sys.prefix).resolve(), Path(tsbench.__file__).resolve().parent)
-    return [
-        place
-        for place in source_places(spec)
-        if not any(place.resolve().is_relative_to(one) for one in installed)
-    ]
 
 
 def remove_abandoned(engine: str) -> None:

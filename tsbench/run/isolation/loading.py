@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entr
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
 from tsbench.run.contract import code_files
+from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
-from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.planner_info import PlannerInfo, changed
 
 # Of its name, characters; of lists of names, items.
 _LONGEST, _MOST_NAMES = 100, 1000
@@ -62,10 +64,14 @@ def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:
     """Hashes of the files that a planner says it has opened, of those in its own folder, which are all that it can."""
     if spec.startswith(EXECUTABLE):
         return ()
+    return opened_files.hashes(files, _place(spec), only_there=True)
+
+
+def _place(spec: str) -> Path | None:
+    """Where the files of a Python planner lie."""
     source = source_of(spec)
     file = Path(source) if source.endswith(".py") else module_file(source)
-    place = opened_files.place_of(file) if file else None
-    return opened_files.hashes(files, place, only_there=True)
+    return opened_files.place_of(file) if file else None
 
 
 def _names(facts: Mapping[str, Any], key: str) -> tuple[str, ...]:
@@ -117,14 +123,34 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
     """A planner for a worker of a run, whose own code runs in cells only. alone: each episode has a new one."""
     places = [Path(place) for place in hidden]
 
+    @cache
+    def files() -> PlannerFiles:
+        """The planner's files as they were when the run began: one copy for all of a worker's cells."""
+        copied = PlannerFiles(image_of(planner.spec)[1], places)
+        check_unchanged(planner)
+        return copied
+
     def made() -> IsolatedPlanner:
         own = begins_afresh(planner.spec)
-        return IsolatedPlanner(lambda: PlannerProcess(planner.spec, places), own=own, alone=alone)
+        return IsolatedPlanner(lambda: PlannerProcess(planner.spec, places, files()), own=own, alone=alone)
 
     return LoadedPlanner(
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
         spec=planner.spec, factory=made,
     )  # fmt: skip
+
+
+def check_unchanged(planner: PlannerInfo) -> None:
+    """Raises InputError where the code of a planner, or a file that it opened when it was described, is another now."""
+    _, inner = image_of(planner.spec)
+    if planner.code_sha256 not in (None, code_hash(inner)):
+        raise changed(planner, "its code")
+    place = _place(inner)
+    for line in planner.opened:
+        told, _, name = line.partition("  ")
+        path = (place or Path()) / name
+        if not path.is_file() or sha256_of(path) != told:
+            raise changed(planner, name)
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

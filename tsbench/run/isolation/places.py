@@ -39,6 +39,7 @@ _ARITHMETIC = (
     "DNNL_",
 )
 _PACKAGE = Path(tsbench.__file__).resolve().parent
+_PYTHON = (sys.prefix, sys.base_prefix)
 
 MEMORY_BYTES = 4 << 30
 # All the processor time of one process of a planner; it is replaced long before, between two episodes.
@@ -48,27 +49,22 @@ SCRATCH = "256m"
 
 
 def settings_of(
-    spec: str, command: Sequence[str], root: Path, home: Path, hidden: Sequence[Path]
+    files: Sequence[tuple[Path, Path]], command: Sequence[str], root: Path, home: Path, hidden: Sequence[Path]
 ) -> dict[str, Any]:
     """The settings of `cell`.
 
-    parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has none.
-    binds: what it may read, parents first; public: everybody may read its sources. covers: what is empty in them.
-    hidden: more of these, such as the run.
+    files: copies of the planner's own files, and where they are to stand. hidden: what it is not to see, such as the
+    run. parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has
+    none. binds: what it may read, and where that stands, parents first. covers: what is empty in them.
     """
-    wanted = [*_SYSTEM, sys.prefix, sys.base_prefix, str(_PACKAGE), str(data_file("sign_catalog"))]
-    sources = source_places(spec)
-    wanted += map(str, sources)
-    covers = {str(place / name) for place in roots() if place != _PACKAGE for name in _DATA}
-    covers |= {str(path.resolve()) for path in hidden}
     path = [entry for entry in sys.path if entry]
     own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **arithmetic()}
     if "TSBENCH_DATA" in os.environ:
         own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
     return {
-        "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _outermost(wanted),
-        "covers": sorted(covers),
-        "public": all(map(is_public, sources)), "limits": LIMITS, "scratch": SCRATCH, "command": list(command),
+        "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _binds(files),
+        "covers": [str(place) for place in covered(hidden)],
+        "limits": LIMITS, "scratch": SCRATCH, "command": list(command),
         "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
     }  # fmt: skip
 
@@ -132,16 +128,37 @@ def module_file(name: str) -> Path | None:
     return Path(origin) if origin else None
 
 
+def installed() -> list[Path]:
+    """What a cell has for all planners."""
+    return [Path(one) for one in (*_SYSTEM, *_PYTHON, str(_PACKAGE), str(data_file("sign_catalog")))]
+
+
 def is_public(place: Path) -> bool:
+    """May everybody read a file, or look into a folder?"""
     wanted = 0o5 if place.is_dir() else 0o4
     return place.exists() and place.stat().st_mode & wanted == wanted
 
 
-def _outermost(places: Sequence[str]) -> list[str]:
-    """Each place once, parents first; a folder in another one comes with it."""
-    found: list[str] = []
-    for place in sorted({str(Path(place).absolute()) for place in places}, key=lambda p: (p.count("/"), p)):
+def is_installed(place: Path) -> bool:
+    """Does a file or folder come with Python, or with tsbench?"""
+    return any(place.is_relative_to(Path(one).resolve()) for one in (*_PYTHON, _PACKAGE))
+
+
+def covered(hidden: Sequence[Path]) -> list[Path]:
+    """What nobody finds in a cell, wherever it lies: the data that tell of scenes, and `hidden`."""
+    data = {place / name for place in roots() if place != _PACKAGE for name in _DATA}
+    return sorted(data | {path.resolve() for path in hidden})
+
+
+def _binds(own: Sequence[tuple[Path, Path]]) -> list[tuple[str, str]]:
+    """(source, place), parents first; what lies in something that is installed, too, comes with that."""
+    found = {str(place): str(copy) for copy, place in own}
+    for place in sorted({str(path.absolute()) for path in installed()}, key=_depth):
         inside = any(place.startswith(f"{outer}/") for outer in found if not Path(outer).is_symlink())
-        if not inside:
-            found.append(place)
-    return found
+        if not inside or any(place.startswith(f"{one}/") for _, one in own):
+            found.setdefault(place, place)
+    return [(found[place], place) for place in sorted(found, key=_depth)]
+
+
+def _depth(place: str) -> tuple[int, str]:
+    return place.count("/"), place

@@ -18,6 +18,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext, Trajecto
 from tsbench.run.execution.child import cause_of_end
 from tsbench.run.execution.own_folder import CELL, OwnFolder
 from tsbench.run.isolation.commands import read_command
+from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.moments import Teller
 from tsbench.run.isolation.places import command_of, settings_of
@@ -40,7 +41,7 @@ class IsolatedPlannerError(Exception):
 class Cell:
     """A planner's program in a cell. line: the socket to it; folder: where its file system is built."""
 
-    def __init__(self, spec: str, hidden: Sequence[Path]) -> None:
+    def __init__(self, spec: str, hidden: Sequence[Path], files: PlannerFiles) -> None:
         """Raises InputError for a program that is none."""
         command = command_of(spec, sys.executable)
         self.folder = OwnFolder(CELL)
@@ -48,7 +49,7 @@ class Cell:
         root, home = self.folder.path / "root", self.folder.path / "home"
         root.mkdir()
         home.mkdir()
-        settings = settings_of(spec, command, root, home, hidden)
+        settings = settings_of(files.binds, command, root, home, hidden)
         self.line, far_end = socket.socketpair()
         with far_end:
             self.process = subprocess.Popen(
@@ -66,10 +67,18 @@ class Cell:
 class PlannerProcess:
     """A planner's process in its cell. effects: what of the cell took effect; facts: what the planner says it is."""
 
-    def __init__(self, spec: str, hidden: Sequence[Path] = ()) -> None:
-        """Raises InputError where it does not come up, with the planner's own reason."""
+    def __init__(self, spec: str, hidden: Sequence[Path] = (), files: PlannerFiles | None = None) -> None:
+        """files: copies that other processes of the planner have, too; None: copies of its own.
+
+        Raises InputError where it does not come up, with the planner's own reason.
+        """
         image, inner = image_of(spec)
-        self._held: Cell | Container = Cell(spec, hidden) if image is None else Container(image, inner)
+        # A cell shows the copies for as long as they are there.
+        self._shown = shown = files or PlannerFiles(inner, hidden)
+        self._own_files = files is None
+        self._held: Cell | Container = (
+            Cell(spec, hidden, shown) if image is None else Container(image, inner, shown)
+        )
         self._line = self._held.line
         self._patience = _START_S
         self._line.settimeout(self._patience)
@@ -169,6 +178,8 @@ class PlannerProcess:
         """End it and all that it has started."""
         self._line.close()
         self._held.close()
+        if self._own_files:
+            self._shown.remove()
 
 
 class _NoNumber:

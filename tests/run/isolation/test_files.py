@@ -1,0 +1,184 @@
+"""What a planner is shown of its own folder: copies of the regular files in it, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.run.isolation import files
+from tsbench.run.isolation.files import PlannerFiles
+from tsbench.run.isolation.loading import check_unchanged, describe
+from tsbench.run.isolation.process import PlannerProcess
+
+PLANNER = "class P:\n    floor = False\n    def reset(self, c): pass\n    def act(self, o): pass\n"
+# Says what it finds where its process can say it.
+TELLS = """
+import os
+from pathlib import Path
+
+class P:
+    def __init__(self):
+        told = [str(os.getuid() != 0), *sorted(p.name for p in Path(__file__).parent.iterdir())]
+        for change in (lambda: os.chmod("/dev/null", 0o600), lambda: os.chmod(__file__, 0o600)):
+            try:
+                change()
+                told.append("changed")
+            except OSError as refused:
+                told.append(refused.strerror)
+        Path("/dev/null").write_text("x")
+        raise ValueError("; ".join(told))
+
+    def reset(self, context): pass
+    def act(self, o): pass
+"""
+
+
+def shown(spec: str) -> dict[str, str]:
+    """What stands in the cell, by the path there."""
+    own, found = PlannerFiles(spec), {}
+    for copy, place in own.binds:
+        for path in [copy] if copy.is_file() else sorted(copy.rglob("*")):
+            found[str(place / path.relative_to(copy))] = path.read_text() if path.is_file() else "a folder"
+    own.remove()
+    return found
+
+
+def test_regular_files_are_shown_and_nothing_else(tmp_path: Path) -> None:
+    place = tmp_path / "planner"
+    for name in ("deep", "__pycache__", ".git", "env"):
+        (place / name).mkdir(parents=True)
+    kept = {"mine.py": PLANNER, "weights": "1", "deep/data.txt": "2"}
+    for name, content in kept.items():
+        (place / name).write_text(content)
+    (place / "__pycache__" / "mine.pyc").touch()
+    (place / ".git" / "config").touch()
+    (place / ".token").touch()
+    (place / "env" / "pyvenv.cfg").touch()
+    (tmp_path / "secret").touch()
+    (place / "away").symlink_to(tmp_path / "secret")
+    (place / "deep" / "up").symlink_to(tmp_path)
+    os.mkfifo(place / "pipe")
+    with socket.socket(socket.AF_UNIX) as line:
+        line.bind(os.path.relpath(place / "socket"))
+        found = shown(f"{place}/mine.py:P")
+    assert found.pop(str(place / "deep")) == "a folder"
+    assert found == {str(place / name): content for name, content in kept.items()}
+
+
+def test_what_is_mounted_in_the_folder_is_not_shown(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    (tmp_path / "mine.py").write_text(PLANNER)
+    code = (
+        "import sys; from tsbench.run.isolation.files import PlannerFiles; own = PlannerFiles(sys.argv[1]); "
+        "print([path.name for copy, _ in own.binds for path in copy.rglob('*')])"
+    )
+    mounted = 'mount -t tmpfs none "$1/other" && touch "$1/other/secret" || exit 9; shift; exec "$@"'
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", mounted, "sh", str(tmp_path), sys.executable, "-c", code,
+         f"{tmp_path}/mine.py:P"],
+        capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    if done.returncode in (1, 9):
+        pytest.skip(f"nothing can be mounted here: {done.stderr}")
+    assert done.stdout == "['mine.py']\n", done.stderr
+
+
+@pytest.mark.parametrize("kind", ["temporary", "home", "above home"])
+def test_at_the_top_of_a_shared_folder_only_named_files_are_shown(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if kind == "temporary":
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    else:
+        monkeypatch.setenv("HOME", str(tmp_path / "me" if kind == "above home" else tmp_path))
+    (tmp_path / "mine.py").write_text(f"import helper\nWEIGHTS = 'mine.json'\n{PLANNER}")
+    for name in ("helper.py", "mine.json", "diary.txt"):
+        (tmp_path / name).touch()
+    assert {Path(name).name for name in shown(f"{tmp_path}/mine.py:P")} == {
+        "mine.py", "helper.py", "mine.json",
+    }  # fmt: skip
+
+
+def test_a_program_is_shown_alone(tmp_path: Path) -> None:
+    for name in ("program", "beside"):
+        (tmp_path / name).write_text(name)
+    assert shown(f"exe:{tmp_path}/program") == {f"{tmp_path}/program": "program"}
+
+
+def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k in range(3):
+        (tmp_path / f"{k}.py").write_text(PLANNER)
+    assert len(shown(f"{tmp_path}/0.py:P")) == 3
+    for limit, most in (("_MOST_FILES", 2), ("_MOST_BYTES", 10)):
+        with monkeypatch.context() as patch:
+            patch.setattr(files, limit, most)
+            with pytest.raises(InputError, match="give the planner a folder of its own"):
+                PlannerFiles(f"{tmp_path}/0.py:P")
+
+
+def test_nobody_is_root_in_a_cell(tmp_path: Path) -> None:
+    """A folder that only root may read: neither the planner's own files nor devices can be changed, and the name is
+    nobody's."""
+    place = tmp_path / "own"
+    place.mkdir(mode=0o700)
+    (place / "mine.py").write_text(TELLS)
+    (place / "weights").touch(mode=0o600)
+    (place / "mine.py").chmod(0o600)
+    if not describe("idm").effects["namespaces"]:
+        pytest.skip("this kernel, or container, lets nobody make namespaces")
+    refused = "Read-only file system"
+    with pytest.raises(InputError, match=f"True; mine.py; weights; {refused}; {refused}"):
+        describe(f"{place}/mine.py:P")
+
+
+def test_what_is_installed_for_root_alone_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "is_installed", lambda _: True)
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    (tmp_path / "mine.py").write_text(PLANNER)
+    tmp_path.chmod(0o755)
+    assert PlannerFiles(f"{tmp_path}/mine.py:P").binds == []
+    tmp_path.chmod(0o700)
+    with pytest.raises(InputError, match=r"only its owner may read .*chmod -R go"):
+        PlannerFiles(f"{tmp_path}/mine.py:P")
+
+
+def test_all_cells_of_a_worker_have_the_same_files(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(PLANNER)
+    spec = f"{file}:P"
+    own = PlannerFiles(spec)
+    file.write_text(PLANNER.replace("False", "True"))
+    told = []
+    for copied in (own, None):
+        process = PlannerProcess(spec, (), copied)
+        told.append((process.facts["floor"], process.effects["files"]))
+        process.close()
+    if not told[0][1]:
+        pytest.skip("without namespaces a planner's folder is the one outside")
+    assert [floor for floor, _ in told] == [False, True]
+
+
+def test_what_changed_since_the_run_began_is_named(tmp_path: Path) -> None:
+    file, weights = tmp_path / "mine.py", tmp_path / "weights"
+    code = PLANNER.replace(
+        "floor = False", "def __init__(self): open(__file__.replace('mine.py', 'weights')).read()"
+    )
+    file.write_text(code)
+    weights.write_text("1")
+    planner = describe(f"{file}:P").planner
+    assert [line.partition("  ")[2] for line in planner.opened] == ["weights"]
+    check_unchanged(planner)
+    weights.write_text("2")
+    with pytest.raises(InputError, match="weights has changed since the run began"):
+        check_unchanged(planner)
+    weights.write_text("1")
+    file.write_text(f"{code}    more = 1\n")
+    with pytest.raises(InputError, match="its code has changed since the run began"):
+        check_unchanged(planner)

@@ -1,0 +1,147 @@
+"""The files of its own that a planner's process is shown: copies of the regular ones, made once for many cells.
+
+A planner that writes, swaps or links its files while it is driven changes nothing in its next cell, and whoever reads
+the copies needs no right of the user who starts the run.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from tsbench.core.errors import InputError
+from tsbench.core.home import expanded
+from tsbench.core.provenance import closure
+from tsbench.run.contract import code_files
+from tsbench.run.execution.own_folder import FILES, OwnFolder
+from tsbench.run.isolation.places import covered, installed, is_installed, is_public, source_of, source_places
+
+_MOST_FILES, _MOST_BYTES = 5_000, 8 << 30
+_CACHES = "__pycache__"
+_ENVIRONMENT = "pyvenv.cfg"
+
+
+class PlannerFiles:
+    """binds: (copy, place) of each file or folder: what is shown in the cell at `place` lies at `copy`.
+
+    Nothing is copied of what is installed: a cell has it anyway. The copies go with this object.
+    """
+
+    def __init__(self, spec: str, hidden: Sequence[Path] = ()) -> None:
+        """hidden: files and folders that are not to be seen, such as the run.
+
+        Raises InputError for a file that cannot be read, and for a folder with too much in it.
+        """
+        apart = {path.resolve() for path in (*installed(), *covered(hidden))}
+        # Whoever the planner is in its cell may read the copies; nobody else comes past the folder around them.
+        self._folder = OwnFolder(FILES)
+        self.binds: list[tuple[Path, Path]] = []
+        try:
+            for place in source_places(spec):
+                if is_installed(place):
+                    _check_public(spec, place)
+                elif place.is_dir() and not _is_shared(place):
+                    copy = self._new_place(place.name)
+                    self.binds.append((copy, place))
+                    _copy_folder(spec, place, copy, apart)
+                else:
+                    for path in _named(spec, place) if place.is_dir() else [place]:
+                        copy = self._new_place(path.name)
+                        self.binds.append((copy, path))
+                        _copy(path, copy)
+        except OSError as problem:
+            raise InputError(
+                f"planner {spec!r}: {problem.filename}: cannot be copied into its cell: {problem.strerror}"
+            ) from None
+
+    def _new_place(self, name: str) -> Path:
+        folder = self._folder.path / str(len(self.binds))
+        folder.mkdir()
+        return folder / name
+
+    def remove(self) -> None:
+        """Remove the copies; nothing happens the second time."""
+        self._folder.remove()
+
+
+def _check_public(spec: str, place: Path) -> None:
+    if os.geteuid() == 0 and not is_public(place):
+        raise InputError(
+            f"planner {spec!r}: only its owner may read {place}, and nobody is root in a cell: chmod -R go+rX {place}"
+        )
+
+
+def _copy_folder(spec: str, place: Path, copy: Path, apart: set[Path]) -> None:
+    """apart: what is not copied; a folder of these is an empty one in the copy."""
+    count = size = 0
+    copy.mkdir(mode=0o755)
+    for path in _regular(place, apart):
+        count, size = count + 1, size + path.stat().st_size
+        if count > _MOST_FILES or size > _MOST_BYTES:
+            raise InputError(
+                f"planner {spec!r}: {place} holds more than {_MOST_FILES:,} files or {_MOST_BYTES >> 30} GiB, and all "
+                "of it would be shown to the planner: give the planner a folder of its own"
+            )
+        target = copy / path.relative_to(place)
+        target.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        _copy(path, target)
+    for one in sorted(apart):
+        if one != place and one.is_relative_to(place) and one.is_dir():
+            (copy / one.relative_to(place)).mkdir(parents=True, exist_ok=True)
+
+
+def _is_shared(place: Path) -> bool:
+    """Is a folder one in which others' files lie: the root, a home, one for temporary files, or above such a one?"""
+    kept = [Path(one).resolve() for one in (expanded("~"), tempfile.gettempdir(), "/var/tmp", "/dev/shm")]
+    return any(one.is_relative_to(place) for one in kept) or place.parent == Path("/home")
+
+
+def _named(spec: str, place: Path) -> Iterator[Path]:
+    """Of a folder the files that count with the planner's code: its modules, and the data that they name."""
+    source = source_of(spec)
+    start = Path(source).resolve() if source.endswith(".py") else place / "__init__.py"
+    top = place
+    while (top / "__init__.py").is_file():
+        top = top.parent
+    for name in closure([start], code_files()):
+        module, _, data = name.partition(": ")
+        path = (top / module).parent / data if data else top / module
+        if path.resolve().is_relative_to(place) and path.is_file():
+            yield path.resolve()
+
+
+def _regular(place: Path, apart: set[Path]) -> Iterator[Path]:
+    """Regular files below a folder, on its own file system; no hidden ones, no caches, no environments, no links."""
+    device = place.stat().st_dev
+    for folder, folders, files in os.walk(place, onerror=_raised):
+        here = Path(folder)
+        folders[:] = sorted(
+            name
+            for name in folders
+            if not (name.startswith(".") or name == _CACHES or here / name in apart)
+            and not (here / name / _ENVIRONMENT).exists()
+            and (here / name).lstat().st_dev == device
+        )
+        for name in sorted(files):
+            found = (here / name).lstat()
+            if not name.startswith(".") and stat.S_ISREG(found.st_mode) and found.st_dev == device:
+                yield here / name
+
+
+def _raised(problem: OSError) -> None:
+    raise problem
+
+
+def _copy(source: Path, target: Path) -> None:
+    """A copy that everybody may read. Raises OSError, for what is no regular file any more, too."""
+    with os.fdopen(os.open(source, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        mode = os.fstat(file.fileno()).st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(0, "no regular file", str(source))
+        with target.open("xb") as made:
+            shutil.copyfileobj(file, made, 1 << 20)
+    target.chmod(0o755 if mode & 0o111 else 0o644)
