@@ -10,6 +10,7 @@ what of the cell took effect: the program cannot say that for itself, as it does
 from __future__ import annotations
 
 import ctypes
+import errno
 import json
 import os
 import platform
@@ -32,7 +33,29 @@ _RDONLY, _NOSUID, _NODEV, _NOEXEC, _REMOUNT, _BIND, _REC, _PRIVATE = (
 _ATIME = 0x400 | 0x800
 _DETACH = 2
 _PR_SET_PDEATHSIG, _PR_CAPBSET_DROP, _PR_SET_DUMPABLE, _PR_SET_NO_NEW_PRIVS = 1, 24, 4, 38
-_PIVOT_ROOT = {"x86_64": 155, "aarch64": 41, "arm64": 41}
+# Of a kind of machine: its number in seccomp's data, and the numbers of system calls.
+_MACHINES = {
+    "x86_64": (0xC000003E, {
+        "clone": 56, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166, "add_key": 248, "request_key": 249,
+        "keyctl": 250, "unshare": 272, "perf_event_open": 298, "setns": 308, "bpf": 321, "userfaultfd": 323,
+    }),
+    "aarch64": (0xC00000B7, {
+        "clone": 220, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39, "add_key": 217, "request_key": 218,
+        "keyctl": 219, "unshare": 97, "perf_event_open": 241, "setns": 268, "bpf": 280, "userfaultfd": 282,
+    }),
+}  # fmt: skip
+# The same on all kinds: of newer calls.
+_NEWER = {
+    "io_uring_setup": 425, "open_tree": 428, "move_mount": 429, "fsopen": 430, "fsconfig": 431, "fsmount": 432,
+    "clone3": 435, "mount_setattr": 442,
+}  # fmt: skip
+# Flags of clone that make namespaces.
+_NAMESPACES = 0x7E020000
+_PR_SET_SECCOMP, _FILTER = 22, 2
+_LOAD, _IS, _HAS, _AT_LEAST, _RETURN = 0x20, 0x15, 0x45, 0x35, 0x06
+_ALLOW, _REFUSE, _MISSING = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x00050000 | errno.ENOSYS
+# Calls of the x86_64 kernel under other numbers.
+_X32 = 0x40000000
 _MOST_CAPABILITIES = 64
 # Ids of nobody: one for each cell, so that the limit of processes counts its own only.
 _HOME = "/scratch"
@@ -97,7 +120,7 @@ def build_root(settings: dict[str, Any]) -> bool:
         _mount("proc", str(root / "proc"), "proc", _NOSUID | _NODEV | _NOEXEC | _RDONLY)
         proc = True
     os.chdir(root)
-    _call("syscall", ctypes.c_long(_PIVOT_ROOT[platform.machine()]), b".", b".")
+    _call("syscall", ctypes.c_long(_MACHINES[_machine()][1]["pivot_root"]), b".", b".")
     _call("umount2", b".", _DETACH)
     os.chdir("/")
     _mount("tmpfs", "/", None, _REMOUNT | _BIND | _RDONLY | _NOSUID | _NODEV)
@@ -149,6 +172,38 @@ def give_up_rights(nobody: bool) -> None:
     _call("prctl", _PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
 
 
+def _machine() -> str:
+    return platform.machine().lower().replace("arm64", "aarch64")
+
+
+class _Program(ctypes.Structure):
+    _fields_ = (("count", ctypes.c_ushort), ("steps", ctypes.c_char_p))
+
+
+def refuse_calls() -> bool:
+    """No keys of the kernel's, which outlive an episode, no new namespaces or mounts, nothing that watches the kernel.
+
+    A filter of system calls, for all that this process starts. False where the kernel has none, or for this machine.
+    """
+    if _machine() not in _MACHINES:
+        return False
+    arch, numbers = _MACHINES[_machine()]
+    numbers = numbers | _NEWER
+    clone, clone3 = numbers.pop("clone"), numbers.pop("clone3")
+    refused = sorted(numbers.values())
+    # (operation, steps to skip if it holds, steps to skip if not, value)
+    steps = [(_LOAD, 0, 0, 4), (_IS, 1, 0, arch), (_RETURN, 0, 0, _REFUSE), (_LOAD, 0, 0, 0)]
+    steps += [(_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE)]
+    # Its flags lie where no filter sees them: who misses it uses clone.
+    steps += [(_IS, 0, 1, clone3), (_RETURN, 0, 0, _MISSING)]
+    steps += [step for number in refused for step in ((_IS, 0, 1, number), (_RETURN, 0, 0, _REFUSE))]
+    steps += [(_IS, 0, 3, clone), (_LOAD, 0, 0, 16), (_HAS, 0, 1, _NAMESPACES), (_RETURN, 0, 0, _REFUSE)]
+    steps += [(_RETURN, 0, 0, _ALLOW)]
+    code = b"".join(struct.pack("=HBBI", *step) for step in steps)
+    program = _Program(len(steps), code)
+    return bool(_system.prctl(_PR_SET_SECCOMP, _FILTER, ctypes.byref(program), 0, 0) == 0)
+
+
 def tell(effects: dict[str, Any]) -> None:
     """The first message, as `protocol` has them: its one field is text."""
     data = json.dumps(effects).encode()
@@ -173,7 +228,7 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
     give_up_rights(nobody)
     _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     effects["limits"] = sorted(n for n in settings["limits"] if n != "NPROC" or processes)
-    effects["no_new_privs"] = True
+    effects |= {"no_new_privs": True, "refused_calls": refuse_calls()}
     null = os.open("/dev/null", os.O_RDONLY)
     os.dup2(null, 0)
     tell(effects)

@@ -1,0 +1,138 @@
+"""Drivers that read no plate and try to tell the halves of a pair apart in another way: docs/without_reading.md.
+
+Each passes what `blind` or `idm` passes, unless its trick works. Units: m, s, m/s, m/s2.
+"""
+# ruff: noqa: ARG002
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsbench import Control, Observation, PlannerContext
+from tsbench.planners.common.pure_pursuit import LEAST_AHEAD_M
+from tsbench.planners.common.swept_path import HALF_LENGTH_M
+from tsbench.planners.floor.blind import Blind, masked
+from tsbench.planners.idm import Idm
+from tsbench.roads.road_map import RoadMap
+from tsbench.sim.ego import pursue
+from tsbench.sim.world import ActorKind
+
+_BRAKE_MPS2 = 2.5
+_STANDS_MPS = 0.2
+_LOOK_M, _BESIDE_M = 70.0, 4.0
+# Seeds that were met in this process, by any object.
+_MET: set[int] = set()
+
+
+class Remembers(Blind):
+    """`blind` where it meets a scene for the first time, `idm` where it has met the other half."""
+
+    # A floor is given a seed of the row: with that of the pair it would know that it has met the other half.
+    floor = False
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._knows, self._plain = context.seed in _MET, Idm()
+        self._plain.reset(context)
+        _MET.add(context.seed)
+
+    def act(self, observation: Observation) -> Control:
+        return self._plain.act(masked(observation)) if self._knows else super().act(observation)
+
+
+class _Watcher(Blind):
+    """Does something that makes others act, and asks then whether they let it go first.
+
+    watch_s: for so long. at_m: from so far before the end of the first road on.
+    """
+
+    watch_s, at_m = 12.0, math.inf
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._map, self._plain, self._until, self._free = context.network, Idm(), math.inf, False
+        self._plain.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        to_line = _to_line(seen, self._map)
+        if seen.time < self._until and (to_line < self.at_m or self._until < math.inf):
+            self._until = min(self._until, seen.time + self.watch_s)
+            self._free = self._free or self._others_wait(seen)
+            return self.watch(seen, to_line)
+        return self._plain.act(seen) if self._free else super().act(observation)
+
+    def watch(self, seen: Observation, to_line: float) -> Control:
+        """What it does meanwhile."""
+        raise NotImplementedError
+
+    def _others_wait(self, seen: Observation) -> bool:
+        """Does anybody on another road, or at a kerb, stand?"""
+        actors, lanes, mine = seen.actors, self._map.lanes, set(seen.route.path.edges)
+        near = np.hypot(actors.pose[:, 0] - seen.ego.x, actors.pose[:, 1] - seen.ego.y) < _LOOK_M
+        for k in np.flatnonzero(near & (actors.speed < _STANDS_MPS)).tolist():
+            lane = int(actors.lane[k])
+            if actors.kind[k] == ActorKind.PEDESTRIAN or (lane >= 0 and lanes[lane].edge not in mine):
+                return True
+        return False
+
+
+class Stands(_Watcher):
+    """Brakes where it starts, stands, and watches."""
+
+    def watch(self, seen: Observation, to_line: float) -> Control:
+        return Control(-_BRAKE_MPS2, self._plain.act(seen).steering)
+
+
+class Creeps(_Watcher):
+    """Drives at 1.5 m/s from 40 m before the junction on, and watches."""
+
+    watch_s, at_m = 20.0, 40.0
+
+    def watch(self, seen: Observation, to_line: float) -> Control:
+        command = self._plain.act(seen)
+        return Control(min(command.acceleration, 1.0 * (1.5 - seen.ego.speed)), command.steering)
+
+
+class Dips(_Watcher):
+    """Swings into the oncoming lane from 55 m before the junction on, stands there behind its line, and watches."""
+
+    at_m = 55.0
+
+    def watch(self, seen: Observation, to_line: float) -> Control:
+        ego, route = seen.ego, seen.route
+        ahead = route.path.line.point_at(route.s + LEAST_AHEAD_M + 4.0, 3.0)
+        slow = -(ego.speed**2) / (2.0 * max(to_line - 8.0, 0.1)) if to_line < 30.0 else 0.0
+        return Control(slow, pursue(ego.x, ego.y, ego.heading, *ahead))
+
+
+class Follows:
+    """`idm`, and never faster than the slowest vehicle ahead of it on its way: that one may have read the plate."""
+
+    floor = True
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base = Idm()
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        command, ego, route = self._base.act(seen), seen.ego, seen.route
+        speeds = [ego.speed + 9.0]
+        for (x, y, _), speed in zip(seen.actors.pose.tolist(), seen.actors.speed.tolist(), strict=True):
+            s, d = route.path.line.project(x, y)
+            if 0.0 < s - route.s < _LOOK_M and abs(d) < _BESIDE_M and speed > _STANDS_MPS:
+                speeds.append(speed)
+        return Control(min(command.acceleration, min(speeds) - ego.speed), command.steering)
+
+
+def _to_line(seen: Observation, roads: RoadMap) -> float:
+    """From the front to the end of the route's first road; inf where it has no other."""
+    path = seen.route.path
+    for piece in path.pieces:
+        lane = roads.lanes[piece.lane]
+        if lane.internal or lane.edge != path.edges[0]:
+            return piece.s0 - seen.route.s - HALF_LENGTH_M
+    return math.inf
