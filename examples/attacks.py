@@ -29,7 +29,7 @@ _MET: set[int] = set()
 class Remembers(Blind):
     """`blind` where it meets a scene for the first time, `idm` where it has met the other half."""
 
-    # A floor is given a seed of the row: with that of the pair it would know that it has met the other half.
+    # A floor is given a seed of its row, by which it could not know the other half of the pair.
     floor = False
 
     def reset(self, context: PlannerContext) -> None:

@@ -1,0 +1,48 @@
+"""The drivers of examples/attacks.py: each does what it is named for, and none passes a pair by it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import tsbench
+
+ROOT = Path(tsbench.__file__).parent.parent
+WATCHERS = ("Stands", "Creeps", "Dips")
+ALL = ("Remembers", *WATCHERS, "Follows")
+TYPES = ("main_road", "yield", "speed_limit")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
+    return tsbench.evaluate(
+        [*(f"{ROOT}/examples/attacks.py:{name}" for name in ALL), "blind"], split="dev", types=list(TYPES), limit=12,
+        workers=2, out=tmp_path_factory.mktemp("attacks") / "run", trace="none",
+    )  # fmt: skip
+
+
+def rows(run: tsbench.Run, planner: str) -> pd.DataFrame:
+    return run.episodes[run.episodes.planner == planner].sort_values("scenario_id").reset_index(drop=True)
+
+
+def test_none_passes_a_pair(run: tsbench.Run) -> None:
+    assert not run.episodes.error.notna().any()
+    for name in ALL:
+        passed = rows(run, name).groupby("pair_id").scd.all()
+        assert len(passed) == 2 * len(TYPES)
+        assert not passed.any(), f"{name}: {list(passed.index[passed])}"
+
+
+def test_who_remembers_meets_each_scene_for_the_first_time(run: tsbench.Run) -> None:
+    told = ["scenario_id", "outcome", "scd", "steps"]
+    assert rows(run, "Remembers")[told].equals(rows(run, "blind")[told])
+
+
+@pytest.mark.parametrize("name", WATCHERS)
+def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: str) -> None:
+    ours, blind = rows(run, name), rows(run, "blind")
+    both = (ours.scenario_type == "main_road") & (ours.outcome == "arrived") & (blind.outcome == "arrived")
+    assert both.any()
+    assert (ours.steps[both] > blind.steps[both]).all()
