@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +24,8 @@ from tsbench.run.edition import edition_now
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
-DEV_ROWS = len(read_table(table_path("dev")))
+DEV = sorted(row.scenario_id for row in read_table(table_path("dev")))
+DEV_ROWS, TWO = len(DEV), (DEV[0], DEV[1])
 
 
 def put(folder: Path, name: str, submission: Submission) -> str:
@@ -34,7 +37,7 @@ def put(folder: Path, name: str, submission: Submission) -> str:
 
 def record(of: str, **changes: object) -> Verification:
     plain = Verification(
-        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, ("a", "b"), 2, (), (), (), {}, {"processor": "x"}
+        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, TWO, 2, (), (), (), {}, {"processor": "x"}
     )
     return replace(plain, **changes)  # type: ignore[arg-type]
 
@@ -62,7 +65,7 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()
     # One who finds it otherwise is enough.
-    wrong = record(good, verifier="bob", equal=1, differences=(Difference("b", "verdict is another"),))
+    wrong = record(good, verifier="bob", equal=1, differences=(Difference(DEV[1], "verdict is another"),))
     (base / "b" / "bob.json").write_text(wrong.to_json())
     build(base, out)
     page = (out / "index.html").read_text()
@@ -90,8 +93,8 @@ def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None
     base, out = tmp_path / "all", tmp_path / "site"
     of = put(base, "idm.json", honest("idm"))
     why = ("the arithmetic of libm is another (glibc 2.36, now glibc 2.40)", "numpy is 1.0, not 2.0")
-    few = record(of, driven=tuple("abcdefgh"), equal=7, explained=("h",), arithmetic_differences=why)
-    most = record(of, verifier="bob", equal=0, explained=("a", "b"), arithmetic_differences=why)
+    few = record(of, driven=tuple(DEV[:8]), equal=7, explained=(DEV[7],), arithmetic_differences=why)
+    most = record(of, verifier="bob", equal=0, explained=TWO, arithmetic_differences=why)
     (base / "few.json").write_text(few.to_json())
     build(base, out)
     page = (out / "index.html").read_text()
@@ -226,11 +229,76 @@ def test_what_does_not_belong_is_refused(honest: Make, tmp_path: Path) -> None:
         build(tmp_path / "none", out)
 
 
+def test_a_record_is_of_what_a_submission_says_and_of_its_episodes(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    digest = put(base, "idm.json", honest("idm"))
+    # In another layout it says the same; and twice it is not there.
+    data = json.loads((base / "idm.json").read_text())
+    (base / "idm.json").write_text(json.dumps(data))
+    (base / "v.json").write_text(record(digest).to_json())
+    assert build(base, out) == 1
+    (base / "again.json").write_text(json.dumps(data, indent=3))
+    with pytest.raises(InputError, match=r"says what .*again\.json says: remove one"):
+        build(base, out)
+    (base / "again.json").unlink()
+    for changes, told in (
+        ({"driven": (), "equal": 0}, "no episode was driven"),
+        ({"driven": (DEV[0], DEV[0])}, "or one twice"),
+        ({"equal": 1}, "the counts do not fit"),
+        ({"explained": (DEV[5],), "equal": 1}, "the counts do not fit"),
+        ({"driven": ("a", "b")}, "says that a was driven, of which"),
+    ):
+        (base / "v.json").write_text(record(digest, **changes).to_json())
+        with pytest.raises(InputError, match=told):
+            build(base, out)
+
+
+def test_what_is_no_regular_file_is_refused(honest: Make, tmp_path: Path) -> None:
+    base = tmp_path / "all"
+    put(base, "idm.json", honest("idm"))
+    for name, make in (
+        ("link", lambda path: path.symlink_to(tmp_path / "elsewhere.json")),
+        ("pipe", os.mkfifo),
+        ("folder", Path.mkdir),
+    ):
+        path = base / f"{name}.json"
+        make(path)
+        with pytest.raises(InputError, match=f"{name}.json: is no regular file"):
+            build(base, tmp_path / "site")
+        path.rmdir() if path.is_dir() else path.unlink()
+
+
+def test_a_new_site_takes_the_place_of_the_old_one_whole(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    put(base, "idm.json", honest("idm"))
+    build(base, out)
+    old = {path.name for path in out.iterdir()}
+    (base / "idm.json").unlink()
+    put(base, "e.json", honest("idm-e"))
+    build(base, out)
+    assert {path.name for path in out.iterdir()} & old == {"index.html"}
+    # What is refused changes nothing, and a folder with other things in it is nobody's site.
+    (base / "x.json").write_text("{}")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    with pytest.raises(InputError):
+        build(base, out)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    (base / "x.json").unlink()
+    (out / "diary.txt").touch()
+    with pytest.raises(InputError, match=r"diary\.txt is no page of a leaderboard"):
+        build(base, out)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["all", "site"]
+
+
 def test_data_that_are_not_here_are_said(honest: Make, tmp_path: Path) -> None:
     put(tmp_path / "all", "x.json", replace(honest("idm"), contract="0" * 64))
     build(tmp_path / "all", tmp_path / "site")
     (own,) = (tmp_path / "site").glob("idm-*.html")
     assert "The data of its contract are not here" in own.read_text()
+    # In no table of the edition that it names, and marked.
+    index = (tmp_path / "site" / "index.html").read_text()
+    assert f"{honest('idm').edition} (unknown contract), dev split" in index
+    assert "not checked" in index
 
 
 def test_from_the_command_line(

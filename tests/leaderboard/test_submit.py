@@ -172,6 +172,24 @@ def test_an_edited_trace_is_none(run: Path, make: Make) -> None:
         (lambda d: d["episodes"][0].update(outcome="won"), "malformed submission .*won"),
         (lambda d: d["episodes"].append(d["episodes"][0]), "one stands twice"),
         (lambda d: d["episodes"][0].update(scd="yes"), "malformed submission"),
+        (
+            lambda d: d["episodes"][0].update(outcome="collision", scd=True, clauses=[]),
+            "scd is true, which collision",
+        ),
+        (
+            lambda d: d["episodes"][0].update(outcome="arrived", scd=True, clauses=["c"]),
+            "which arrived, c contradicts",
+        ),
+        (
+            lambda d: d["episodes"][0].update(outcome="arrived", scd=False, clauses=[]),
+            "scd is false, which arrived",
+        ),
+        (lambda d: d["episodes"][0].update(digest="0" * 31), "digest: expected 32 hexadecimal digits"),
+        (lambda d: [e.update(digest="0" * 32) for e in d["episodes"]], "has the digest of"),
+        (lambda d: d["planner"].update(name="x" * 100_001), "cannot be read as a submission"),
+        (lambda d: d["figures"][0].update(value="nan"), "malformed submission"),
+        (lambda d: d.update(machine={"cores": float("inf")}), "malformed submission"),
+        (lambda d: d.update(city="\ud800"), "control characters in the text"),
     ],
 )
 def test_a_malformed_one_is_one_line(honest: Make, tmp_path: Path, change: Callable, told: str) -> None:

@@ -17,7 +17,7 @@ from tsbench.leaderboard.verify import Verification, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
-NO_HASH = "0" * 32
+NO_HASHES = [f"{k:032x}" for k in range(1, 2000)]
 
 
 def check(folder: Path, submission: Submission, planner: str | None = None, **more: object) -> Verification:
@@ -51,7 +51,8 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
 
 def test_verdicts_that_were_turned_are_found(honest: Make, tmp_path: Path) -> None:
     turned = tuple(
-        e if e.scd else Episode(e.scenario_id, "arrived", True, (), NO_HASH) for e in honest("idm").episodes
+        e if e.scd else Episode(e.scenario_id, "arrived", True, (), no_hash)
+        for e, no_hash in zip(honest("idm").episodes, NO_HASHES, strict=False)
     )
     forged = with_figures(replace(honest("idm"), episodes=turned))
     assert forged.figures[0].value == 100.0
@@ -96,7 +97,9 @@ def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Pat
 
 def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Make, tmp_path: Path) -> None:
     made = honest("idm")
-    others = tuple(replace(episode, digest=NO_HASH) for episode in made.episodes)
+    others = tuple(
+        replace(episode, digest=no_hash) for episode, no_hash in zip(made.episodes, NO_HASHES, strict=False)
+    )
     same = check(tmp_path, replace(made, episodes=others))
     assert not same.confirmed
     assert "on the same arithmetic" in whats(same)
@@ -108,7 +111,9 @@ def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Ma
     assert why.startswith("the arithmetic of libm is another")
     # Its own word is all that explains so much: that is said.
     assert found.mostly_explained
-    turned = tuple(replace(e, scd=not e.scd) for e in others)
+    turned = tuple(
+        replace(e, outcome="timeout" if e.scd else "arrived", scd=not e.scd, clauses=()) for e in others
+    )
     found = check(tmp_path, with_figures(replace(elsewhere, episodes=turned)))
     assert (found.confirmed, len(found.differences), found.explained) == (False, 6, ())
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 from tsbench.core.plain import from_plain
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.leaderboard.submission import Episode, Figure, episode_of, read_submission
@@ -22,8 +22,8 @@ from tsbench.run.planner_info import PlannerInfo
 class Claim:
     """What some file says of one planner's episodes, and how they were driven.
 
-    sha256: of the file. isolated: the planner had a process of its own. perception: how plates reached it; None:
-    exactly. figures: None where the file has none. episodes: sorted by scenario_id.
+    sha256: of what a submission says, or of a run's file. isolated: the planner had a process of its own. perception:
+    how plates reached it; None: exactly. figures: None where the file has none. episodes: sorted by scenario_id.
     """
 
     path: Path
@@ -53,7 +53,7 @@ def claim_of(path: Path) -> Claim:
     """What a submission says. Raises InputError as `read_submission` does."""
     s = read_submission(path)
     return Claim(
-        path=path, sha256=_sha256(path), title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
+        path=path, sha256=s.sha256, title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
         city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
         isolated=s.isolation is not None, mask_signs=False,
         perception=s.perception, figures=s.figures, episodes=s.episodes,
@@ -68,7 +68,7 @@ def claims_of(folder: Path) -> list[Claim]:
     m, effective = run.manifest, run.manifest["effective"]
     return [
         Claim(
-            path=path, sha256=_sha256(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
+            path=path, sha256=sha256_of(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
             edition=run.edition, contract=run.contract, city=city_of(m), split=str(effective["split"]), planner=info,
             device=str(effective["device"]), arithmetic=m["arithmetic"],
             isolated=bool(effective.get("isolate", False)), mask_signs=bool(effective["mask_signs"]),
@@ -105,7 +105,3 @@ def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[Epis
     if not rows:
         raise InputError(f"{run.path}: no episode of {info.name} yet")
     return tuple(episode_of(row, events.get((info.name, row["scenario_id"]), ())) for row in rows)
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
@@ -18,7 +17,7 @@ from tsbench.leaderboard.verify import KIND as VERIFICATION
 from tsbench.leaderboard.verify import Verification, read_verification
 from tsbench.metrics.records import PAIRED, SIGNED_ONES
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
@@ -27,7 +26,10 @@ _SHORT = 8
 
 @dataclass(frozen=True)
 class Row:
-    """A submission as the site shows it. path: of its file; checked: its figures were computed again here."""
+    """A submission as the site shows it. path: of its file; sha256: of what it says.
+
+    checked: the data of its contract are here, and its figures were computed again.
+    """
 
     submission: Submission
     path: Path
@@ -43,6 +45,7 @@ class Row:
     def flags(self) -> list[str]:
         s = self.submission
         told = {
+            "not checked": not self.checked,
             "floor": s.planner.floor,
             "third-party": s.third_party,
             "isolated": s.isolation is not None and bool(s.isolation.get("namespaces")),
@@ -72,8 +75,15 @@ class Row:
 
     @property
     def data_set(self) -> tuple[str, str, str]:
-        """Edition, split, contract: what rows must have in common to be compared."""
-        return self.submission.edition, self.submission.split, standing_contract(self.submission.contract)
+        """Edition, split, contract: what rows must have in common to be compared.
+
+        The edition is that of the contract. Where nobody here knows it, and its data are not here, that is said.
+        """
+        s = self.submission
+        edition = edition_of(s.contract, s.edition)
+        if edition.endswith(LOCAL):
+            edition = s.edition if self.checked else f"{s.edition} (unknown contract)"
+        return edition, s.split, standing_contract(s.contract)
 
     @property
     def level_rank(self) -> tuple[float, str, str]:
@@ -113,12 +123,15 @@ def read_rows(folder: Path) -> list[Row]:
     rows: dict[str, Row] = {}
     records: list[tuple[Path, Verification]] = []
     for path in sorted(folder.rglob("*.json")):
+        if path.is_symlink() or not path.is_file():
+            raise InputError(f"{path}: is no regular file: a submission or a record is")
         data = read_json(path, "submission or record of a verification")
         kind = data.get("kind") if isinstance(data, dict) else None
         if kind == SUBMISSION:
             submission = read_submission(path)
-            sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-            rows[sha256] = Row(submission, path, sha256, _check(path, submission))
+            if other := rows.get(submission.sha256):
+                raise InputError(f"{path}: says what {other.path} says: remove one of them")
+            rows[submission.sha256] = Row(submission, path, submission.sha256, _check(path, submission))
         elif kind == VERIFICATION:
             records.append((path, read_verification(path)))
         else:
@@ -126,7 +139,12 @@ def read_rows(folder: Path) -> list[Row]:
     for path, record in records:
         if record.submission_sha256 not in rows:
             raise InputError(f"{path}: is of a submission that is not below {folder}, or was changed since")
-        rows[record.submission_sha256].verifications.append(record)
+        row = rows[record.submission_sha256]
+        if strange := {*record.driven} - {episode.scenario_id for episode in row.submission.episodes}:
+            raise InputError(
+                f"{path}: says that {min(strange)} was driven, of which {row.path} has no episode"
+            )
+        row.verifications.append(record)
     return list(rows.values())
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
 
+from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
 from tsbench.leaderboard import curves
@@ -38,17 +40,38 @@ def build_site(folder: Path, out: Path, players: int) -> int:
     for row in rows:
         sets.setdefault(row.data_set, []).append(row)
         planners.setdefault(row.page, []).append(row)
-    shown = [_data_set(sets[key]) for key in sorted(sets, key=lambda key: (-len(sets[key]), key))]
+    # Those whose figures were computed again first, then by size.
+    order = sorted(sets, key=lambda key: (not any(row.checked for row in sets[key]), -len(sets[key]), key))
+    shown = [_data_set(sets[key]) for key in order]
     pages = {
         _INDEX: render_page("leaderboard.html", title="tsbench leaderboard", scripts=_SCRIPTS, sets=shown)
     }
     for name, own in planners.items():
         pages[name] = _planner_page(own, sets, players)
     with io_errors_as_input_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
-        for name, text in pages.items():
-            write_atomic(out / name, text.encode())
+        _swap_in(out, pages)
     return len(rows)
+
+
+def _swap_in(out: Path, pages: Mapping[str, str]) -> None:
+    """Write the pages beside the site that is there, then put them in its place: readers see the old one or the new.
+
+    Raises InputError for a folder with other things in it.
+    """
+    strange = [path for path in (out.iterdir() if out.exists() else ()) if path.suffix != ".html"]
+    if strange:
+        raise InputError(
+            f"{out}: {strange[0].name} is no page of a leaderboard: choose a folder of its own with --out"
+        )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.", suffix=".tmp") as beside:
+        new, old = Path(beside, "new"), Path(beside, "old")
+        new.mkdir()
+        for name, text in pages.items():
+            write_atomic(new / name, text.encode())
+        if out.exists():
+            out.rename(old)
+        new.rename(out)
 
 
 def _data_set(rows: Sequence[Row]) -> dict[str, Any]:
@@ -153,7 +176,7 @@ def _planner_page(own: Sequence[Row], sets: dict[DataSet, list[Row]], players: i
 
 def _labels(rows: Sequence[Row]) -> list[str]:
     """Names for submissions of one planner, each another one."""
-    plain = [f"{s.edition}, {s.split}, {s.level}" for s in (row.submission for row in rows)]
+    plain = [f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows]
     return [
         name if plain.count(name) == 1 else f"{name} ({row.sha256[:8]})"
         for name, row in zip(plain, rows, strict=True)

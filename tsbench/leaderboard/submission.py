@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -33,6 +34,7 @@ KIND, SCHEMA_VERSION = "tsbench-submission", 1
 # What stands before the fields. The rows are of OpenStreetMap's roads.
 _HEAD = {"kind": KIND, "schema": SCHEMA_VERSION, **OSM_LICENCE}
 _DIGEST_HEX = 32
+_DIGEST = re.compile(rf"[0-9a-f]{{{_DIGEST_HEX}}}")
 # The submitter's own words, in characters.
 _LONGEST = {"title": 200, "authors": 1000, "url": 1000, "note": 10_000}
 _JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
@@ -125,6 +127,11 @@ class Submission:
         """The name of its perception level."""
         return EXACT if self.perception is None else self.perception.name
 
+    @property
+    def sha256(self) -> str:
+        """SHA-256 (hex) of what it says, in whatever layout its file has: of the file that tsbench writes."""
+        return hashlib.sha256(self.to_json().encode()).hexdigest()
+
     def to_json(self) -> str:
         content = {**_HEAD, **asdict(self)}
         return json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
@@ -157,7 +164,11 @@ def _schema_of(kind: Any) -> dict[str, Any]:
 
 
 def read_submission(path: Path) -> Submission:
-    """A submission. Raises InputError for what is none, and for one whose episodes stand twice or out of order."""
+    """A submission.
+
+    Raises InputError for what is none, for episodes that stand twice, out of order or contradict themselves, and for
+    digests that cannot be.
+    """
     data = read_json(path, "submission")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:
         raise InputError(f"{path}: no submission (expected `kind: {KIND}`)")
@@ -168,16 +179,34 @@ def read_submission(path: Path) -> Submission:
     try:
         found = from_plain(Submission, data)
         from_plain(Arithmetic, found.arithmetic)
-        for episode in found.episodes:
-            Outcome(episode.outcome)
-        if fault := fault_of_words(data):
+        if fault := fault_of_words(data) or _fault_of_episodes(found.episodes):
             raise ValueError(fault)
+        # Numbers that are none have no JSON.
+        found.to_json()
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
     ids = [episode.scenario_id for episode in found.episodes]
     if ids != sorted(set(ids)):
         raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
     return found
+
+
+def _fault_of_episodes(episodes: Sequence[Episode]) -> str:
+    """What in episodes cannot be of a run, "" where nothing is."""
+    digests: dict[str, str] = {}
+    for episode in episodes:
+        name = episode.scenario_id
+        outcome = Outcome(episode.outcome)
+        if episode.scd is not (outcome is Outcome.ARRIVED and not episode.clauses):
+            told = ", ".join([outcome, *episode.clauses])
+            return f"{name}: scd is {str(episode.scd).lower()}, which {told} contradicts"
+        if not _DIGEST.fullmatch(episode.digest):
+            return f"{name}: digest: expected {_DIGEST_HEX} hexadecimal digits"
+        # The name of its scenario is in it.
+        if other := digests.get(episode.digest):
+            return f"{name}: has the digest of {other}"
+        digests[episode.digest] = name
+    return ""
 
 
 def fault_of_words(words: Mapping[str, Any]) -> str:

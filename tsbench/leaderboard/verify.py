@@ -19,7 +19,7 @@ from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Episode, Figure, episode_of, figures_of, problem_of_level
 from tsbench.run import arithmetic, opened_files
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.run.execution.base import Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
@@ -51,8 +51,8 @@ class Difference:
 class Verification:
     """What came of a second drive.
 
-    submission_sha256: of the file that was verified: a submission, or a run's table of episodes. verifier: who says
-    so. seed, sample: of the draw.
+    submission_sha256: of what was verified: of what a submission says, or of a run's table of episodes. verifier: who
+    says so. seed, sample: of the draw.
 
     driven: scenario ids; equal: how many of them have the digest that was submitted. explained: those whose verdict is
     as submitted but whose digest is another, which `arithmetic_differences` may explain: what the claim says of its
@@ -95,7 +95,7 @@ class Verification:
 
 
 def read_verification(path: Path) -> Verification:
-    """The record of a verification. Raises InputError for what is none."""
+    """The record of a verification. Raises InputError for what is none, and where its counts contradict each other."""
     data = read_json(path, "record of a verification")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:
         raise InputError(f"{path}: no record of a verification (expected `kind: {KIND}`)")
@@ -108,7 +108,23 @@ def read_verification(path: Path) -> Verification:
         raise InputError(f"{path}: malformed ({' '.join(str(problem).split())[:200]})") from None
     if said is not found.confirmed:
         raise InputError(f"{path}: says confirmed: {said}, which its differences do not")
+    if fault := _fault_of_counts(found):
+        raise InputError(f"{path}: {fault}")
     return found
+
+
+def _fault_of_counts(found: Verification) -> str:
+    """What in a record cannot be of a drive, "" where nothing is."""
+    driven = {*found.driven}
+    wrong = {difference.scenario_id for difference in found.differences} - {""}
+    if not driven or len(driven) != len(found.driven):
+        return "no episode was driven, or one twice"
+    told = f"of {len(driven)} driven episodes {found.equal} are equal"
+    if not {*found.explained} | wrong <= driven or found.equal + len(found.explained) + len(wrong) != len(
+        driven
+    ):
+        return f"{told}, {len(found.explained)} explained and {len(wrong)} wrong: the counts do not fit"
+    return ""
 
 
 def verify(
@@ -130,6 +146,9 @@ def verify(
             f"with tsbench {claim.tsbench} and the data of {claim.edition}"
         )
     found = list(_figures(claim, table, claim.figures)) if claim.figures is not None else []
+    name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
+    if name != claim.edition.removesuffix(LOCAL):
+        found.append(Difference("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
     if claim.figures is not None and (problem := problem_of_level(claim.perception)):
         found.append(Difference("", problem))
     specs = _draw(claim, table, sample, seed)

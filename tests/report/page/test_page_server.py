@@ -6,6 +6,7 @@ import http.client
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -142,6 +143,29 @@ def test_other_hosts_and_methods_are_refused(one_port: int) -> None:
         assert b"only to its own address" in body
     assert ask(one_port, "/", host=f"localhost:{one_port}")[0] == 200
     assert ask(one_port, "/", method="POST")[0] == 501
+
+
+def test_two_hosts_are_none(one_port: int) -> None:
+    own = f"Host: 127.0.0.1:{one_port}\r\n"
+    for hosts in (own + own, own + "Host: example.org\r\n", "Host: example.org\r\n" + own, ""):
+        with socket.create_connection(("127.0.0.1", one_port), timeout=HANG_S) as line:
+            line.sendall(f"GET / HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n".encode())
+            assert b" 404 " in line.makefile("rb").readline()
+
+
+def test_a_request_that_does_not_end_is_given_up(one_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often a byte of it comes: each one alone is in time."""
+    monkeypatch.setattr(serving._Handler, "timeout", 1.0)
+    with socket.create_connection(("127.0.0.1", one_port), timeout=HANG_S) as line:
+        line.sendall(b"GET / HTTP/1.1\r\n")
+        end, given_up = time.monotonic() + HANG_S, False
+        while time.monotonic() < end and not given_up:
+            try:
+                line.sendall(b"X")
+            except ConnectionError:
+                given_up = True
+            time.sleep(0.05)
+        assert given_up
 
 
 def test_a_bad_trace_and_a_bad_run_say_why(port: int, run: Path) -> None:

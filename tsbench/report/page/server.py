@@ -8,9 +8,11 @@ that no page of another site can read runs through a name that resolves to this 
 from __future__ import annotations
 
 import re
+import socket
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -167,9 +169,25 @@ class _Handler(BaseHTTPRequestHandler):
     shelf: Library
     server_version, sys_version = "tsbench", ""
     protocol_version = "HTTP/1.1"
+    # s, for each piece of a request, and for all of it.
     timeout = 30
 
+    def handle_one_request(self) -> None:
+        self._deadline = threading.Timer(self.timeout, self._hear_no_more)
+        self._deadline.daemon = True
+        self._deadline.start()
+        try:
+            super().handle_one_request()
+        finally:
+            self._deadline.cancel()
+
+    def _hear_no_more(self) -> None:
+        # Who asked may have gone away already.
+        with suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RD)
+
     def do_GET(self) -> None:
+        self._deadline.cancel()
         try:
             self._answer(HTTPStatus.OK, *self._find())
         except NotThere as problem:
@@ -181,7 +199,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _find(self) -> tuple[str, bytes]:
         host, port = self.connection.getsockname()[:2]
-        if self.headers.get("Host") not in (f"{host}:{port}", f"localhost:{port}"):
+        if self.headers.get_all("Host") not in ([f"{host}:{port}"], [f"localhost:{port}"]):
             raise NotThere("this server answers only to its own address")
         path = unquote(urlsplit(self.path).path)
         if path == "/":
