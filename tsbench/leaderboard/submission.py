@@ -203,9 +203,9 @@ def _fault_of_episodes(episodes: Sequence[Episode]) -> str:
         if not _DIGEST.fullmatch(episode.digest):
             return f"{name}: digest: expected {_DIGEST_HEX} hexadecimal digits"
         # The name of its scenario is in it.
-        if other := digests.get(episode.digest):
+        other = digests.setdefault(episode.digest, name)
+        if other != name:
             return f"{name}: has the digest of {other}"
-        digests[episode.digest] = name
     return ""
 
 
