@@ -14,7 +14,7 @@ COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test results results-again submissions board floor holdout train docs film site-pictures torture mirrored again mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -173,9 +173,6 @@ mirrored: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m whole -rP tests/scenarios/test_mirror_whole.py
 
 # One extract of Moscow from OSM to maps and scenes: the same bytes as those that come with tsbench.
-again: setup
-	OSM=$(abspath $(OSM)) $(BIN)/pytest -m whole -rP tests/dataset/maps/test_same_bytes.py
-
 # Are the rules' tests strict enough? Mutants of tsbench/rules against tests/rules; goes on where it was stopped.
 mutation: $(BIN)/mutmut
 	rm -rf mutants/tests mutants/sign_catalog  # copies, to which mutmut only adds

@@ -34,6 +34,10 @@ SETS = {
             "sumo_nets/netconvert/*",
         ),
     ),
+    "sources": (
+        "the extracts of OpenStreetMap that Moscow's maps are cut from",
+        ("sumo_nets/sources/*.osm.gz",),
+    ),
     "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
     **{

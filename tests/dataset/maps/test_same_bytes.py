@@ -1,14 +1,17 @@
-"""From an extract to maps and scenes anew: what comes with tsbench, to the byte (`make again OSM=DIR`)."""
+"""From an extract to maps and scenes anew: what comes with tsbench, to the byte."""
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
 import pytest
 
+from tsbench.core.files import sha256_of
+from tsbench.dataset.city import load_city
+from tsbench.dataset.maps.extracts import list_extracts
 from tsbench.dataset.maps.harvest import harvest
+from tsbench.dataset.maps.names import extract_name
 from tsbench.dataset.maps.source import load_source
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
@@ -18,6 +21,7 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 REPOSITORY = Path(__file__).resolve().parents[3]
+SOURCES = REPOSITORY / "sumo_nets" / "sources"
 # The extract of the old quarter: small, and Moscow's scenes of this type on it need no second draw.
 EXTRACT, TYPE = "ostankino-2013", "residential_zone"
 
@@ -25,19 +29,18 @@ EXTRACT, TYPE = "ostankino-2013", "residential_zone"
 @pytest.fixture(scope="module")
 def osm(workplace: Path) -> Path:
     """A folder with this extract alone."""
-    given = Path(os.environ.get("OSM", REPOSITORY / "sumo_nets" / "sources"))
-    found = sorted(given.glob(f"{EXTRACT}.osm*"))
-    if not found:
-        pytest.skip(
-            f"{given} has no extract {EXTRACT} (make again OSM=DIR; cities/moscow.yaml says where it is)"
-        )
     folder = workplace / "again"
     folder.mkdir()
-    shutil.copy(found[0], folder)
+    shutil.copy(SOURCES / f"{EXTRACT}.osm.gz", folder)
     return folder
 
 
-@pytest.mark.whole
+def test_the_extracts_are_those_of_the_city_s_file() -> None:
+    told = {e.name: (e.sha256, e.bytes) for e in load_city("moscow").extracts}
+    found = {extract_name(path): (sha256_of(path), path.stat().st_size) for path in list_extracts(SOURCES)}
+    assert found == told
+
+
 def test_the_extract_gives_the_maps_of_the_pool(osm: Path, workplace: Path) -> None:
     shipped = {
         row.map_id: row
@@ -50,12 +53,8 @@ def test_the_extract_gives_the_maps_of_the_pool(osm: Path, workplace: Path) -> N
     # Alone, the extract keeps the maps that it leaves to better ones elsewhere.
     assert set(shipped) <= set(made)
     assert [name for name, row in shipped.items() if made[name] != row] == []
-    print(
-        f"{EXTRACT}: {len(shipped)} maps as in the pool, {len(made) - len(shipped)} that better extracts have too"
-    )
 
 
-@pytest.mark.whole
 def test_maps_give_the_scenes_that_are_shipped(osm: Path, workplace: Path, tmp_path: Path) -> None:
     scenarios = REPOSITORY / "scenarios"
     (workplace / "scenarios").mkdir(exist_ok=True)
@@ -63,7 +62,7 @@ def test_maps_give_the_scenes_that_are_shipped(osm: Path, workplace: Path, tmp_p
     rows = read_table(table_path("test", scenarios))
     pool = {row.map_id: row for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet")}
     maps = sorted({r.map_id for r in rows if r.pair_type == TYPE and pool[r.map_id].source == EXTRACT})
-    assert len(maps) == 3
+    assert maps
     recipe = load_recipe(TYPE, load_catalog(), scenarios / "recipes")
     builder, source = SiteBuilder(recipe, tmp_path, Simulation()), load_source(EXTRACT, osm)
     for one in maps:
@@ -75,4 +74,3 @@ def test_maps_give_the_scenes_that_are_shipped(osm: Path, workplace: Path, tmp_p
             same = shipped[row.scenario_id]
             assert (row.net_sha256, row.additional_sha256) == (same.net_sha256, same.additional_sha256)
             assert (row.seed, row.sign_code, row.sign_value) == (same.seed, same.sign_code, same.sign_value)
-        print(f"{TYPE}, {one}: {len(built.rows)} rows with the hashes of their files")
