@@ -130,7 +130,10 @@ def test_another_contract_and_a_record_that_contradicts_itself(honest: Make, tmp
 def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> None:
     """With its planners, masked plates and perception level."""
     run = tmp_path / "run"
-    options = {"split": "dev", "types": ["speed"], "out": run, "workers": 2, "perception": "poor"}
+    options = {
+        "split": "dev", "types": ["speed_limit", "zone_speed_limit"], "limit": 12, "out": run, "workers": 2,
+        "perception": "poor",
+    }  # fmt: skip
     tsbench.evaluate(["idm", "reader"], **options)  # type: ignore[arg-type]
     idm, reader = claims_of(run)
     told = {"sample": 99, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None}
