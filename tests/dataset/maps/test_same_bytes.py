@@ -23,7 +23,7 @@ from tsbench.sim.sumo import Simulation
 REPOSITORY = Path(__file__).resolve().parents[3]
 SOURCES = REPOSITORY / "sumo_nets" / "sources"
 # The extract of the old quarter: small, and Moscow's scenes of this type on it need no second draw.
-EXTRACT, TYPE = "ostankino-2013", "residential_zone"
+EXTRACT, TYPE = "ostankino-2013", "yield"
 
 
 @pytest.fixture(scope="module")
