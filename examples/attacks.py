@@ -14,8 +14,8 @@ from tsbench import Control, Observation, PlannerContext
 from tsbench.planners.common.pure_pursuit import LEAST_AHEAD_M
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.floor.blind import Blind, masked
+from tsbench.planners.floor.guess import first_fork
 from tsbench.planners.idm import Idm
-from tsbench.roads.road_map import RoadMap
 from tsbench.sim.ego import pursue
 from tsbench.sim.world import ActorKind
 
@@ -57,7 +57,8 @@ class _Watcher(Blind):
 
     def act(self, observation: Observation) -> Control:
         seen = masked(observation)
-        to_line = _to_line(seen, self._map)
+        # From the front to the end of the route's first road.
+        to_line = first_fork(self._map, seen.route.path) - seen.route.s - HALF_LENGTH_M
         if seen.time < self._until and (to_line < self.at_m or self._until < math.inf):
             self._until = min(self._until, seen.time + self.watch_s)
             self._free = self._free or self._others_wait(seen)
@@ -126,13 +127,3 @@ class Follows:
             if 0.0 < s - route.s < _LOOK_M and abs(d) < _BESIDE_M and speed > _STANDS_MPS:
                 speeds.append(speed)
         return Control(min(command.acceleration, min(speeds) - ego.speed), command.steering)
-
-
-def _to_line(seen: Observation, roads: RoadMap) -> float:
-    """From the front to the end of the route's first road; inf where it has no other."""
-    path = seen.route.path
-    for piece in path.pieces:
-        lane = roads.lanes[piece.lane]
-        if lane.internal or lane.edge != path.edges[0]:
-            return piece.s0 - seen.route.s - HALF_LENGTH_M
-    return math.inf

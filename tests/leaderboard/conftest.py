@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from filelock import FileLock
+from once import made_once
 
 import tsbench
 from tsbench.leaderboard import submit
@@ -29,16 +28,10 @@ WHO = {
 
 @pytest.fixture(scope="session")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Driven once for all processes of pytest-xdist: the first one that asks drives, the others wait for it."""
-    shared = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent
-    out, whole = shared / "submitted", shared / "submitted.whole"
-    with FileLock(shared / "submitted.lock"):
-        if not whole.exists():
-            tsbench.evaluate(["idm", "idm-e"], split="dev", out=out, workers=2)
-            whole.touch()
-    return out
+    def drive(out: Path) -> None:
+        tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=2)
+
+    return made_once(tmp_path_factory, "submitted", drive) / "run"
 
 
 @pytest.fixture

@@ -284,9 +284,11 @@ def test_a_new_site_takes_the_place_of_the_old_one_whole(honest: Make, tmp_path:
         build(base, out)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     (base / "x.json").unlink()
-    (out / "diary.txt").touch()
-    with pytest.raises(InputError, match=r"diary\.txt is no page of a leaderboard"):
-        build(base, out)
+    for name in ("diary.txt", "mine.html"):
+        (out / name).touch()
+        with pytest.raises(InputError, match=rf"{name} is no page of a leaderboard"):
+            build(base, out)
+        (out / name).unlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all", "site"]
 
 

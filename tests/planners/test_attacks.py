@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from once import made_once
 
 import tsbench
 
@@ -17,10 +18,13 @@ TYPES = ("main_road", "yield", "speed_limit")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
-    return tsbench.evaluate(
-        [*(f"{ROOT}/examples/attacks.py:{name}" for name in ALL), "blind"], split="dev", types=list(TYPES), limit=12,
-        workers=2, out=tmp_path_factory.mktemp("attacks") / "run", trace="none",
-    )  # fmt: skip
+    def drive(out: Path) -> None:
+        tsbench.evaluate(
+            [*(f"{ROOT}/examples/attacks.py:{name}" for name in ALL), "blind"], split="dev", types=list(TYPES),
+            limit=12, workers=2, out=out / "run", trace="none",
+        )  # fmt: skip
+
+    return tsbench.load_run(made_once(tmp_path_factory, "attacks", drive) / "run")
 
 
 def rows(run: tsbench.Run, planner: str) -> pd.DataFrame:

@@ -98,6 +98,17 @@ def test_a_planner_that_changed_since_its_run_began_is_not_loaded(mine: Path) ->
         resolve_unchanged(planner)
 
 
+def test_a_file_that_it_opened_and_that_changed_is_named(mine: Path) -> None:
+    file = mine / "planner.py"
+    file.write_text(f"open(__file__.replace('planner.py', 'settings.txt')).close()\n{file.read_text()}")
+    (mine / "settings.txt").write_text("one")
+    planner = describe(f"{file}:drive")
+    assert [line.partition("  ")[2] for line in planner.opened] == ["settings.txt"]
+    (mine / "settings.txt").write_text("two")
+    with pytest.raises(InputError, match=r"settings\.txt has changed since the run began"):
+        resolve_unchanged(planner)
+
+
 def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(mine.parent))
     (mine / "__init__.py").touch()

@@ -73,13 +73,18 @@ def _version(package: str) -> str | None:
 
 
 def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> Files:
-    """Files of the modules `starts` and of all that they import.
+    """The files of `closure_paths` with their hashes. Raises OSError for one that cannot be read."""
+    return {name: _hash(path) for name, path in closure_paths(starts, without).items()}
+
+
+def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -> dict[str, Path]:
+    """Where the files lie of the modules `starts` and of all that they import, by name as in `Files`.
 
     starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor
     followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in
     tsbench, and on Python's path where nothing is installed. Raises OSError for a start that cannot be read.
     """
-    found: Files = {}
+    found: dict[str, Path] = {}
     for start in starts:
         path = start if isinstance(start, Path) else _ROOT.joinpath(*start.split(".")).with_suffix(".py")
         _Search(path.resolve(), without).follow(found)
@@ -98,7 +103,7 @@ class _Search:
         # Where packages are installed, only tsbench and the package that was asked for are followed.
         self._followed = {_OURS, start.relative_to(self._top).with_suffix("").parts[0]}
 
-    def follow(self, found: Files) -> None:
+    def follow(self, found: dict[str, Path]) -> None:
         around = ".".join(self._start.relative_to(self._top).with_suffix("").parts)
         todo = [(self._start, self._top), *self._files_of(around)]
         while todo:
@@ -107,13 +112,13 @@ class _Search:
             if name in found or name in self._without:
                 continue
             code = _read(path.read_bytes(), path.suffix)
-            found[name] = code.digest
+            found[name] = path
             for text in code.data:
                 # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
                 named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
                 data = next((place for place in (path.parent / text, named) if place.is_file()), None)
                 if data is not None and f"{name}: {text}" not in self._without:
-                    found[f"{name}: {text}"] = hashlib.sha256(data.read_bytes()).hexdigest()
+                    found[f"{name}: {text}"] = data
             for module, level in code.imports:
                 todo += self._files_of(_absolute(module, level, name))
 
@@ -172,6 +177,11 @@ class _Code:
     imports: tuple[tuple[str, int], ...]
     data: tuple[str, ...]
     digest: str
+
+
+def _hash(path: Path) -> str:
+    content = path.read_bytes()
+    return _read(content, path.suffix).digest if path.suffix == ".py" else hashlib.sha256(content).hexdigest()
 
 
 @lru_cache(maxsize=1024)

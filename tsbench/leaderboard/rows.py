@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from tsbench.core.errors import InputError
@@ -22,6 +23,8 @@ from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 _SHORT = 8
+# File names of `Row.page`.
+PAGE = re.compile(rf"[a-z0-9]+(-[a-z0-9]+)*-[0-9a-f]{{{_SHORT}}}\.html")
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ class Row:
         """Where on that page it stands."""
         return f"s-{self.sha256[:_SHORT]}"
 
-    @property
+    @cached_property
     def data_set(self) -> tuple[str, str, str]:
         """Edition, split, contract: what rows must have in common to be compared.
 

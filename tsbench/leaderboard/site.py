@@ -16,7 +16,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
 from tsbench.leaderboard import curves
 from tsbench.leaderboard.players import show_failures
-from tsbench.leaderboard.rows import Row, latest, read_rows
+from tsbench.leaderboard.rows import PAGE, Row, latest, read_rows
 from tsbench.leaderboard.submission import Figure, Submission
 from tsbench.metrics.records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.report import PLAYER_SCRIPTS
@@ -58,11 +58,11 @@ def _swap_in(out: Path, pages: Mapping[str, str]) -> None:
 
     Raises InputError for a folder with other things in it.
     """
-    strange = [path for path in (out.iterdir() if out.exists() else ()) if path.suffix != ".html"]
-    if strange:
-        raise InputError(
-            f"{out}: {strange[0].name} is no page of a leaderboard: choose a folder of its own with --out"
-        )
+    for path in out.iterdir() if out.exists() else ():
+        if path.name != _INDEX and not PAGE.fullmatch(path.name):
+            raise InputError(
+                f"{out}: {path.name} is no page of a leaderboard: choose a folder of its own with --out"
+            )
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.", suffix=".tmp") as beside:
         new, old = Path(beside, "new"), Path(beside, "old")

@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -127,9 +128,12 @@ class Submission:
         """The name of its perception level."""
         return EXACT if self.perception is None else self.perception.name
 
-    @property
+    @cached_property
     def sha256(self) -> str:
-        """SHA-256 (hex) of what it says, in whatever layout its file has: of the file that tsbench writes."""
+        """SHA-256 (hex) of what it says, in whatever layout its file has: of the file that tsbench writes.
+
+        Raises ValueError for numbers that JSON has none of, such as NaN.
+        """
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
     def to_json(self) -> str:
@@ -181,8 +185,8 @@ def read_submission(path: Path) -> Submission:
         from_plain(Arithmetic, found.arithmetic)
         if fault := fault_of_words(data) or _fault_of_episodes(found.episodes):
             raise ValueError(fault)
-        # Numbers that are none have no JSON.
-        found.to_json()
+        # Refuses numbers that JSON has none of.
+        found.sha256  # noqa: B018
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
     ids = [episode.scenario_id for episode in found.episodes]

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
+from tsbench.core.home import expanded
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
@@ -74,16 +76,28 @@ def describe(spec: str) -> PlannerInfo:
 
 
 def resolve_unchanged(planner: PlannerInfo) -> LoadedPlanner:
-    """A planner of a run, loaded. Raises InputError where its code is not the one that the run began with, too."""
+    """A planner of a run, loaded. Raises InputError as `check_unchanged` does, too."""
     loaded = resolve(planner.spec)
-    if planner.code_sha256 not in (None, _code_hash(_sources(loaded))):
-        raise changed(planner, "its code")
+    sources = _sources(loaded)
+    check_unchanged(planner, _code_hash(sources), opened_files.place_of(sources[0]) if sources else None)
     return loaded
 
 
-def changed(planner: PlannerInfo, what: str) -> InputError:
-    """What to tell whoever changes a planner while it is driven."""
-    return InputError(f"planner {planner.spec!r}: {what} has changed since the run began: start the run anew")
+def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) -> None:
+    """Raises InputError where the code of a planner, or a file that it opened when it was described, is another now.
+
+    code: its hash now. place: see `opened_files.place_of`.
+    """
+    now = [] if planner.code_sha256 in (None, code) else ["its code"]
+    for line in planner.opened:
+        told, _, name = line.partition("  ")
+        path = (place or Path()) / expanded(name)
+        if not path.is_file() or sha256_of(path) != told:
+            now.append(name)
+    if now:
+        raise InputError(
+            f"planner {planner.spec!r}: {now[0]} has changed since the run began: start the run anew"
+        )
 
 
 def _sources(loaded: LoadedPlanner) -> list[Path]:

@@ -14,8 +14,10 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.run.isolation import files
 from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.loading import check_unchanged, describe
+from tsbench.run.isolation.loading import code_hash, describe
+from tsbench.run.isolation.places import is_installed, is_public
 from tsbench.run.isolation.process import PlannerProcess
+from tsbench.run.planner_info import check_unchanged
 
 PLANNER = "class P:\n    floor = False\n    def reset(self, c): pass\n    def act(self, o): pass\n"
 
@@ -103,6 +105,27 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
                 PlannerFiles(f"{tmp_path}/0.py:P")
 
 
+def test_whoever_the_planner_is_in_its_cell_can_read_the_copies(tmp_path: Path) -> None:
+    (tmp_path / "planner" / "deep").mkdir(parents=True)
+    (tmp_path / "planner" / "mine.py").write_text(PLANNER)
+    (tmp_path / "planner" / "deep" / "data.txt").touch()
+    before = os.umask(0o077)
+    try:
+        own = PlannerFiles(f"{tmp_path}/planner/mine.py:P")
+    finally:
+        os.umask(before)
+    ((copy, _),) = own.binds
+    assert all(is_public(path) for path in (copy, *copy.rglob("*")))
+
+
+def test_a_folder_below_the_prefix_of_python_is_not_installed() -> None:
+    """The planner's files in /usr/src are its own: an image has none of them."""
+    assert is_installed(Path(pytest.__file__))
+    assert is_installed(Path(files.__file__))
+    assert not is_installed(Path(sys.base_prefix, "src", "planner"))
+    assert not is_installed(Path(sys.prefix, "src", "planner"))
+
+
 def test_what_is_installed_for_root_alone_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "is_installed", lambda _: True)
     monkeypatch.setattr(os, "geteuid", lambda: 0)
@@ -138,12 +161,16 @@ def test_what_changed_since_the_run_began_is_named(tmp_path: Path) -> None:
     file.write_text(code)
     weights.write_text("1")
     planner = describe(f"{file}:P").planner
+
+    def check() -> None:
+        check_unchanged(planner, code_hash(planner.spec), tmp_path)
+
     assert [line.partition("  ")[2] for line in planner.opened] == ["weights"]
-    check_unchanged(planner)
+    check()
     weights.write_text("2")
     with pytest.raises(InputError, match="weights has changed since the run began"):
-        check_unchanged(planner)
+        check()
     weights.write_text("1")
     file.write_text(f"{code}    more = 1\n")
     with pytest.raises(InputError, match="its code has changed since the run began"):
-        check_unchanged(planner)
+        check()

@@ -20,6 +20,7 @@ from tsbench.planners.floor.speeds import BehindLeader, HeldStop, SlowFrom, leas
 from tsbench.planners.floor.ways import OtherWay, other_way
 from tsbench.planners.helpers import sign_ahead
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.road_map import RoadMap
 from tsbench.sim.world import ActorKind
 
 # Where scenes have their posts, in metres: into an exit that may be closed, before the end of a zone, after the start.
@@ -39,17 +40,17 @@ def guess(context: PlannerContext, seen: Observation) -> RuleConstraint | None:
             return ObstaclePass(context, obstacle.id, (context.network.kerb_side,))
     front = route.s + HALF_LENGTH_M
     posts = sorted(front + d for s in seen.signs if 0.0 < (d := sign_ahead(seen, s)) < math.inf)
-    fork = _fork(context, route.path)
+    fork = first_fork(context.network, route.path)
     if fork - route.s < _FORK_WITHIN_M:
         return _at_junction(context, seen, posts)
     return _on_road(context, seen, posts)
 
 
-def _fork(context: PlannerContext, path: RoutePath) -> float:
+def first_fork(roads: RoadMap, path: RoutePath) -> float:
     """Arc length at which the route's first edge ends; inf where it has no other."""
-    lanes = context.network.lanes
     for piece in path.pieces:
-        if lanes[piece.lane].internal or lanes[piece.lane].edge != path.edges[0]:
+        lane = roads.lanes[piece.lane]
+        if lane.internal or lane.edge != path.edges[0]:
             return piece.s0
     return math.inf
 

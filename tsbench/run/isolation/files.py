@@ -15,10 +15,17 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded
-from tsbench.core.provenance import closure
+from tsbench.core.provenance import closure_paths
 from tsbench.run.contract import code_files
 from tsbench.run.execution.own_folder import FILES, OwnFolder
-from tsbench.run.isolation.places import covered, installed, is_installed, is_public, source_of, source_places
+from tsbench.run.isolation.places import (
+    covered,
+    is_installed,
+    is_public,
+    shown_to_all,
+    source_of,
+    source_places,
+)
 
 _MOST_FILES, _MOST_BYTES = 5_000, 8 << 30
 _CACHES = "__pycache__"
@@ -36,7 +43,7 @@ class PlannerFiles:
 
         Raises InputError for a file that cannot be read, and for a folder with too much in it.
         """
-        apart = {path.resolve() for path in (*installed(), *covered(hidden))}
+        apart = {path.resolve() for path in (*shown_to_all(), *covered(hidden))}
         # Whoever the planner is in its cell may read the copies; nobody else comes past the folder around them.
         self._folder = OwnFolder(FILES)
         self.binds: list[tuple[Path, Path]] = []
@@ -78,7 +85,7 @@ def _check_public(spec: str, place: Path) -> None:
 def _copy_folder(spec: str, place: Path, copy: Path, apart: set[Path]) -> None:
     """apart: what is not copied; a folder of these is an empty one in the copy."""
     count = size = 0
-    copy.mkdir(mode=0o755)
+    copy.mkdir()
     for path in _regular(place, apart):
         count, size = count + 1, size + path.stat().st_size
         if count > _MOST_FILES or size > _MOST_BYTES:
@@ -87,11 +94,14 @@ def _copy_folder(spec: str, place: Path, copy: Path, apart: set[Path]) -> None:
                 "of it would be shown to the planner: give the planner a folder of its own"
             )
         target = copy / path.relative_to(place)
-        target.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
         _copy(path, target)
     for one in sorted(apart):
         if one != place and one.is_relative_to(place) and one.is_dir():
             (copy / one.relative_to(place)).mkdir(parents=True, exist_ok=True)
+    # Whatever the umask is.
+    for folder, _, _ in os.walk(copy):
+        Path(folder).chmod(0o755)
 
 
 def _is_shared(place: Path) -> bool:
@@ -104,13 +114,8 @@ def _named(spec: str, place: Path) -> Iterator[Path]:
     """Of a folder the files that count with the planner's code: its modules, and the data that they name."""
     source = source_of(spec)
     start = Path(source).resolve() if source.endswith(".py") else place / "__init__.py"
-    top = place
-    while (top / "__init__.py").is_file():
-        top = top.parent
-    for name in closure([start], code_files()):
-        module, _, data = name.partition(": ")
-        path = (top / module).parent / data if data else top / module
-        if path.resolve().is_relative_to(place) and path.is_file():
+    for path in closure_paths([start], code_files()).values():
+        if path.resolve().is_relative_to(place):
             yield path.resolve()
 
 

@@ -20,7 +20,7 @@ from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
-from tsbench.run.planner_info import PlannerInfo, changed
+from tsbench.run.planner_info import PlannerInfo, check_unchanged
 
 # Of its name, characters; of lists of names, items.
 _LONGEST, _MOST_NAMES = 100, 1000
@@ -126,8 +126,9 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
     @cache
     def files() -> PlannerFiles:
         """The planner's files as they were when the run began: one copy for all of a worker's cells."""
-        copied = PlannerFiles(image_of(planner.spec)[1], places)
-        check_unchanged(planner)
+        inner = image_of(planner.spec)[1]
+        copied = PlannerFiles(inner, places)
+        check_unchanged(planner, code_hash(inner), _place(inner))
         return copied
 
     def made() -> IsolatedPlanner:
@@ -138,19 +139,6 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
         spec=planner.spec, factory=made,
     )  # fmt: skip
-
-
-def check_unchanged(planner: PlannerInfo) -> None:
-    """Raises InputError where the code of a planner, or a file that it opened when it was described, is another now."""
-    _, inner = image_of(planner.spec)
-    if planner.code_sha256 not in (None, code_hash(inner)):
-        raise changed(planner, "its code")
-    place = _place(inner)
-    for line in planner.opened:
-        told, _, name = line.partition("  ")
-        path = (place or Path()) / name
-        if not path.is_file() or sha256_of(path) != told:
-            raise changed(planner, name)
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
+from site import getsitepackages
 from typing import Any
 
 import tsbench
@@ -128,7 +129,7 @@ def module_file(name: str) -> Path | None:
     return Path(origin) if origin else None
 
 
-def installed() -> list[Path]:
+def shown_to_all() -> list[Path]:
     """What a cell has for all planners."""
     return [Path(one) for one in (*_SYSTEM, *_PYTHON, str(_PACKAGE), str(data_file("sign_catalog")))]
 
@@ -140,8 +141,8 @@ def is_public(place: Path) -> bool:
 
 
 def is_installed(place: Path) -> bool:
-    """Does a file or folder come with Python, or with tsbench?"""
-    return any(place.is_relative_to(Path(one).resolve()) for one in (*_PYTHON, _PACKAGE))
+    """Does a file or folder come with tsbench, or is it where pip installs?"""
+    return any(place.is_relative_to(one.resolve()) for one in (*map(Path, getsitepackages()), _PACKAGE))
 
 
 def covered(hidden: Sequence[Path]) -> list[Path]:
@@ -153,7 +154,7 @@ def covered(hidden: Sequence[Path]) -> list[Path]:
 def _binds(own: Sequence[tuple[Path, Path]]) -> list[tuple[str, str]]:
     """(source, place), parents first; what lies in something that is installed, too, comes with that."""
     found = {str(place): str(copy) for copy, place in own}
-    for place in sorted({str(path.absolute()) for path in installed()}, key=_depth):
+    for place in sorted({str(path.absolute()) for path in shown_to_all()}, key=_depth):
         inside = any(place.startswith(f"{outer}/") for outer in found if not Path(outer).is_symlink())
         if not inside or any(place.startswith(f"{one}/") for _, one in own):
             found.setdefault(place, place)
