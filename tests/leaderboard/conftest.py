@@ -1,4 +1,4 @@
-"""A run of the whole dev split, and the submission that is made of it."""
+"""A run of a whole dev split, and the submission that is made of it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 from once import made_once
+from submitted import TOWN, edition
 
 import tsbench
+from tsbench.core.paths import CITY, using_city
 from tsbench.leaderboard import submit
 from tsbench.leaderboard.submission import Submission
-from tsbench.run.edition import editions
 from tsbench.run.log import read
 
 WHO = {
@@ -26,10 +27,18 @@ WHO = {
 }
 
 
+@pytest.fixture(autouse=True)
+def in_town(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever asks for that run is in its town."""
+    if "driven" in request.fixturenames:
+        monkeypatch.setenv(CITY, TOWN)
+
+
 @pytest.fixture(scope="session")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def drive(out: Path) -> None:
-        tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=2)
+        with using_city(TOWN):
+            tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=2)
 
     return made_once(tmp_path_factory, "submitted", drive) / "run"
 
@@ -37,7 +46,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def released(monkeypatch: pytest.MonkeyPatch) -> str:
     """Code that was changed since the release counts as released."""
-    name = editions()[-1].name
+    name = edition()
     monkeypatch.setattr(read, "edition_of", lambda *_: name)
     return name
 
@@ -59,8 +68,8 @@ def make(run: Path, released: str) -> Callable[..., Submission]:
 @pytest.fixture(scope="session")
 def honest(driven: Path) -> Callable[..., Submission]:
     """The submissions as the run makes them, made once, with fields of one's own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(read, "edition_of", lambda *_: editions()[-1].name)
+    with pytest.MonkeyPatch.context() as patch, using_city(TOWN):
+        patch.setattr(read, "edition_of", lambda *_: edition())
         made = {name: submit.make_submission(driven, name, **WHO) for name in ("idm", "idm-e")}  # type: ignore[arg-type]
 
     def told(planner: str, **changes: object) -> Submission:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 from browsing import PHONE, opened, until
+from submitted import edition
 
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Submission
-from tsbench.run.edition import edition_now
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -118,7 +118,7 @@ def test_a_failure_is_played(watched: Page) -> None:
     assert box["x"] + box["width"] <= page.evaluate("innerWidth")
     page.keyboard.press("ArrowRight")
     # The link names the episode and the submission that it is of.
-    assert f"{edition_now()}%2C%20dev%2C%20exact" in page.url
+    assert f"{edition()}%2C%20dev%2C%20exact" in page.url
     page.keyboard.press("Escape")
     assert page.locator("#player").is_hidden()
 

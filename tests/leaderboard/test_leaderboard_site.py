@@ -12,19 +12,21 @@ from pathlib import Path
 
 import pytest
 from forgeries import slow_down
+from submitted import TOWN, edition
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.core.paths import using_city
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Episode, Submission
 from tsbench.leaderboard.verify import Difference, Verification
-from tsbench.run.edition import edition_now
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
-DEV = sorted(row.scenario_id for row in read_table(table_path("dev")))
+with using_city(TOWN):
+    DEV = sorted(row.scenario_id for row in read_table(table_path("dev")))
 DEV_ROWS, TWO = len(DEV), (DEV[0], DEV[1])
 
 
@@ -60,7 +62,7 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     assert order(page) == ["Expert", "idm"]
     assert "confirmed" in page
     assert "third-party" in page
-    assert f"{edition_now()}, dev split" in page
+    assert f"{edition()}, dev split" in page
     (own,) = set(out.glob("idm-*.html")) - set(out.glob("idm-e-*.html"))
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()

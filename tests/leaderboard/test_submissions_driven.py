@@ -10,15 +10,17 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from forgeries import flip_byte, pass_all, slow_down
+from submitted import TOWN
 
 import tsbench
 from tsbench.core.files import sha256_of
+from tsbench.core.paths import using_city
 from tsbench.leaderboard.submission import Episode, figures_of, read_submission
 from tsbench.leaderboard.verify import read_verification
 from tsbench.run.contract import contract_hash
@@ -27,7 +29,9 @@ from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).parent.parent
-DEV_ROWS = len(read_table(table_path("dev")))
+with using_city(TOWN):
+    DEV = read_table(table_path("dev"))
+    CHANGED = edition_of(contract_hash(DEV, load_catalog())).endswith(LOCAL)
 ZEROED_BYTES = 4096
 SAMPLE = ("--sample", "16", "--seed", "20261", "--workers", "2")
 # What a processor without FMA and AVX chooses: the C library's, torch's, MKL's and OpenBLAS' kernels.
@@ -47,10 +51,15 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(3600),
     pytest.mark.skipif(
-        edition_of(contract_hash(read_table(table_path("dev")), load_catalog())).endswith(LOCAL),
-        reason="code or data were changed since the release: nothing can be submitted",
+        CHANGED, reason="code or data were changed since the release: nothing can be submitted"
     ),
 ]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_town() -> Iterator[None]:
+    with using_city(TOWN):
+        yield
 
 
 def command(*arguments: object, expect: int = 0, **settings: str) -> str:
@@ -96,7 +105,7 @@ def run(spec: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def submitted(run: Path) -> Path:
     path = run.parent / "mine.json"
-    assert f"{DEV_ROWS} judged again from their traces" in command(
+    assert f"{len(DEV)} judged again from their traces" in command(
         "submit", run, "--authors", "us", "--copy-traces", "2", "--out", path
     )
     return path
@@ -135,8 +144,7 @@ def test_an_edited_table_is_found(run: Path, submitted: Path, tmp_path: Path) ->
     better = tuple(
         e if e.scd else Episode(e.scenario_id, "arrived", True, (), e.digest) for e in made.episodes
     )
-    table = read_table(table_path("dev"))
-    figures = figures_of(better, table, made.planner, made.contract)
+    figures = figures_of(better, DEV, made.planner, made.contract)
     (tmp_path / "x.json").write_text(replace(made, episodes=better, figures=figures).to_json())
     said = command("verify", tmp_path / "x.json", *SAMPLE, expect=1)
     assert "verdict is arrived, passed as submitted" in said
