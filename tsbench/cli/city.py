@@ -10,6 +10,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
+from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, using_city
 from tsbench.signs.countries import Country, country_in_use
 
@@ -91,37 +92,51 @@ def _show_country(code: str, country: Country | None) -> None:
 
 @city.command()
 @click.argument("name")
-@options.box
+@options.box_or_file
 @click.option("--country", required=True, metavar="CODE", help="Its two letters of ISO 3166, such as de.")
 @click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
 @click.option("--ground", is_flag=True, help="Also fetch buildings, greenery and water, for pictures.")
-@options.osm
+@click.option("--address", metavar="TEXT", help="Where FILE can be had.  [default: its name]")
+@click.option(
+    "--osm", "osm", type=options.PATH, metavar="FILE|DIR",
+    help="An extract that is there, or the folder to fetch one into.  [default: sumo_nets/sources]",
+)  # fmt: skip
 def new(
     name: str,
-    bbox: str,
+    bbox: str | None,
     date: str | None,
     server: str | None,
     country: str,
     title: str | None,
     ground: bool,
-    osm_dir: Path | None,
+    address: str | None,
+    osm: Path | None,
 ) -> None:
-    """Fetch the roads of a box and describe them as the city NAME in cities/NAME.yaml."""
+    """Describe an extract, or the roads of a box that are fetched, as the city NAME in cities/NAME.yaml."""
     from tsbench.dataset.city import describe_city, new_city_file
     from tsbench.dataset.maps import overpass
+    from tsbench.dataset.maps.names import ending_of
+    from tsbench.dataset.maps.own_extract import facts_of
     from tsbench.dataset.maps.paths import sources_dir
-    from tsbench.dataset.maps.versions import contents_of
     from tsbench.signs.driving_side import country_code
 
-    file, box, code = new_city_file(name), overpass.parse_box(bbox), country_code(country, "--country")
-    day = date or f"{datetime.now(UTC):%Y-%m-%d}"
-    address = overpass.address(box, day, server or overpass.SERVER, ground)
-    path = (osm_dir or sources_dir()) / f"{name}.osm.gz"
-    digest = overpass.fetch_extract(path, address)
-    facts = {"date": day, "address": address, "sha256": digest, "bytes": path.stat().st_size}
-    describe_city(file, title or name, code, contents_of(path).zone, facts)
+    file, code = new_city_file(name), country_code(country, "--country")
+    if osm is not None and not osm.is_dir() and ending_of(osm.name):
+        if bbox or server or ground:
+            raise InputError(f"--osm {osm}: a file has its roads: leave out --bbox, --server and --ground")
+        path = osm
+    elif bbox is None or address:
+        raise InputError("name the roads: --bbox W,S,E,N of what is to be fetched, or --osm FILE")
+    else:
+        box, date = overpass.parse_box(bbox), date or f"{datetime.now(UTC):%Y-%m-%d}"
+        path = (osm or sources_dir()) / f"{name}.osm.gz"
+        address = overpass.address(box, date, server or overpass.SERVER, ground)
+        overpass.fetch_extract(path, address)
+    zone, facts = facts_of(path, date, address)
+    describe_city(file, title or name, code, zone, facts)
     click.echo(
-        f"{path}: SHA-256 {digest}\n{file}: look through it, then tsbench city build {name} --osm {path.parent}"
+        f"{path}: SHA-256 {facts['sha256']}, OpenStreetMap of {facts['date']}, UTM zone {zone}\n"
+        f"{file}: look through it, then tsbench city build {name} --osm {path.parent}"
     )
 
 

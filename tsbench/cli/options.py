@@ -142,8 +142,13 @@ made_city = click.option(
     "--city", metavar="NAME", callback=_made_city, expose_value=False, is_eager=True,
     help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
 )  # fmt: skip
+
+
 # What Overpass is asked for.
-_bbox = click.option("--bbox", required=True, metavar="W,S,E,N", help="The box, in degrees.")
+def _bbox(required: bool) -> Option:
+    return click.option("--bbox", required=required, metavar="W,S,E,N", help="The box, in degrees.")
+
+
 _date = click.option(
     "--date", type=click.DateTime(["%Y-%m-%d"]), callback=lambda _c, _p, day: day and f"{day:%Y-%m-%d}",
     metavar="YYYY-MM-DD", help="The roads as they were on a day.  [default: as they are]",
@@ -185,7 +190,8 @@ def several(*options: Option) -> Option:
     return add
 
 
-box = several(_bbox, _date, _server)
+box = several(_bbox(True), _date, _server)
+box_or_file = several(_bbox(False), _date, _server)
 
 
 def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
