@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from rich.table import Table
 
 from tsbench.core.streams import progress_console
 from tsbench.core.text import written_out
+from tsbench.run.progress import LINE_EVERY_S
 
 if TYPE_CHECKING:
     from tsbench.report.analyses.model import Analysis
@@ -43,10 +45,16 @@ def print_table(
 
 @contextmanager
 def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Bars on a terminal, one for each name that the function it gives is called with: (name, done, total)."""
+    """Bars on a terminal, one for each name that the function it gives is called with: (name, done, total).
+
+    Elsewhere a line now and then.
+    """
     console = progress_console()
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console) as progress:
         tasks: dict[str, TaskID] = {}
 
         def show(name: str, done: int, total: int) -> None:
@@ -55,6 +63,23 @@ def bars() -> Iterator[Callable[[str, int, int], None]]:
             progress.update(tasks[name], completed=done, total=total)
 
         yield show
+
+
+class _Lines:
+    """What bars show, as lines: every LINE_EVERY_S seconds at most, and the end of what such a line was about."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._said = time.monotonic()
+        self._told: set[str] = set()
+
+    def __call__(self, name: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if now - self._said < LINE_EVERY_S and not (done == total and name in self._told):
+            return
+        self._said = now
+        (self._told.discard if done == total else self._told.add)(name)
+        self._console.print(f"{name}: {done:,} of {total:,}", markup=False, highlight=False, soft_wrap=True)
 
 
 def print_notes(notes: Iterable[str]) -> None:

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from tsbench.run.log.record import Row
 
 _REFRESH_PER_S = 2.0
-_LINE_EVERY_S = 15.0
+LINE_EVERY_S = 15.0
 # Finished episodes over which the pace is taken.
 _WINDOW_S = 30.0
 
@@ -85,7 +85,7 @@ class ProgressWatcher:
         return f"{100 * self._success[name] / count:5.1f} %" if count else "    –  "
 
     def _say(self, now: float) -> None:
-        if now - self._said < _LINE_EVERY_S:
+        if now - self._said < LINE_EVERY_S:
             return
         self._said = now
         done = sum(self._count.values())

@@ -1,0 +1,25 @@
+"""What long commands say meanwhile: bars on a terminal, lines elsewhere."""
+
+from __future__ import annotations
+
+import pytest
+
+from tsbench.cli import console
+from tsbench.cli.console import bars
+
+
+def test_without_a_terminal_a_line_is_written_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter([0.0, 5.0, 20.0, 21.0, 22.0, 23.0, 60.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    with bars() as show:
+        show("maps", 1, 2000)  # after 5 s: too early
+        show("maps", 2, 2000)
+        show("maps", 3, 2000)  # 1 s after the last line
+        show("maps", 2000, 2000)  # the end of what was told
+        show("quick", 9, 9)  # no line was about it
+        show("scenes", 4, 9)
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.splitlines() == ["maps: 2 of 2,000", "maps: 2,000 of 2,000", "scenes: 4 of 9"]
