@@ -14,7 +14,7 @@ COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test results results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -78,6 +78,10 @@ results: setup $(if $(ENTRANTS),$(METADRIVE))
 	$(call drive,$(BASES) $(EXPERTS) $(BLIND),north-bayreuth,--trace none --city north-bayreuth)
 	$(call drive,plant2-ft,north-bayreuth-ft,--trace none --city north-bayreuth)
 	$(call drive,$(MIRRORED),mirrored-moscow,--trace none --city mirrored-moscow)
+	$(MAKE) --old-file=setup pages
+
+# The analyses of these runs, and what pages have of them.
+pages: setup
 	for name in main types intervals correlations failures floor; do \
 		$(ANALYSE) $$name $(RUNS) --out $(RESULTS)/analyses || exit; done
 	$(ANALYSE) ablation $(RESULTS)/plant2-ft $(RESULTS)/masked --out $(RESULTS)/analyses

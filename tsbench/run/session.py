@@ -20,7 +20,7 @@ from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.planners.common.batching import DEVICES
-from tsbench.run.contract import contract_hash
+from tsbench.run.contract import code_hash, contract_hash
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.execution.base import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
@@ -162,9 +162,14 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     drive(pool, setup, asked, journal, keep, stopped, watcher)
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
+                # Nobody can say by which code the rows came about: the run stays open, and is no other's.
+                changed = _changed_meanwhile(planners)
+                status = "interrupted" if changed else status
             ending = _ending(folder, status, counts, options)
             if journal is not None:
                 folder.end(status, ending.summary, ending.errors, pool.memory())
+                if changed is not None:
+                    raise changed
             for listener in listeners:
                 listener.finished(ending)
             return ending
@@ -185,6 +190,20 @@ def _check(options: Options) -> None:
         raise InputError(
             "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
         )
+
+
+def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
+    """What to tell whoever changed tsbench's code or a planner's while it was driven."""
+    from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
+
+    if code_hash.__wrapped__() != code_hash():
+        return InputError("tsbench's code has changed since the run began: start the run anew")
+    try:
+        for planner in planners:
+            check_unchanged_now(planner)
+    except InputError as problem:
+        return problem
+    return None
 
 
 def _in_image(options: Options) -> Options:

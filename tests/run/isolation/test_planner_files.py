@@ -14,10 +14,9 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.run.isolation import files
 from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.loading import code_hash, describe
+from tsbench.run.isolation.loading import check_unchanged_now, describe
 from tsbench.run.isolation.places import is_installed, is_public
 from tsbench.run.isolation.process import PlannerProcess
-from tsbench.run.planner_info import check_unchanged
 
 PLANNER = "class P:\n    floor = False\n    def reset(self, c): pass\n    def act(self, o): pass\n"
 
@@ -161,16 +160,12 @@ def test_what_changed_since_the_run_began_is_named(tmp_path: Path) -> None:
     file.write_text(code)
     weights.write_text("1")
     planner = describe(f"{file}:P").planner
-
-    def check() -> None:
-        check_unchanged(planner, code_hash(planner.spec), tmp_path)
-
     assert [line.partition("  ")[2] for line in planner.opened] == ["weights"]
-    check()
+    check_unchanged_now(planner)
     weights.write_text("2")
     with pytest.raises(InputError, match="weights has changed since the run began"):
-        check()
+        check_unchanged_now(planner)
     weights.write_text("1")
     file.write_text(f"{code}    more = 1\n")
     with pytest.raises(InputError, match="its code has changed since the run began"):
-        check()
+        check_unchanged_now(planner)

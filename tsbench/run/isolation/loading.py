@@ -126,9 +126,8 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
     @cache
     def files() -> PlannerFiles:
         """The planner's files as they were when the run began: one copy for all of a worker's cells."""
-        inner = image_of(planner.spec)[1]
-        copied = PlannerFiles(inner, places)
-        check_unchanged(planner, code_hash(inner), _place(inner))
+        copied = PlannerFiles(image_of(planner.spec)[1], places)
+        check_unchanged_now(planner)
         return copied
 
     def made() -> IsolatedPlanner:
@@ -139,6 +138,12 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
         spec=planner.spec, factory=made,
     )  # fmt: skip
+
+
+def check_unchanged_now(planner: PlannerInfo) -> None:
+    """As `planner_info.check_unchanged`, without running a line of the planner's code."""
+    inner = image_of(planner.spec)[1]
+    check_unchanged(planner, code_hash(inner), _place(inner))
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
