@@ -10,6 +10,8 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from tsbench.api.drive import Drive as Drive
+    from tsbench.api.drive import drive as drive
     from tsbench.api.evaluate import evaluate as evaluate
     from tsbench.api.run import Run as Run
     from tsbench.api.run import load_run as load_run
@@ -36,6 +38,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "ActorHistory": "tsbench.planners.geometry",
     "Control": "tsbench.planners.base",
+    "Drive": "tsbench.api.drive",
     "EGO": "tsbench.planners.geometry",
     "Observation": "tsbench.planners.base",
     "Planner": "tsbench.planners.base",
@@ -44,6 +47,7 @@ _PUBLIC = {
     "RouteLine": "tsbench.planners.geometry",
     "Run": "tsbench.api.run",
     "Trajectory": "tsbench.planners.base",
+    "drive": "tsbench.api.drive",
     "evaluate": "tsbench.api.evaluate",
     "lane_bounds": "tsbench.planners.geometry",
     "lane_polygon": "tsbench.planners.geometry",

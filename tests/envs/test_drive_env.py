@@ -16,11 +16,11 @@ from gymnasium.utils.env_checker import check_env
 from tsbench.core.errors import InputError
 from tsbench.envs import DRIVE
 from tsbench.envs.drive import DriveEnv
-from tsbench.envs.stepped_episode import process_episode
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import aim
+from tsbench.run.stepped_episode import process_episode
 from tsbench.scenarios.table import read_table, table_path
 
 STILL = np.zeros(2, dtype=np.float32)

@@ -33,6 +33,7 @@ SECTIONS = {
     },
     "Bring a planner of your own": {
         "planners": ("tsbench.cli.planners:planners", "List planners, check one of your own."),
+        "debug": ("tsbench.cli.debug:debug", "Drive one episode in this process: breakpoints work."),
         "train": ("tsbench.cli.train:train", "Train a learned planner."),
         "oracle": ("tsbench.cli.oracle:oracle", "Collect and choose the drives that plant2-ft learns from."),
         "bench": ("tsbench.cli.bench:bench", "Measure the speed of this machine."),

@@ -75,10 +75,14 @@ def _made_city(context: click.Context, _parameter: click.Parameter, name: str | 
 
 
 def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
-    """Use the data set that the run folders given are of. Raises InputError where they are of several."""
+    """Use the data set that the run folders given, if any, are of. Raises InputError where they are of several."""
     from tsbench.run.log.manifest import city_of, read_manifest
 
-    found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,))]
+    found = [
+        read_manifest(folder)
+        for folder in (runs if isinstance(runs, tuple) else (runs,))
+        if folder is not None
+    ]
     cities = {city_of(manifest) for manifest in found if manifest is not None}
     if len(cities) > 1:
         raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")

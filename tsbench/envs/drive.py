@@ -21,7 +21,6 @@ from tsbench.data.cities import check_driven
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.seen import KINDS
-from tsbench.envs.stepped_episode import Judged, Step, process_episode
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.episode.result import EpisodeResult
@@ -32,6 +31,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.rl.actions import ACTIONS
 from tsbench.run.arguments import switch, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
+from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path

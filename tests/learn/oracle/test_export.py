@@ -19,7 +19,6 @@ import pytest
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.envs.scene import SceneSeen
-from tsbench.envs.stepped_episode import process_episode
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.export import FORMATS, LEROBOT, PARQUET, WEBDATASET, export
 from tsbench.learn.oracle.ticks import shapes
@@ -31,6 +30,7 @@ from tsbench.learn.oracle.trajectories import (
     write_trajectories,
 )
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.stepped_episode import process_episode
 from tsbench.scenarios.spec import HALVES
 from tsbench.scenarios.table import read_table, table_path
 

@@ -13,7 +13,6 @@ from typing import Protocol
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing, write_atomic
 from tsbench.envs.scene import SceneSeen
-from tsbench.envs.stepped_episode import process_episode
 from tsbench.learn.oracle.card import NAME as CARD
 from tsbench.learn.oracle.card import Card
 from tsbench.learn.oracle.export_lerobot import LeRobotWriter
@@ -21,6 +20,7 @@ from tsbench.learn.oracle.export_parquet import ParquetWriter
 from tsbench.learn.oracle.export_webdataset import WebDatasetWriter
 from tsbench.learn.oracle.ticks import Driven, driven
 from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.run.stepped_episode import process_episode
 from tsbench.scenarios.table import read_table, table_path
 
 PARQUET, LEROBOT, WEBDATASET = "parquet", "lerobot", "webdataset"

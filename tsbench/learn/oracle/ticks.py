@@ -15,9 +15,9 @@ import numpy as np
 from tsbench.core.errors import SimulationError
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.scene import SceneSeen
-from tsbench.envs.stepped_episode import Judged, Step, process_episode
 from tsbench.episode.result import EpisodeResult
 from tsbench.learn.oracle.trajectories import Recorded, Replay, difference
+from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 
 # Tables of `scene` that are exported, by the name that follows `observation.`.

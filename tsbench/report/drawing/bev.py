@@ -59,8 +59,9 @@ class BirdsEye:
 
     def __init__(
         self, trace: Trace, scene: Scene, size: PageSize, around: Array, follow: bool,
-        country: Country | None = None, named: bool = True,
+        country: Country | None = None, named: bool = True, under_way: bool = False,
     ) -> None:  # fmt: skip
+        self._under_way = under_way
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
         view = seal(scene.network)
         self._views, self._witness = trace.routes(view, scene), Witness(scene.network, view)
@@ -220,7 +221,7 @@ class BirdsEye:
     def _moment(self, tick: int) -> FrameInfo:
         snapshot = self.trace.snapshots[tick]
         begun = [v for v in self.trace.events if v.start_s <= snapshot.time + 1e-6]
-        ended = tick == len(self.trace.snapshots) - 1
+        ended = tick == len(self.trace.snapshots) - 1 and not self._under_way
         event = max(begun, key=lambda v: v.start_s) if begun else None
         return FrameInfo(
             time=snapshot.time,

@@ -77,15 +77,19 @@ def render_png(
     save_png(path, moment(trace, scene, time, country))
 
 
-def moment(trace: Trace, scene: Scene, time: float | None = None, country: Country | None = None) -> Image:
-    """The picture of it, (height, width, 3) RGB."""
+def moment(
+    trace: Trace, scene: Scene, time: float | None = None, country: Country | None = None, under_way: bool = False
+) -> Image:  # fmt: skip
+    """The picture of it, (height, width, 3) RGB. under_way: the episode has not ended with the trace."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego
     around = [(ego.x, ego.y), (ego.x - 35, ego.y - 25), (ego.x + 35, ego.y + 25)]
     sign = scene.target_sign
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
-    return BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country).page(tick)
+    return BirdsEye(
+        trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way
+    ).page(tick)
 
 
 def _tick(trace: Trace, time: float | None) -> int:

@@ -1,6 +1,6 @@
-"""`tsbench run`'s own episode for an environment: it is asked for steps where a planner is asked for commands.
+"""`tsbench run`'s own episode, step by step: for environments, for those who collect drives, and for a debugger.
 
-So an environment drives by the very code that scores planners, errors and ends included.
+So they drive by the very code that scores planners, errors and ends included.
 """
 
 from __future__ import annotations
@@ -8,11 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 
-from tsbench.episode.outcome import EpisodeFacts
+import numpy as np
+
+from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, Moments
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.episode.trace import Trace
+from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
@@ -57,9 +60,13 @@ class SteppedEpisode:
         self.driver: object = None
 
     def begin(
-        self, spec: ScenarioSpec, driver: object, mask_signs: bool, level: PerceptionLevel | None = None
-    ) -> Step | EpisodeResult:
-        """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load."""
+        self, spec: ScenarioSpec, driver: object, mask_signs: bool, level: PerceptionLevel | None = None,
+        name: str = "env", privileged: bool = False, floor: bool = False,
+    ) -> Step | EpisodeResult:  # fmt: skip
+        """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load.
+
+        name, privileged, floor: as `EpisodeLoop.play` takes them.
+        """
         self.end()
         self.driver = driver
         key = (mask_signs, level)
@@ -67,15 +74,15 @@ class SteppedEpisode:
             self._loops[key] = EpisodeLoop(
                 mask_signs=mask_signs, simulation=self.simulation, loader=self._loader, perception=level
             )
-        self._loop = self._loops[key]
-        self._moments = self._loop.play(spec, "env")
+        self._loop, self._spec, self._name = self._loops[key], spec, name
+        self._moments = self._loop.play(spec, name, privileged, floor)
         return self._next(None)
 
-    def drive(self, control: Control) -> Step | EpisodeResult:
+    def drive(self, control: Control | Trajectory) -> Step | EpisodeResult:
         """One tick with a command; the result once the episode is over."""
         return self._next(control)
 
-    def _next(self, control: Control | None) -> Step | EpisodeResult:
+    def _next(self, control: Control | Trajectory | None) -> Step | EpisodeResult:
         assert self._moments is not None
         try:
             moment = self._moments.send(control)
@@ -104,6 +111,27 @@ class SteppedEpisode:
             tuple(c for monitor in m.needless for c in monitor.clauses()),
             m.target.engaged,
         )
+
+    def against(self) -> tuple[str, ...]:
+        """The clauses of what counts against it so far, once per event; an excursion that goes on counts."""
+        episode = self._loop.episode
+        assert episode is not None
+        m = episode.monitors
+        return tuple(c for monitor in (m.target, *m.needless, m.wrong_way) for c in monitor.clauses())
+
+    def trace(self) -> Trace:
+        """The episode up to the present tick, for pictures of it; an excursion that goes on is no event yet."""
+        episode = self._loop.episode
+        assert episode is not None
+        m = episode.monitors
+        needless = [event for one in m.needless for event in one.log.verdict(one.engaged).violations]
+        return Trace(
+            self._spec, self._name, Outcome.TIMEOUT, "", None, m.target.log.verdict(m.target.engaged),
+            tuple(one.log.verdict(one.engaged) for one in m.others), episode.start_remaining, list(episode.snapshots),
+            np.array(episode.commands, np.float64).reshape(-1, 2), tuple(needless),
+            m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
+            (*episode.plans, *[None] * (len(episode.snapshots) - len(episode.plans))), tuple(episode.observer.told),
+        )  # fmt: skip
 
     def end(self) -> None:
         if self._moments is not None:

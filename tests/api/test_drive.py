@@ -1,0 +1,120 @@
+"""`tsbench.drive`: the episode that a run drives, step by step, with the planner in this process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import tsbench
+from tsbench.core.errors import InputError
+from tsbench.run.stepped_episode import process_episode
+
+SCENARIO = min(one.scenario_id for one in tsbench.load_scenarios("dev", "yield"))
+
+
+@pytest.fixture(autouse=True)
+def free_simulation() -> object:
+    """Leaves this process without an episode under way."""
+    yield
+    process_episode().close()
+
+
+def straight(_: tsbench.Observation) -> tsbench.Control:
+    return tsbench.Control(0.0, 0.0)
+
+
+class Breaks:
+    floor = False
+
+    def reset(self, context: tsbench.PlannerContext) -> None:
+        self.left = 2
+
+    def act(self, observation: tsbench.Observation) -> tsbench.Control:
+        self.left -= 1
+        if self.left < 0:
+            raise ZeroDivisionError("mine")
+        return tsbench.Control(0.0, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("planner", "options"),
+    [
+        ("idm-e", {}),
+        ("blind", {}),
+        ("coin", {}),
+        ("reader", {"perception": "poor"}),
+        ("reader", {"mask_signs": True}),
+    ],
+)
+def test_it_drives_what_a_run_drives(tmp_path: Path, planner: str, options: dict[str, object]) -> None:
+    run = tsbench.evaluate(
+        planner, split="dev", types="yield", limit=2, workers=1, out=tmp_path / "run", **options
+    )  # type: ignore[arg-type]
+    for row in run.episodes.to_dict("records"):
+        done = tsbench.drive(planner, row["scenario_id"], **options).run()  # type: ignore[arg-type]
+        assert done.record is not None
+        assert done.record["scenario_id"] == row["scenario_id"]
+        differing = {k for k, v in done.record.items() if v is not None and v == v and v != row[k]}
+        assert not differing
+        told = run.violations[(run.violations.scenario_id == row["scenario_id"]) & run.violations.target]
+        assert sorted(done.violations) == sorted(told.clause)
+
+
+def test_step_by_step() -> None:
+    drive = tsbench.drive(straight, SCENARIO)
+    assert (drive.time, drive.answer, drive.outcome, drive.record) == (0.0, None, None, None)
+    assert drive.observation is not None
+    assert drive.observation.step == 0
+    assert drive.step()
+    assert drive.answer == tsbench.Control(0.0, 0.0)
+    assert drive.run(until=1.0).observation is not None
+    assert (drive.time, drive.observation.step) == (pytest.approx(1.0), 10)
+    told = drive.look()
+    assert told.startswith("t 1.0 s: ego ")
+    assert "plate 2.4: " in told
+    assert "answered: acceleration 0.000 m/s2, steering 0.0000 rad" in told
+    assert told.endswith("against it: nothing")
+    # One's own answer in place of the planner's.
+    before = drive.observation.ego.speed
+    drive.step(tsbench.Control(-3.0, 0.0))
+    assert drive.observation.ego.speed < before
+    pytest.importorskip("cv2")
+    assert drive.frame.startswith(b"\x89PNG")
+    drive.run()
+    assert drive.outcome is not None
+    assert drive.look().startswith(f"over: {drive.outcome}")
+    assert not drive.step()
+
+
+def test_what_a_planner_raises_is_raised_where_it_happens() -> None:
+    drive = tsbench.drive(Breaks(), SCENARIO)
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        drive.run()
+    # The tick is still there to be looked at, and driven otherwise.
+    assert drive.observation is not None
+    assert drive.observation.step == 2
+    assert drive.step(tsbench.Control(0.0, 0.0))
+
+
+def test_what_is_no_answer_is_the_outcome_of_a_run() -> None:
+    drive = tsbench.drive(lambda _: "left", SCENARIO).run()  # type: ignore[arg-type,return-value]
+    assert drive.outcome == "invalid_output"
+    assert "expected Control or Trajectory" in drive.look()
+
+
+def test_one_at_a_time() -> None:
+    first = tsbench.drive(straight, SCENARIO)
+    tsbench.drive(straight, SCENARIO)
+    with pytest.raises(InputError, match="another episode has begun since"):
+        first.step()
+
+
+def test_what_is_not_there_is_named() -> None:
+    with pytest.raises(InputError, match="scenario nowhere: no scenario of any split"):
+        tsbench.drive(straight, "nowhere")
+    with pytest.raises(InputError, match=f"scenario {SCENARIO}: no scenario of test"):
+        tsbench.drive(straight, SCENARIO, split="test")
+    with pytest.raises(InputError, match="an object with reset and act"):
+        tsbench.drive(3, SCENARIO)  # type: ignore[arg-type]

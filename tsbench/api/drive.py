@@ -1,0 +1,232 @@
+"""An episode in this process, tick by tick: what the planner sees, what it answers, what is held against it."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tsbench.api.evaluate import Given
+from tsbench.api.words import keywords
+from tsbench.core.errors import InputError
+from tsbench.core.extras import load
+from tsbench.core.home import expanded_text
+from tsbench.core.paths import using_city
+from tsbench.data.cities import check_driven, driven_city
+from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
+from tsbench.episode.result import EpisodeResult
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.registry import FunctionPlanner, resolve
+from tsbench.run.log.score import make_record
+from tsbench.run.stepped_episode import Step, process_episode
+from tsbench.scenarios.scene_loader import load_scene
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.sim.world import ActorKind
+
+_NEAREST = 6
+
+
+@dataclass(frozen=True)
+class _Driver:
+    """A planner that was made, and how a run treats it."""
+
+    planner: Planner
+    name: str
+    privileged: bool
+    floor: bool
+
+
+class Drive:
+    """One episode, driven as `tsbench run` drives it, in this process: an exception of the planner is raised where it
+    happens, so breakpoints and debuggers work.
+
+    context: what the planner was told at the start. observation: what it is shown at this tick, None once the episode
+    is over. answer: what it returned at the tick before. One at a time: a new one ends the one before.
+    """
+
+    def __init__(
+        self, planner: Given | Planner, row: ScenarioSpec, mask_signs: bool = False,
+        perception: PerceptionLevel | None = None,
+    ) -> None:  # fmt: skip
+        """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
+        self.row = row
+        self.answer: Control | Trajectory | None = None
+        self.observation: Observation | None = None
+        self._result: EpisodeResult | None = None
+        self._ticks = 0
+        self._driver = _driver_of(planner)
+        d = self._driver
+        moment = process_episode().begin(row, self, mask_signs, perception, d.name, d.privileged, d.floor)
+        if isinstance(moment, EpisodeResult):
+            raise InputError(f"{row.scenario_id}: {moment.error}")
+        self.context: PlannerContext = moment.context
+        self._take(moment)
+        d.planner.reset(self.context)
+
+    @property
+    def planner(self) -> Planner:
+        """The planner that drives."""
+        return self._driver.planner
+
+    @property
+    def time(self) -> float:
+        """Seconds since the start."""
+        return self._ticks * self.context.dt
+
+    @property
+    def outcome(self) -> str | None:
+        """How it ended, None while it goes on."""
+        return None if self._result is None else str(self._result.outcome)
+
+    @property
+    def violations(self) -> tuple[str, ...]:
+        """The clauses of what is held against it so far, once per event, needless obedience included."""
+        self._check_present()
+        return process_episode().against()
+
+    @property
+    def record(self) -> dict[str, Any] | None:
+        """Its row in `episodes.parquet`, None while it goes on."""
+        return None if self._result is None else dict(make_record(self._result, self._driver.privileged).row)
+
+    def step(self, answer: Control | Trajectory | None = None) -> bool:
+        """Ask the planner, and drive one tick with what it says; False once the episode is over.
+
+        answer: drive with this, and do not ask. Raises what the planner raises; then the same tick can be asked again.
+        """
+        self._check_present()
+        if self.observation is None:
+            return False
+        self.answer = self._driver.planner.act(self.observation) if answer is None else answer
+        self._take(process_episode().drive(self.answer))
+        self._ticks += 1
+        return self.observation is not None
+
+    def run(self, until: float = math.inf) -> Drive:
+        """Steps up to a time (s), or to the end; itself."""
+        while self.observation is not None and self.observation.time < until - self.context.dt / 2.0:
+            self.step()
+        return self
+
+    def look(self) -> str:
+        """What the planner is shown at this tick, in words, and what it answered at the one before."""
+        self._check_present()
+        seen = self.observation
+        if seen is None:
+            assert self._result is not None
+            passed = make_record(self._result, self._driver.privileged).row["scd"]
+            error = f": {self._result.error}" if self._result.error else ""
+            return f"over: {self.outcome}{error}; {'passed' if passed else 'not passed'}; {self._against()}"
+        return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
+
+    @property
+    def frame(self) -> Any:
+        """The picture of the last tick, PNG (`tsbench.api.shown.Picture`)."""
+        self._check_present()
+        shown, paint, render = map(
+            load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.video.render")
+        )
+        trace, scene, over = process_episode().trace(), load_scene(self.row), self._result is not None
+        if self._result is not None:
+            trace = replace(trace, outcome=self._result.outcome, error=self._result.error)
+        drawn = render.moment(trace, scene, trace.snapshots[-1].time, under_way=not over)
+        return shown.Picture(paint.png_bytes(drawn))
+
+    def __repr__(self) -> str:
+        return f"Drive({self._driver.name}/{self.row.scenario_id}, {self.outcome or 'under way'})"
+
+    def _take(self, moment: Step | EpisodeResult) -> None:
+        if isinstance(moment, EpisodeResult):
+            self._result, self.observation = moment, None
+        else:
+            self.observation = moment.observation
+
+    def _against(self) -> str:
+        return f"against it: {', '.join(self.violations) or 'nothing'}"
+
+    def _check_present(self) -> None:
+        if process_episode().driver is not self:
+            raise InputError(f"{self!r}: another episode has begun since, and this process has one at a time")
+
+
+@keywords()
+def drive(
+    planner: Given | Planner, scenario: str, *, split: str | None = None, city: str | None = None,
+    mask_signs: bool = False, perception: str | Path = EXACT,
+) -> Drive:  # fmt: skip
+    """Begin an episode in this process, to be stepped through.
+
+    planner: as `evaluate` takes one; also a class or function of a notebook, or an object with reset and act. scenario:
+    its id. split: where that is not enough. Raises InputError: no such planner or scenario, or a scene that does not
+    load.
+    """
+    with nullcontext() if city is None else using_city(driven_city(city)):
+        check_driven()
+        return Drive(planner, row_of(scenario, split), mask_signs, load_level(expanded_text(str(perception))))
+
+
+def row_of(scenario: str, split: str | None = None) -> ScenarioSpec:
+    """The row of a scenario by its id. Raises InputError where no table, or no table of that split, has it."""
+    for name in splits_there() if split is None else (split,):
+        found = next((row for row in read_table(table_path(name)) if row.scenario_id == scenario), None)
+        if found is not None:
+            return found
+    raise InputError(f"--scenario {scenario}: no scenario of {split or 'any split that is here'}")
+
+
+def _driver_of(planner: Given | Planner) -> _Driver:
+    """Raises InputError for what is no planner; what its constructor raises is raised as it is."""
+    if isinstance(planner, str):
+        loaded = resolve(expanded_text(planner))
+        return _Driver(loaded.factory(), loaded.name, loaded.privileged, loaded.floor)
+    if inspect.isfunction(planner):
+        made: Any = FunctionPlanner(planner)
+    else:
+        made = planner() if inspect.isclass(planner) else planner
+    if not isinstance(made, Planner):
+        raise InputError(
+            f"planner: expected a name, a class, a function, or an object with reset and act: {made!r:.80}"
+        )
+    name = getattr(planner, "__name__", type(made).__name__)
+    return _Driver(made, name, bool(getattr(made, "privileged", False)), bool(getattr(made, "floor", False)))
+
+
+def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
+    """Lines of what is shown. m, m/s, seconds."""
+    ego, route = seen.ego, seen.route
+    lane = context.network.lanes[ego.lane] if ego.lane >= 0 else None
+    on = f"lane {lane.edge}_{lane.order} at {ego.s:.1f} m" if lane else "no lane"
+    yield (
+        f"t {seen.time:.1f} s: ego {ego.speed:.2f} m/s at ({ego.x:.1f}, {ego.y:.1f}), {on}, "
+        f"{ego.d:+.2f} m beside its middle; {route.remaining:.0f} m to the destination"
+    )
+    for sign in seen.signs:
+        value = "" if sign.value is None else f" {sign.value:g}"
+        ahead = sign_ahead(seen, sign)
+        where = f"{ahead:.1f} m ahead" if math.isfinite(ahead) else "not on its way"
+        yield f"plate {sign.code or '(masked)'}{value}: {where}, {sign.distance:.1f} m off, at {sign.edge or 'no road'}"
+    for obstacle in seen.obstacles:
+        yield f"obstacle {obstacle.id}: {math.hypot(obstacle.x - ego.x, obstacle.y - ego.y):.1f} m off"
+    off = [math.hypot(x - ego.x, y - ego.y) for x, y, _ in seen.actors.pose.tolist()]
+    for k in sorted(range(len(off)), key=off.__getitem__)[:_NEAREST]:
+        index = int(seen.actors.lane[k])
+        road = f"on {context.network.lanes[index].edge}" if index >= 0 else "off the roads"
+        kind = ActorKind(int(seen.actors.kind[k])).name.lower()
+        yield f"{kind}: {off[k]:.1f} m off, {float(seen.actors.speed[k]):.2f} m/s, {road}"
+    if len(off) > _NEAREST:
+        yield f"and {len(off) - _NEAREST} road users farther off"
+
+
+def _said(answer: Control | Trajectory | None) -> str:
+    if answer is None:
+        return "nothing yet"
+    if isinstance(answer, Trajectory):
+        return f"a trajectory of {len(answer.times)} poses, {float(answer.times[-1]):.1f} s long"
+    intent = f", intent {' '.join(answer.intent)}" if answer.intent else ""
+    return f"acceleration {answer.acceleration:.3f} m/s2, steering {answer.steering:.4f} rad{intent}"
