@@ -45,7 +45,7 @@ def test_help_names_all_commands_in_three_groups() -> None:
     }
     assert list(groups) == ["Options", "Use", "Bring a planner of your own", "Make the data"]
     assert groups["Use"][:3] == ["run", "compare", "report"]
-    assert groups["Bring a planner of your own"] == ["planners", "train", "oracle", "bench"]
+    assert groups["Bring a planner of your own"] == ["planners", "debug", "train", "oracle", "bench"]
     assert {"data", "city", "maps", "scenarios"} <= set(groups["Make the data"])
     named = [name for names in groups.values() for name in names]
     assert sorted(named) == sorted(cli.list_commands(click.Context(cli)))

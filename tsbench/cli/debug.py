@@ -25,7 +25,12 @@ from tsbench.run.log.read import read_run
 @click.command()
 @click.argument("run", type=options.PATH, required=False, callback=options.of_their_city)
 @click.argument("episode", required=False)
-@click.option("--planner", metavar="NAME|pkg.module:Class|file.py:Class", help="Without a run: who drives.")
+@click.option(
+    "--planner",
+    type=options.TEXT,
+    metavar="NAME|pkg.module:Class|file.py:Class",
+    help="Without a run: who drives.",
+)
 @click.option("--scenario", metavar="ID", help="Without a run: what is driven.")
 @options.split()
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what the planner sees.")
@@ -33,9 +38,7 @@ from tsbench.run.log.read import read_run
     "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
     help="How well it perceives plates.",
 )  # fmt: skip
-@click.option(
-    "--at", type=float, metavar="S", help="Stop at this time.  [default: the end]"
-)
+@click.option("--at", type=float, metavar="S", help="Stop at this time.  [default: the end]")
 @options.png("Draw the moment at which it stops.")
 @click.option(
     "--pdb", "debugger", is_flag=True, help="Python's debugger: at --at, and where the planner raises."
