@@ -48,6 +48,10 @@ class Leaky:
         print("x" * 100)
         return Control(0.0, 0.0)
 
+class Raises:
+    def reset(self, context): pass
+    def act(self, o): return Control(1 / 0, 0.0)
+
 class Killer:
     def reset(self, context): pass
     def act(self, o): os._exit(7)
@@ -143,6 +147,8 @@ def test_scenes_are_of_every_type_quiet_and_busy() -> None:
         ("Sticky", "determinism", "reset leaves something behind"),
         ("Nothing", "output", "NoneType"),
         ("Leaky", "printing", "xxxx"),
+        ("Raises", "output", "ZeroDivisionError: division by zero ("),
+        ("Raises", "output", "bad.py, line 31, in act); the first is "),
         ("Killer", "process", "exit code 7"),
         ("Sleeper", "time", "gave no answer"),
     ],

@@ -72,11 +72,11 @@ def _print_parts() -> None:
 @click.option(
     "--submission",
     is_flag=True,
-    help="Drive it isolated, on dev scenes, and say what `tsbench submit` would refuse.",
+    help="Drive it isolated, and say what `tsbench submit` would refuse.",
 )
 @options.image
 def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
-    """Drive PLANNER through a few scenes and say what is wrong with it; exit code 1 if anything is."""
+    """Drive PLANNER through a few dev scenes and say what is wrong with it; exit code 1 if anything is."""
     if submission:
         return _check_submission(planner, limit, image)
     if image is not None:
@@ -87,11 +87,11 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     from tsbench.tools.check import check_driving, choose
 
     loaded = registry.resolve(planner)
-    chosen = choose(read_table(table_path("test")), limit)
+    chosen = choose(read_table(table_path("dev")), limit)
     console = Console()
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):
-        with console.status(f"driving {len(chosen)} scenes"):
+        with console.status(f"driving {len(chosen)} dev scenes"):
             found += check_driving(planner, chosen)
     return _tell(planner, found, console)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
+import re
 import sys
 import tempfile
 import time
@@ -20,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+import tsbench
 from tsbench.core.benchmark import ROWS
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
@@ -34,6 +36,12 @@ _WAIT_LIMIT_S = 60.0
 _SLOW_STEP_S = 0.1
 _GROWTH_BYTES = 4_000_000
 _CHATTY_BYTES = 2_000
+# Of a traceback: its lines, what stands behind that of the cause, and files that are not the planner's.
+_LINES = re.compile(r'^  File "(.+)", line (\d+), in (.+)$', re.MULTILINE)
+_CAUSE = "The above exception was the direct cause"
+_OTHERS = re.compile(
+    rf"[/\\](site|dist)-packages[/\\]|^{re.escape(str(Path(tsbench.__file__).parent))}|^<frozen"
+)
 
 
 @dataclass
@@ -167,16 +175,29 @@ def _errors(results: list[EpisodeResult]) -> list[Finding]:
     found = []
     bad = [r for r in results if r.outcome.is_error]
     for (outcome, error), count in Counter((r.outcome, r.error) for r in bad).items():
+        first = next(r for r in bad if (r.outcome, r.error) == (outcome, error))
         what = {
             Outcome.PLANNER_ERROR: "raised",
             Outcome.INVALID_OUTPUT: "returned what is no command",
             Outcome.PLANNER_TIMEOUT: "took too long",
         }.get(outcome, "met an error that is not its own")
         level = Level.NOTE if outcome is Outcome.SIM_ERROR else Level.PROBLEM
-        found.append(Finding(level, "output", f"{what} in {count} of {len(results)} scenes: {error}"))
+        text = f"{what} in {count} of {len(results)} scenes: {error}{_raised_at(first.detail)}"
+        name = first.spec.scenario_id
+        found.append(
+            Finding(
+                level, "output", f"{text}; the first is {name}: tsbench debug --planner … --scenario {name}"
+            )
+        )
     if not bad:
         found.append(Finding(Level.OK, "output", "returns finite commands of the right shape"))
     return found
+
+
+def _raised_at(detail: str) -> str:
+    """Where a planner raised, by the traceback of its error: the last line that is neither tsbench's nor installed."""
+    own = [line for line in _LINES.findall(detail.partition(_CAUSE)[0]) if not _OTHERS.search(line[0])]
+    return "" if not own else " ({}, line {}, in {})".format(*own[-1])
 
 
 def _range(results: list[EpisodeResult]) -> list[Finding]:
