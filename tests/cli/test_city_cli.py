@@ -51,6 +51,9 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     shown = call(capsys, "city", "show", "nowhere", "--png", str(tmp_path / "map.png"))
     assert "yield" in shown
     assert (tmp_path / "map.png").stat().st_size > 10_000
+    where = ("--osm", str(clone / "osm"), "--rose", str(tmp_path / "rose.png"))
+    assert "orientation entropy" in call(capsys, "city", "show", "nowhere", "--streets", *where)
+    assert (tmp_path / "rose.png").stat().st_size > 10_000
     drivers = ("--planner", "idm", "--planner", "blind", "--planner", "idm-e", "--workers", "1")
     table = call(
         capsys, "run", "--city", "nowhere", "--split", "dev", *drivers, "--out", str(tmp_path / "run")

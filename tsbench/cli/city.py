@@ -15,6 +15,7 @@ from tsbench.core.paths import MIRRORED, using_city
 from tsbench.signs.countries import Country, country_in_use
 
 if TYPE_CHECKING:
+    from tsbench.dataset.city import City
     from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -53,7 +54,14 @@ def list_() -> None:
 @city.command()
 @click.argument("name")
 @options.png("Draw a map with every crop as a dot.")
-def show(name: str, png: Path | None) -> None:
+@click.option(
+    "--streets", is_flag=True, help="Also what kind of streets it has, from its extracts, by OSMnx."
+)
+@click.option(
+    "--rose", type=options.FILE, metavar="FILE", help="Draw a compass rose of each extract's streets."
+)
+@options.osm
+def show(name: str, png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
     from tsbench.dataset.city import load_city
     from tsbench.dataset.maps.stats import draw_pool
@@ -65,6 +73,8 @@ def show(name: str, png: Path | None) -> None:
         _show_country(found.country, country_in_use())
     for extract in found.extracts:
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
+    if streets or rose is not None:
+        _show_streets(found, osm_dir, rose)
     with using_city(name):
         if not pool_file().is_file():
             click.echo(f"nothing is built yet: tsbench city build {name} --osm DIR")
@@ -74,6 +84,35 @@ def show(name: str, png: Path | None) -> None:
         if png is not None:
             draw_pool(pool, png)
             click.echo(f"map: {png}")
+
+
+def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
+    """Statistics of the street network of each extract, and a picture of which way its streets run."""
+    from tsbench.dataset.maps.extracts import find_extract
+    from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.maps.streets import draw_bearings, graph_of, streets_of
+
+    with using_city(city.name):
+        files = {one.name: find_extract(one.name, osm_dir or sources_dir()) for one in city.extracts}
+    graphs = {extract: graph_of(file) for extract, file in files.items()}
+    rows = []
+    for extract, graph in graphs.items():
+        s = streets_of(extract, graph)
+        arms = " / ".join(f"{100.0 * share:.0f}" for share in s.arms.values())
+        rows.append(
+            (
+                s.extract, f"{s.area_km2:.1f}", f"{s.street_km:.0f}", f"{s.intersections:,}", f"{s.density:.1f}", arms,
+                f"{100.0 * s.dead_ends:.0f}", f"{s.segment_m:.0f}", f"{s.circuity:.3f}", f"{s.entropy:.2f}",
+            )
+        )  # fmt: skip
+    heads = (
+        "extract", "km2", "streets km", "intersections", "per km2", "3 / 4 / 5+ arms %", "dead ends %", "segment m",
+        "circuity", "orientation entropy",
+    )  # fmt: skip
+    print_table(heads, rows)
+    if rose is not None:
+        draw_bearings(graphs, rose)
+        click.echo(f"rose: {rose}")
 
 
 def _show_country(code: str, country: Country | None) -> None:
@@ -93,6 +132,8 @@ def _show_country(code: str, country: Country | None) -> None:
 @city.command()
 @click.argument("name")
 @options.box_or_file
+@click.option("--place", metavar="TEXT", help="In place of a box: the outline of a place, by its name.")
+@click.option("--geocoder", metavar="URL", help="Who knows places.  [default: nominatim.openstreetmap.org]")
 @click.option("--country", required=True, metavar="CODE", help="Its two letters of ISO 3166, such as de.")
 @click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
 @click.option("--ground", is_flag=True, help="Also fetch buildings, greenery and water, for pictures.")
@@ -106,34 +147,46 @@ def new(
     bbox: str | None,
     date: str | None,
     server: str | None,
+    place: str | None,
+    geocoder: str | None,
     country: str,
     title: str | None,
     ground: bool,
     address: str | None,
     osm: Path | None,
 ) -> None:
-    """Describe an extract, or the roads of a box that are fetched, as the city NAME in cities/NAME.yaml."""
+    """Describe an extract, or the roads of a box or place that are fetched, as the city NAME in cities/NAME.yaml."""
     from tsbench.dataset.city import describe_city, new_city_file
     from tsbench.dataset.maps import overpass
     from tsbench.dataset.maps.names import ending_of
     from tsbench.dataset.maps.own_extract import facts_of
     from tsbench.dataset.maps.paths import sources_dir
+    from tsbench.dataset.maps.place import GEOCODER, outline_of
     from tsbench.signs.driving_side import country_code
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):
-        if bbox or server or ground:
-            raise InputError(f"--osm {osm}: a file has its roads: leave out --bbox, --server and --ground")
+        if bbox or place or server or ground:
+            raise InputError(
+                f"--osm {osm}: a file has its roads: leave out --bbox, --place, --server and --ground"
+            )
         path = osm
-    elif bbox is None or address:
-        raise InputError("name the roads: --bbox W,S,E,N of what is to be fetched, or --osm FILE")
+    elif (bbox is None) == (place is None) or address:
+        raise InputError(
+            "name the roads: --bbox W,S,E,N or --place NAME of what is to be fetched, or --osm FILE"
+        )
     else:
-        box, date = overpass.parse_box(bbox), date or f"{datetime.now(UTC):%Y-%m-%d}"
-        path = (osm or sources_dir()) / f"{name}.osm.gz"
-        address = overpass.address(box, date, server or overpass.SERVER, ground)
+        area: overpass.Box | overpass.Outline
+        if place is not None:
+            area = outline_of(place, geocoder or GEOCODER)
+            overpass.check_outline(place, area)
+        else:
+            area = overpass.parse_box(bbox or "")
+        path, date = (osm or sources_dir()) / f"{name}.osm.gz", date or f"{datetime.now(UTC):%Y-%m-%d}"
+        address = overpass.address(area, date, server or overpass.SERVER, ground)
         overpass.fetch_extract(path, address)
     zone, facts = facts_of(path, date, address)
-    describe_city(file, title or name, code, zone, facts)
+    describe_city(file, title or place or name, code, zone, facts)
     click.echo(
         f"{path}: SHA-256 {facts['sha256']}, OpenStreetMap of {facts['date']}, UTM zone {zone}\n"
         f"{file}: look through it, then tsbench city build {name} --osm {path.parent}"

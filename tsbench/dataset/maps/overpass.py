@@ -1,4 +1,4 @@
-"""Gets the roads of a box from Overpass, OpenStreetMap's query service (https://wiki.openstreetmap.org/wiki/Overpass_API)."""
+"""Gets the roads of a box or an outline from Overpass, OpenStreetMap's query service (https://wiki.openstreetmap.org/wiki/Overpass_API)."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ from tsbench.core.xmlfile import parse
 from tsbench.dataset.maps.car_roads import CAR_ROADS
 
 Box = tuple[float, float, float, float]  # west, south, east, north, degrees
+Outline = tuple[
+    tuple[float, float], ...
+]  # corners, (longitude, latitude), degrees; the first is not repeated
 SERVER = "https://overpass-api.de/api/interpreter"
 _MOST_DEGREES, _MOST_BYTES, _TIMEOUT_S = 1.5, 1 << 30, 900
 # What a server answers that has too much to do; the same question is answered later.
@@ -39,14 +42,22 @@ def parse_box(text: str) -> Box:
     return west, south, east, north
 
 
-def query(box: Box, date: str | None = None, ground: bool = False) -> str:
+def check_outline(place: str, outline: Outline) -> None:
+    """Raises InputError for a place that is too large to be asked for."""
+    for values in zip(*outline, strict=True):
+        if max(values) - min(values) > _MOST_DEGREES:
+            raise InputError(
+                f"--place {place}: larger than {_MOST_DEGREES} degrees; Overpass would refuse it"
+            )
+
+
+def query(area: Box | Outline, date: str | None = None, ground: bool = False) -> str:
     """What is asked: roads for cars with nodes and turn restrictions, now or as they were on a date (YYYY-MM-DD).
 
     ground: also buildings, greenery and water, which only pictures use.
     """
-    west, south, east, north = box
     when = f'[date:"{date}T00:00:00Z"]' if date else ""
-    roads, where = "|".join(sorted(CAR_ROADS)), f"({south:g},{west:g},{north:g},{east:g})"
+    roads, where = "|".join(sorted(CAR_ROADS)), _where(area)
     asked = "".join(
         f'wr["{key}"]{where};' for key in ("building", "landuse", "leisure", "natural", "waterway")
     )
@@ -58,9 +69,18 @@ def query(box: Box, date: str | None = None, ground: bool = False) -> str:
     )
 
 
-def address(box: Box, date: str | None = None, server: str = SERVER, ground: bool = False) -> str:
+def _where(area: Box | Outline) -> str:
+    """The filter of a question."""
+    corners = [corner for corner in area if isinstance(corner, tuple)]
+    if corners:
+        return '(poly:"' + " ".join(f"{lat:.5f} {lon:.5f}" for lon, lat in corners) + '")'
+    west, south, east, north = area
+    return f"({south:g},{west:g},{north:g},{east:g})"
+
+
+def address(area: Box | Outline, date: str | None = None, server: str = SERVER, ground: bool = False) -> str:
     """The same question as an address, which any program that fetches files can ask."""
-    return f"{server}?{urllib.parse.urlencode({'data': query(box, date, ground)})}"
+    return f"{server}?{urllib.parse.urlencode({'data': query(area, date, ground)})}"
 
 
 def fetch_extract(path: Path, question: str) -> str:
