@@ -30,14 +30,16 @@ test: setup
 # where they are complete, nothing is driven; RESULTS=runs/mine drives everything anew. VARIANTS=all: on all test scenes, with
 # no page; only plant2-ft's failures are traced then: docs/cluster.md says what all traces would take.
 # A trial of all its steps on a few scenes: TYPES=stop,speed LIMIT=4 RESULTS=/tmp/trial PAGES="copies of pages", and fewer planners;
-# an empty EXPERTS, SECOND, ENTRANTS, PROPOSALS or REACTIVE leaves out that run.
+# an empty EXPERT, NETWORKS, SECOND, ENTRANTS, PROPOSALS or REACTIVE leaves out that run.
 VARIANTS ?= one-per-map
 TYPES :=
 LIMIT :=
 RESULTS := $(if $(filter one-per-map,$(VARIANTS)),results,runs/results-$(VARIANTS))
 PAGES := $(if $(filter all,$(VARIANTS)),,docs/results.md docs/floor.md README.md)
-BASES := idm idm-s1 idm-s2 idm-s3 idm-s4 ppo carl plant2
-EXPERTS := $(addsuffix -e,$(BASES))
+STYLES := idm idm-s1 idm-s2 idm-s3 idm-s4
+NETWORKS := ppo carl plant2
+# What makes an expert of a planner's name; empty: no experts.
+EXPERT := -e
 BLIND := blind coin codes plant2-blind
 LAWLESS := tsbench.dataset.certify.lawless:Lawless
 BARE := $(addprefix tsbench.planners.plant2.ablations:,WithoutHalts WithoutMemory)
@@ -52,17 +54,18 @@ SUBSET := 270
 LEVELS := good production poor
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
 TRACE := $(if $(filter all,$(VARIANTS)),none,violations)
-RUNS := $(addprefix $(RESULTS)/,bases $(if $(EXPERTS),experts) plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm))
+RUNS := $(addprefix $(RESULTS)/,styles $(if $(NETWORKS),networks) plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm))
 DRIVE = $(BIN)/tsbench run --split test --variants $(VARIANTS) --workers $(WORKERS)$(if $(TYPES), --types $(TYPES))$(if $(LIMIT), --limit $(LIMIT))
 ANALYSE = $(BIN)/tsbench analyse
 asked = $(addprefix --planner ,$(1))
+experts_too = $(strip $(1) $(if $(EXPERT),$(addsuffix $(EXPERT),$(1))))
 # A run of these planners, in this folder, with these options; none where there are no planners.
 drive = $(if $(1),$(DRIVE) $(call asked,$(1)) $(3) --out $(RESULTS)/$(2))
 # CommonRoad's packages beside what PYTHONPATH names already.
 WITH_COMMONROAD = PYTHONPATH=$(VENV)/commonroad$${PYTHONPATH:+:$$PYTHONPATH}
 results: setup $(if $(ENTRANTS),$(METADRIVE))
-	$(call drive,$(BASES),bases,--trace $(TRACE))
-	$(call drive,$(EXPERTS),experts,--trace $(TRACE))
+	$(call drive,$(call experts_too,$(STYLES)),styles,--trace $(TRACE))
+	$(call drive,$(call experts_too,$(NETWORKS)),networks,--trace $(TRACE))
 	$(call drive,plant2-ft,plant2-ft)
 	$(call drive,$(SECOND),second-seed)
 	$(call drive,$(BLIND) $(LAWLESS),floors,--trace none)
@@ -75,7 +78,7 @@ results: setup $(if $(ENTRANTS),$(METADRIVE))
 	for level in $(LEVELS); do \
 		$(call drive,plant2-ft,ft-$$level,--perception $$level) || exit; \
 		$(call drive,$(READERS),readers-$$level,--perception $$level) || exit; done
-	$(call drive,$(BASES) $(EXPERTS) $(BLIND),north-bayreuth,--trace none --city north-bayreuth)
+	$(call drive,$(call experts_too,$(STYLES) $(NETWORKS)) $(BLIND),north-bayreuth,--trace none --city north-bayreuth)
 	$(call drive,plant2-ft,north-bayreuth-ft,--trace none --city north-bayreuth)
 	$(call drive,$(MIRRORED),mirrored-moscow,--trace none --city mirrored-moscow)
 	$(MAKE) --old-file=setup pages
@@ -92,7 +95,7 @@ pages: setup
 		$(ANALYSE) floor $$(printf '$(RESULTS)/%s ' $$name) --out $(RESULTS)/$$first/analyses || exit; \
 		cp $(RESULTS)/$$first/analyses/floor.md $(RESULTS)/analyses/$$first.md || exit; done
 	$(if $(PAGES),$(ANALYSE) pages $(PAGES) --from $(RESULTS)/analyses)
-	$(BIN)/tsbench report $(RESULTS)/bases $(if $(EXPERTS),$(RESULTS)/experts) $(RESULTS)/plant2-ft --out $(RESULTS)/report.html
+	$(BIN)/tsbench report $(RESULTS)/styles $(if $(NETWORKS),$(RESULTS)/networks) $(RESULTS)/plant2-ft --out $(RESULTS)/report.html
 
 # A random SHARE of each planner's episodes of `make results` driven again; any difference ends it. SEED: your own.
 SHARE ?= 54

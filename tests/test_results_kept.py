@@ -17,7 +17,7 @@ from tsbench.run.log.read import StoredRun, read_run
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
 # What goes into the table of floors.
-FLOOR = ("bases", "experts", "plant2-ft", "floors")
+FLOOR = ("styles", "plant2-ft", "floors")
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ ROOT = Path(tsbench.__file__).parent.parent
 PAGES = ("docs/results.md", "docs/floor.md", "README.md")
 # One type of each group of types: the pages have a column for each group.
 FEW = {
-    "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "BASES": "idm", "EXPERTS": "", "BLIND": "blind",
+    "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "STYLES": "idm", "NETWORKS": "", "EXPERT": "", "BLIND": "blind",
     "BARE": "tsbench.planners.plant2.ablations:WithoutHalts", "READERS": "reader", "MIRRORED": "idm", "LEVELS": "good",
     "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "",
 }  # fmt: skip
@@ -96,7 +96,7 @@ def test_every_step_works_on_four_pairs(tmp_path: Path) -> None:
     assert head[:2] == ["planner", "paired SCD all"]
     found = {row[0]: row[1] for row in rows}
     assert set(found) == {"idm", "plant2-ft", "Lawless", "blind (floor)"}
-    assert found["idm"] == share_of_pairs(runs / "bases")
+    assert found["idm"] == share_of_pairs(runs / "styles")
     assert found["plant2-ft"] == share_of_pairs(runs / "plant2-ft")
     contract = standing_contract(contract_hash(read_table(table_path("test")), load_catalog()))
     for page in (results, floor, readme):
