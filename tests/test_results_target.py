@@ -22,9 +22,9 @@ ROOT = Path(tsbench.__file__).parent.parent
 PAGES = ("docs/results.md", "docs/floor.md", "README.md")
 # One type of each group of types: the pages have a column for each group.
 FEW = {
-    "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "STYLES": "idm", "NETWORKS": "", "EXPERT": "", "BLIND": "blind",
-    "BARE": "tsbench.planners.plant2.ablations:WithoutHalts", "READERS": "reader", "MIRRORED": "idm", "LEVELS": "good",
-    "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "",
+    "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "STYLES": "idm", "NETWORKS": "", "EXPERT": "",
+    "BLIND": "blind", "BARE": "tsbench.planners.plant2.ablations:WithoutHalts", "READERS": "reader", "MIRRORED": "idm",
+    "LEVELS": "good", "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "",
 }  # fmt: skip
 DRIVEN = ("idm", "plant2-ft", "Lawless", "blind")
 _ASKED = re.compile(r"^<!-- analysis (\S+).*? \| planners ([^|>]+?)(?: \||(?: -->))", re.MULTILINE)

@@ -104,6 +104,14 @@ def test_what_is_no_answer_is_the_outcome_of_a_run() -> None:
     assert "expected Control or Trajectory" in drive.look()
 
 
+def test_a_scene_of_another_city_is_drawn_in_it() -> None:
+    pytest.importorskip("cv2")
+    row = tsbench.load_scenarios("dev", "yield", city="north-bayreuth")[0]
+    drive = tsbench.drive(straight, row.scenario_id, city="north-bayreuth")
+    assert drive.step()
+    assert drive.frame.startswith(b"\x89PNG")
+
+
 def test_one_at_a_time() -> None:
     first = tsbench.drive(straight, SCENARIO)
     tsbench.drive(straight, SCENARIO)

@@ -15,7 +15,7 @@ from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.home import expanded_text
-from tsbench.core.paths import using_city
+from tsbench.core.paths import city_in_use, using_city
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.episode.result import EpisodeResult
@@ -55,7 +55,7 @@ class Drive:
         perception: PerceptionLevel | None = None,
     ) -> None:  # fmt: skip
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
-        self.row = row
+        self.row, self._city = row, city_in_use()
         self.answer: Control | Trajectory | None = None
         self.observation: Observation | None = None
         self._result: EpisodeResult | None = None
@@ -132,10 +132,11 @@ class Drive:
         shown, paint, render = map(
             load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.video.render")
         )
-        trace, scene, over = process_episode().trace(), load_scene(self.row), self._result is not None
+        trace, over = process_episode().trace(), self._result is not None
         if self._result is not None:
             trace = replace(trace, outcome=self._result.outcome, error=self._result.error)
-        drawn = render.moment(trace, scene, trace.snapshots[-1].time, under_way=not over)
+        with using_city(self._city):
+            drawn = render.moment(trace, load_scene(self.row), trace.snapshots[-1].time, under_way=not over)
         return shown.Picture(paint.png_bytes(drawn))
 
     def __repr__(self) -> str:

@@ -18,6 +18,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.data.cities import check_driven
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.leaderboard.claim import level_of
+from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
 
@@ -70,8 +71,8 @@ def debug(
     check_driven()
     row = row_of(scenario, split)
     try:
-        # A planner in an image is driven here as it stands in its file.
-        _follow(Drive(planner.rpartition(" ")[2], row, mask_signs, level), at, png, debugger)
+        # What a run drove in an image is driven here as it stands in its file.
+        _follow(Drive(image_of(planner)[1], row, mask_signs, level), at, png, debugger)
     except BdbQuit:
         return
     except InputError:
