@@ -78,14 +78,13 @@ def test_the_scene_stores_are_as_large_as_the_page_says() -> None:
 
 def test_the_planners_are_as_many_as_the_pages_say() -> None:
     make = (ROOT / "Makefile").read_text(encoding="utf-8")
-    bases = re.search(r"^BASES := (.*)$", make, re.M)
-    assert bases is not None
-    named = {name + end for name in bases[1].split() for end in ("", "-e")}
+    bases = re.findall(r"^(?:STYLES|NETWORKS) := (.*)$", make, re.M)
+    named = {name + end for name in " ".join(bases).split() for end in ("", "-e")}
     assert named <= set(registry.names())
     assert len(named) == 16
     for page, number in (
         ("docs/spec/planners.md", "Seventeen are evaluated"),
-        ("docs/results.md", "the sixteen planners of the first line"),
+        ("docs/results.md", "the sixteen planners of the first two lines"),
         ("docs/cluster.md", "Seventeen planners on the whole test split"),
     ):
         assert number in text_of(page)
