@@ -96,7 +96,7 @@ SYNONYMS = {
     "--limit": ("--max", "--most", "--count", "--number", "--first"),
     "--drives": ("--drive", "--episodes", "--demonstrations"),
     "--rate": ("--lr", "--learning-rate"),
-    "--city": ("--town", "--place", "--area"),
+    "--city": ("--town", "--area"),
     "--from": ("--source", "--in", "--input"),
     "--trace": ("--traces", "--keep"),
     "--device": ("--gpu", "--cuda", "--cpu"),

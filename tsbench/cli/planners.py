@@ -83,15 +83,17 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
         raise InputError(f"--image {image}: a planner runs in an image isolated only: add --submission")
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
-    from tsbench.scenarios.table import read_table, table_path
+    from tsbench.scenarios.table import read_table, splits_there, table_path
     from tsbench.tools.check import check_driving, choose
 
     loaded = registry.resolve(planner)
-    chosen = choose(read_table(table_path("dev")), limit)
+    # Somebody's own data set may have no dev split.
+    split = next((name for name in ("dev", *splits_there()) if name in splits_there()), "dev")
+    chosen = choose(read_table(table_path(split)), limit)
     console = Console()
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):
-        with console.status(f"driving {len(chosen)} dev scenes"):
+        with console.status(f"driving {len(chosen)} {split} scenes"):
             found += check_driving(planner, chosen)
     return _tell(planner, found, console)
 
