@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import threading
 from collections.abc import Iterator
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 
 import pytest
+from serving import serving
 
 from tsbench.cli import main
 from tsbench.core import paths
@@ -52,14 +52,9 @@ class Handler(SimpleHTTPRequestHandler):
 @pytest.fixture
 def address(origin: Path) -> Iterator[str]:
     """The same folder behind a server of this machine."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(origin)))
     Handler.asked = []
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_address[1]}"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serving(partial(Handler, directory=str(origin))) as server:
+        yield server
 
 
 @pytest.fixture

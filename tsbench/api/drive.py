@@ -119,8 +119,10 @@ class Drive:
         self._check_present()
         seen = self.observation
         if seen is None:
+            record = self.record
             assert self._result is not None
-            passed = make_record(self._result, self._driver.privileged).row["scd"]
+            assert record is not None
+            passed = record["scd"]
             error = f": {self._result.error}" if self._result.error else ""
             return f"over: {self.outcome}{error}; {'passed' if passed else 'not passed'}; {self._against()}"
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])

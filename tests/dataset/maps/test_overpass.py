@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import gzip
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from urllib.parse import parse_qs, urlparse
 
 import pytest
 from click.testing import CliRunner
+from serving import answer, serving
 
 from tsbench.cli.city import city
 from tsbench.cli.maps import maps
@@ -47,22 +47,14 @@ class Overpass(BaseHTTPRequestHandler):
             return
         hour = f"2026-01-01T{len(self.asked):02}:00:00Z"
         content = ANSWER.format(hour=hour, body=self.body).encode()
-        self.send_response(200)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
+        answer(self, content)
 
 
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setattr(Overpass, "asked", [])
-    there = ThreadingHTTPServer(("127.0.0.1", 0), Overpass)
-    thread = threading.Thread(target=there.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{there.server_address[1]}/api/interpreter"
-    there.shutdown()
-    thread.join()
-    there.server_close()
+    with serving(Overpass) as there:
+        yield f"{there}/api/interpreter"
 
 
 def call(*arguments: str) -> str:

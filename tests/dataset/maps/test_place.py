@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 from urllib.parse import parse_qs, urlparse
 
 import osmnx
 import pytest
+from serving import answer, serving
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.overpass import check_outline, query
@@ -40,10 +40,7 @@ class Nominatim(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         self.asked.append(parse_qs(urlparse(self.path).query)["q"][0])
         content = self.answer if isinstance(self.answer, bytes) else json.dumps(self.answer).encode()
-        self.send_response(200)
-        self.send_header("Content-Length", str(len(content)))
-        self.end_headers()
-        self.wfile.write(content)
+        answer(self, content)
 
 
 @pytest.fixture
@@ -51,13 +48,8 @@ def geocoder(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setattr(Nominatim, "asked", [])
     # It waits a second before each question, for the public server's sake.
     monkeypatch.setattr(osmnx._nominatim.time, "sleep", lambda _: None)
-    there = ThreadingHTTPServer(("127.0.0.1", 0), Nominatim)
-    thread = threading.Thread(target=there.serve_forever)
-    thread.start()
-    yield f"http://127.0.0.1:{there.server_address[1]}/"
-    there.shutdown()
-    thread.join()
-    there.server_close()
+    with serving(Nominatim) as there:
+        yield f"{there}/"
 
 
 def test_the_largest_part_of_a_place_is_asked_for(geocoder: str, monkeypatch: pytest.MonkeyPatch) -> None:
