@@ -373,6 +373,18 @@ class FillsShm(Honest):
         return written > 300 << 20
 
 
+class Hoards(Honest):
+    """Memory that stays when it is mapped nowhere, where nobody's size shows it: files in no folder, System V's."""
+
+    def attack(self, context):
+        kept = []
+        for number in range(4):
+            with suppress(OSError):
+                kept.append(os.memfd_create(str(number)))
+        kept += [shm for shm in [ctypes.CDLL(None).shmget(0, 1 << 20, 0o1600)] if shm != -1]
+        return kept
+
+
 class Links(Honest):
     """Links where files of the run might be written."""
 

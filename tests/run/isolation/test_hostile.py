@@ -36,11 +36,11 @@ CHEATS = (
 CONTAINED = (
     "ForkBomb", "Threads", "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "SeesProcesses", "KillsAll",
     "StopsParent", "SignalsParent", "Ptraces", "ReadsParent", "Inherits", "WritesRun", "Links", "LinksAway", "FillsShm",
-    "Floods", "Connects", "BecomesRoot", "Uncovers", "Environment",
+    "Hoards", "Floods", "Connects", "BecomesRoot", "Uncovers", "Environment",
 )  # fmt: skip
 # Without namespaces: what a process of its own, its limits and its environment hold off.
 CONTAINED_BARE = (
-    "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "Inherits", "Environment", "LinksAway", "Floods"
+    "MemoryHog", "DiskHog", "Hoards", "OpensFiles", "LiftsLimits", "Inherits", "Environment", "LinksAway", "Floods"
 )  # fmt: skip
 # What reads the data is held off by a file system of its own only.
 READERS = ("ByTable", "ByFile")
@@ -136,7 +136,7 @@ def refused() -> tuple[str, ...]:
     return before
 
 
-@pytest.mark.parametrize("name", CHEATS)
+@pytest.mark.parametrize("name", [*CHEATS, "Hoards"])
 def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> None:
     assert driven("here", name)[name][0] != honest
 

@@ -36,18 +36,20 @@ _PR_SET_PDEATHSIG, _PR_CAPBSET_DROP, _PR_SET_DUMPABLE, _PR_SET_NO_NEW_PRIVS = 1,
 # Of a kind of machine: its number in seccomp's data, and the numbers of system calls.
 _MACHINES = {
     "x86_64": (0xC000003E, {
-        "clone": 56, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166, "add_key": 248, "request_key": 249,
-        "keyctl": 250, "unshare": 272, "perf_event_open": 298, "setns": 308, "bpf": 321, "userfaultfd": 323,
+        "shmget": 29, "clone": 56, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166, "add_key": 248,
+        "request_key": 249, "keyctl": 250, "unshare": 272, "perf_event_open": 298, "setns": 308, "memfd_create": 319,
+        "bpf": 321, "userfaultfd": 323,
     }),
     "aarch64": (0xC00000B7, {
-        "clone": 220, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39, "add_key": 217, "request_key": 218,
-        "keyctl": 219, "unshare": 97, "perf_event_open": 241, "setns": 268, "bpf": 280, "userfaultfd": 282,
+        "shmget": 194, "clone": 220, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39, "add_key": 217,
+        "request_key": 218, "keyctl": 219, "unshare": 97, "perf_event_open": 241, "setns": 268, "memfd_create": 279,
+        "bpf": 280, "userfaultfd": 282,
     }),
 }  # fmt: skip
 # The same on all kinds: of newer calls.
 _NEWER = {
     "io_uring_setup": 425, "open_tree": 428, "move_mount": 429, "fsopen": 430, "fsconfig": 431, "fsmount": 432,
-    "clone3": 435, "mount_setattr": 442,
+    "clone3": 435, "mount_setattr": 442, "memfd_secret": 447,
 }  # fmt: skip
 # Flags of clone that make namespaces.
 _NAMESPACES = 0x7E020000
@@ -183,6 +185,7 @@ class _Program(ctypes.Structure):
 def refuse_calls() -> bool:
     """No keys of the kernel's, which outlive an episode, no new namespaces or mounts, nothing that watches the kernel.
 
+    And no memory that no limit counts: System V's, and files that lie in no folder. /dev/shm stays, which is limited.
     A filter of system calls, for all that this process starts. False where the kernel has none, or for this machine.
     """
     if _machine() not in _MACHINES:
