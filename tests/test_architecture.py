@@ -1,11 +1,11 @@
-"""The house's order: imports go down its floors, no two files import each other, no run needs `dataset`."""
+"""The house's order: imports go down its layers, no two files import each other, no run needs `dataset`."""
 
 from __future__ import annotations
 
 import ast
 
 import pytest
-from import_graph import FLOOR, PICTURE, ROOT, draw, imports, modules, package_of
+from import_graph import LAYER, PICTURE, ROOT, draw, imports, modules, package_of
 
 # What is left out of an installation without the extra `make`: only who makes or shows data may ask for it.
 MAY_IMPORT_DATASET = {"dataset", "cli", "learn", "report", "tools"}
@@ -13,7 +13,7 @@ MAY_IMPORT_DATASET = {"dataset", "cli", "learn", "report", "tools"}
 
 def test_every_package_has_a_floor() -> None:
     folders = {path.name for path in ROOT.iterdir() if path.is_dir() and any(path.rglob("*.py"))}
-    assert folders == set(FLOOR)
+    assert folders == set(LAYER)
     alone = {path.name for path in ROOT.glob("*.py")} - {"__init__.py", "__main__.py"}
     assert not alone, f"files beside the packages: {alone}"
 
@@ -27,7 +27,7 @@ def test_imports_go_down_only() -> None:
         f"{module} imports {name}"
         for module, found in imports().items()
         for name, _ in found
-        if package_of(module) and package_of(name) and FLOOR[package_of(name)] < FLOOR[package_of(module)]
+        if package_of(module) and package_of(name) and LAYER[package_of(name)] < LAYER[package_of(module)]
     ]
     assert not upwards, "\n".join(upwards)
 

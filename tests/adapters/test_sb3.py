@@ -19,7 +19,7 @@ from tsbench.adapters.sb3.convert import convert
 from tsbench.adapters.sb3.planner import Sb3Planner, _loaded
 from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.envs.seen import KINDS
+from tsbench.envs.encoders import KINDS
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
 from tsbench.run.planner_info import describe

@@ -18,7 +18,7 @@ from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.tools.check import Seen, check_driving, choose, findings
+from tsbench.tools.check import DriveSample, check_driving, choose, findings
 
 BAD = """
 import os, random, time
@@ -83,7 +83,7 @@ def result(commands: np.ndarray, outcome: Outcome = Outcome.ARRIVED, error: str 
     return EpisodeResult(spec, "p", outcome, error, "", None, commands, times, 0.0, 0.0, 0.0)
 
 
-def told(seen: Seen, topic: str) -> list[tuple[Level, str]]:
+def told(seen: DriveSample, topic: str) -> list[tuple[Level, str]]:
     return [(f.level, f.text) for f in findings(seen) if f.topic == topic]
 
 
@@ -116,19 +116,19 @@ def test_what_breaks_off_is_one_line_and_exit_code_1(
 def test_measurements_become_words() -> None:
     steady = np.zeros((5, 2))
     moved = steady + np.arange(5)[:, None] * 0.01
-    good = Seen([result(moved)], result(moved), result(moved), [100], 0)
+    good = DriveSample([result(moved)], result(moved), result(moved), [100], 0)
     assert all(f.level is not Level.PROBLEM for f in findings(good))
-    random = Seen([result(moved)], result(moved), result(moved + 1.0))
+    random = DriveSample([result(moved)], result(moved), result(moved + 1.0))
     assert told(random, "determinism")[0][0] is Level.PROBLEM
     assert "two new planners" in told(random, "determinism")[0][1]
-    sticky = Seen([result(moved)], result(moved[:3]), result(moved))
+    sticky = DriveSample([result(moved)], result(moved[:3]), result(moved))
     assert "reset leaves something behind" in told(sticky, "determinism")[0][1]
     assert "step 3" in told(sticky, "determinism")[0][1]
-    assert "every command is the same" in str(told(Seen([result(steady)]), "range"))
-    assert "look like degrees" in str(told(Seen([result(moved + 20.0)]), "range"))
-    leaky = Seen([result(moved)] * 10, memory=[10**7 * k for k in range(1, 11)])
+    assert "every command is the same" in str(told(DriveSample([result(steady)]), "range"))
+    assert "look like degrees" in str(told(DriveSample([result(moved + 20.0)]), "range"))
+    leaky = DriveSample([result(moved)] * 10, memory=[10**7 * k for k in range(1, 11)])
     assert told(leaky, "memory")[0][0] is Level.PROBLEM
-    wrong = Seen([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
+    wrong = DriveSample([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
     assert "no command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
 
 

@@ -15,7 +15,7 @@ import pytest
 from patience import HANG_S
 
 from tsbench.core.errors import InputError, TsbenchError
-from tsbench.core.parallel import Kept, worker_processes
+from tsbench.core.parallel import CachedResult, worker_processes
 
 
 def square(number: int, log: Path) -> dict[str, Any]:
@@ -32,7 +32,9 @@ def squares(folder: Path, numbers: list[int], stamp: str = "a") -> list[int]:
     """In the order asked for; what was driven stands in the log, a line each."""
     jobs = [(number, folder / "log") for number in numbers]
     with worker_processes(2, "squaring") as pool:
-        found = pool.ordered(square, jobs, lambda number, _: Kept(folder / "kept" / f"{number}.json", stamp))
+        found = pool.ordered(
+            square, jobs, lambda number, _: CachedResult(folder / "kept" / f"{number}.json", stamp)
+        )
         return [one["square"] for one in found]
 
 
@@ -48,7 +50,7 @@ def test_results_come_in_order_and_are_not_made_again(tmp_path: Path) -> None:
     # Made from something else, it is another result.
     assert squares(tmp_path, [3], "b") == [9]
     assert done(tmp_path) == [1, 2, 3, 3, 5, 70]
-    kept = Kept(tmp_path / "kept" / "3.json", "b").read()
+    kept = CachedResult(tmp_path / "kept" / "3.json", "b").read()
     assert math.isnan(kept["nan"])
     assert kept["pid"] != os.getpid()
 
@@ -71,7 +73,7 @@ def test_a_process_that_dies_is_said(tmp_path: Path) -> None:
 
 
 def test_a_kept_result_that_has_lost_what_belongs_to_it_is_made_again(tmp_path: Path) -> None:
-    kept = Kept(tmp_path / "2.json", "a")
+    kept = CachedResult(tmp_path / "2.json", "a")
     kept.write({"square": 4})
     with worker_processes(1, "squaring") as pool:
         assert pool.start(square, 2, tmp_path / "log", kept=kept)() == {"square": 4}
@@ -82,7 +84,7 @@ def test_a_kept_result_that_has_lost_what_belongs_to_it_is_made_again(tmp_path: 
 SLOW = """
 import signal, sys, time
 from pathlib import Path
-from tsbench.core.parallel import Kept, worker_processes
+from tsbench.core.parallel import CachedResult, worker_processes
 
 def nap(number, log):
     with log.open("a") as file:
@@ -96,7 +98,7 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     jobs = ((number, folder / "log") for number in range(10_000))
     with worker_processes(2, "napping") as pool:
-        for _ in pool.ordered(nap, jobs, lambda number, _: Kept(folder / "kept" / f"{number}.json", "")):
+        for _ in pool.ordered(nap, jobs, lambda number, _: CachedResult(folder / "kept" / f"{number}.json", "")):
             pass
 """
 

@@ -286,7 +286,7 @@ class Spoils(Good):
 
 
 class Thirds(Good):
-    """Its poses hang on how numbers are rounded."""
+    """Its poses depend on how numbers are rounded."""
 
     def act(self, observation):
         return Control(1.0 / 3.0, 0.001 / 3.0)

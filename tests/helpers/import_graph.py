@@ -1,6 +1,6 @@
 """Who imports whom in tsbench, read from the text of its files; and a picture of it (`make picture`).
 
-`FLOORS` is the house's order, from the top down: imports go down it only. Packages of one floor may import each other,
+`LAYERS` is the house's order, from the top down: imports go down it only. Packages of one layer may import each other,
 as long as no files go in circles.
 """
 
@@ -15,7 +15,7 @@ import tsbench
 ROOT = Path(tsbench.__file__).parent
 PICTURE = ROOT.parent / "docs" / "images" / "architecture.svg"
 # Each package with its place from the left in the picture.
-FLOORS: tuple[dict[str, float], ...] = (
+LAYERS: tuple[dict[str, float], ...] = (
     {"cli": 1.5, "api": 2.5},
     {"adapters": 0.5, "leaderboard": 1.5},
     {"tools": 0.5, "envs": 1.5, "learn": 2.5, "report": 3.5},
@@ -29,7 +29,7 @@ FLOORS: tuple[dict[str, float], ...] = (
     {"data": 0.5, "geometry": 2.15},
     {"core": 1.5},
 )
-FLOOR = {package: number for number, floor in enumerate(FLOORS) for package in floor}
+LAYER = {package: number for number, layer in enumerate(LAYERS) for package in layer}
 
 _WINGS = {
     "what runs": (
@@ -95,13 +95,13 @@ def _module_of(module: str, name: str) -> str:
 
 
 def package_of(module: str) -> str:
-    """The floor's package of a module; "" for tsbench itself, which shows the public names of all, and its command."""
+    """The layer's package of a module; "" for tsbench itself, which shows the public names of all, and its command."""
     return module.split(".")[1] if "." in module and module != "tsbench.__main__" else ""
 
 
 def package_imports() -> dict[str, set[str]]:
     """By package those that it imports."""
-    found: dict[str, set[str]] = {package: set() for package in FLOOR}
+    found: dict[str, set[str]] = {package: set() for package in LAYER}
     for module, names in imports().items():
         for name, _ in names:
             if package_of(module) and package_of(name) not in ("", package_of(module)):
@@ -123,17 +123,17 @@ def arrows() -> list[tuple[str, str]]:
                 todo += graph[name]
         return seen
 
-    return [(a, b) for a in FLOOR for b in sorted(graph[a]) if b not in below(a, b)]
+    return [(a, b) for a in LAYER for b in sorted(graph[a]) if b not in below(a, b)]
 
 
 def draw() -> str:
-    """The floors with these arrows, as SVG."""
+    """The layers with these arrows, as SVG."""
     place = {
         name: (_LEFT + column * _COLUMN + _BOX_W / 2, _TOP + row * _ROW)
-        for row, floor in enumerate(FLOORS)
-        for name, column in floor.items()
+        for row, layer in enumerate(LAYERS)
+        for name, column in layer.items()
     }
-    width, height = _LEFT + 4 * _COLUMN + _BOX_W, 2 * _TOP + (len(FLOORS) - 1) * _ROW + _BOX_H
+    width, height = _LEFT + 4 * _COLUMN + _BOX_W, 2 * _TOP + (len(LAYERS) - 1) * _ROW + _BOX_H
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
         'font-family="DejaVu Sans, Verdana, sans-serif" font-size="13">',
@@ -141,7 +141,7 @@ def draw() -> str:
         '<path d="M0 0 L8 4 L0 8 z" fill="#495057"/></marker></defs>',
         f'<rect width="{width}" height="{height}" fill="#ffffff"/>',
     ]
-    for row in range(len(FLOORS)):
+    for row in range(len(LAYERS)):
         y = _TOP + row * _ROW
         if row % 2 == 0:
             parts.append(f'<rect y="{y - 16}" width="{width}" height="{_ROW}" fill="#f8f9fa"/>')

@@ -20,7 +20,7 @@ from tsbench.core.paths import using_city
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
-from tsbench.leaderboard.submission import Episode, Submission
+from tsbench.leaderboard.submission import Submission, SubmittedEpisode
 from tsbench.leaderboard.verify import Difference, Verification
 from tsbench.scenarios.table import read_table, table_path
 
@@ -188,8 +188,8 @@ def test_an_edited_trace_is_not_played(driven: Path, honest: Make, tmp_path: Pat
 
 
 def test_the_most_frequent_failures_come_first() -> None:
-    def one(name: str, *clauses: str, outcome: str = "arrived") -> Episode:
-        return Episode(name, outcome, not clauses and outcome == "arrived", clauses, "")
+    def one(name: str, *clauses: str, outcome: str = "arrived") -> SubmittedEpisode:
+        return SubmittedEpisode(name, outcome, not clauses and outcome == "arrived", clauses, "")
 
     episodes = [
         one("a", "x"),

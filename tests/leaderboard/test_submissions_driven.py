@@ -21,7 +21,7 @@ from submitted import TOWN
 import tsbench
 from tsbench.core.files import sha256_of
 from tsbench.core.paths import using_city
-from tsbench.leaderboard.submission import Episode, figures_of, read_submission
+from tsbench.leaderboard.submission import SubmittedEpisode, figures_of, read_submission
 from tsbench.leaderboard.verify import read_verification
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_of
@@ -142,7 +142,7 @@ def test_an_edited_table_is_found(run: Path, submitted: Path, tmp_path: Path) ->
     assert "disagreements with its own traces" in said
     # In the submission, with all that follows from it: the second drive says otherwise.
     better = tuple(
-        e if e.scd else Episode(e.scenario_id, "arrived", True, (), e.digest) for e in made.episodes
+        e if e.scd else SubmittedEpisode(e.scenario_id, "arrived", True, (), e.digest) for e in made.episodes
     )
     figures = figures_of(better, DEV, made.planner, made.contract)
     (tmp_path / "x.json").write_text(replace(made, episodes=better, figures=figures).to_json())

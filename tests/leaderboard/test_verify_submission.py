@@ -12,7 +12,7 @@ import pytest
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.leaderboard.claim import claim_of, claims_of
-from tsbench.leaderboard.submission import Episode, Submission, figures_of
+from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
 from tsbench.leaderboard.verify import Verification, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
 
@@ -51,7 +51,7 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
 
 def test_verdicts_that_were_turned_are_found(honest: Make, tmp_path: Path) -> None:
     turned = tuple(
-        e if e.scd else Episode(e.scenario_id, "arrived", True, (), no_hash)
+        e if e.scd else SubmittedEpisode(e.scenario_id, "arrived", True, (), no_hash)
         for e, no_hash in zip(honest("idm").episodes, NO_HASHES, strict=False)
     )
     forged = with_figures(replace(honest("idm"), episodes=turned))

@@ -11,7 +11,7 @@ FOLDER = Path(tsbench.rules.__file__).parent
 # What may stand anywhere: nothing, one, halves and doubles, and what floats miss by.
 PLAIN = {0, 0.5, 1, 2}
 LEAST = 1e-5
-# What else stands where, and why no verdict hangs on its value.
+# What else stands where, and why no verdict depends on its value.
 NO_THRESHOLD = {
     ("speed.py", 3.6): "km/h of a m/s",
     ("crossing.py", 6.0): "how far a tick's place on the path is looked for, m: a tick is 2 m at 20 m/s",

@@ -22,7 +22,7 @@ from tsbench.run.contract import ROOTS, code_files, contract_hash
 from tsbench.signs.catalog import Catalog, load_catalog
 
 PLACE = Path(tsbench.__file__).parent.parent
-# What a worker may import beside the contract and the planner that it drives, and why no score hangs on it.
+# What a worker may import beside the contract and the planner that it drives, and why no score depends on it.
 NO_MATTER = {
     "tsbench/planners/builtin.py": "the list of tsbench's planners: run.json has what it says of the one that drives",
     "tsbench/planners/weights.py": "reads how many parameters the listed networks have",

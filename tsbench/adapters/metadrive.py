@@ -52,8 +52,8 @@ _FULL_MPS2, _ROLLING_MPS2, _BRAKE_MPS2, _GRIP_MPS2 = 2.9, 0.36, 27.3, 8.8
 _STRAIGHT_RAD = math.radians(5.0)
 
 
-Seen = npt.NDArray[np.float32]
-Policy = Callable[[Seen], Sequence[float]]
+FeatureVector = npt.NDArray[np.float32]
+Policy = Callable[[FeatureVector], Sequence[float]]
 
 
 class MetaDrivePolicy:
@@ -92,7 +92,7 @@ class _Expert:
         self._first, self._second, self._out = _network(wheel())
         self.rng: np.random.Generator
 
-    def __call__(self, seen: Seen) -> Sequence[float]:
+    def __call__(self, seen: FeatureVector) -> Sequence[float]:
         found = self._out(tanh(self._second(tanh(self._first(snap(seen[None].astype(np.float64)))))))[0]
         drawn: list[float] = (found[:2] + exp(found[2:]) * normal_quantile(self.rng.random(2))).tolist()
         return drawn
@@ -130,7 +130,7 @@ class MetaDriveEyes:
         self._network = network
         self._lidar = Lidar(np.zeros((0, 4)))
 
-    def see(self, o: Observation, last: tuple[float, float]) -> Seen:
+    def see(self, o: Observation, last: tuple[float, float]) -> FeatureVector:
         """(275,). last: steering and throttle of the tick before, as the network gave them."""
         cloud = self._lidar.scan(o) / REACH_M
         numbers = [*self._state(o, last), *self._navigation(o), *_others(o)]

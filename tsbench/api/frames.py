@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from tsbench.core.extras import load
 from tsbench.metrics.aggregate import Summary
-from tsbench.metrics.breakdown import Scores, Twice
+from tsbench.metrics.breakdown import Scores, StrictAndCompleted
 from tsbench.metrics.compare import Comparison
 from tsbench.metrics.episode import METRICS
 from tsbench.metrics.intervals import Estimate
@@ -64,7 +64,7 @@ def _frame(rows: list[_Row]) -> pd.DataFrame:
 
 def _rows(
     scores: Mapping[str, Scores[Estimate]] | Mapping[str, Scores[Difference]],
-    metrics: Mapping[str, Twice[Estimate]] | Mapping[str, Twice[Difference]],
+    metrics: Mapping[str, StrictAndCompleted[Estimate]] | Mapping[str, StrictAndCompleted[Difference]],
 ) -> Iterator[_Row]:
     """figure: of SCD, or a metric; over: all, group or type, and its name; reading: strict or completed."""
     for figure, found in scores.items():
@@ -77,7 +77,11 @@ def _rows(
 
 
 def _readings(
-    figure: Twice[Estimate] | Twice[Difference], name: str, over: str, part: str, unit: str
+    figure: StrictAndCompleted[Estimate] | StrictAndCompleted[Difference],
+    name: str,
+    over: str,
+    part: str,
+    unit: str,
 ) -> Iterator[_Row]:
     for reading, value in figure.readings():
         yield {

@@ -16,7 +16,7 @@ from tsbench.episode.perception_level import EXACT, load_level
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune.recipe import FineTuning
-    from tsbench.learn.imitation.frames_store import Place
+    from tsbench.learn.imitation.frames_store import TrainingResources
     from tsbench.planners.weights import Network
     from tsbench.scenarios.spec import ScenarioSpec
 
@@ -116,7 +116,8 @@ def plant2(
 
     recipe = Recipe(drivers=planners, types=types, **figures)
     _tell(
-        out, learn(imitation(recipe, _train_rows(types)), _place(out, device, workers, cache_gb), click.echo)
+        out,
+        learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo),
     )
 
 
@@ -174,7 +175,7 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
     from tsbench.learn.imitation.trainer import train as learn
 
     recipe, rows = _recipe(**asked)
-    _tell(out, learn(fine_tuning(recipe, rows), _place(out, device, workers, cache_gb), click.echo))
+    _tell(out, learn(fine_tuning(recipe, rows), _resources(out, device, workers, cache_gb), click.echo))
 
 
 @train.command(short_help="Look at what plant2-ft is shown.")
@@ -186,7 +187,7 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 
     recipe, rows = _recipe(**asked)
     for path in report(
-        finetune_drives(rows, recipe), recipe, _place(out, "cpu", workers, cache_gb), click.echo
+        finetune_drives(rows, recipe), recipe, _resources(out, "cpu", workers, cache_gb), click.echo
     ):
         click.echo(path)
 
@@ -292,10 +293,10 @@ def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     return rows
 
 
-def _place(out: Path, device: str, workers: int, cache_gb: float) -> Place:
-    from tsbench.learn.imitation.frames_store import Place
+def _resources(out: Path, device: str, workers: int, cache_gb: float) -> TrainingResources:
+    from tsbench.learn.imitation.frames_store import TrainingResources
 
-    return Place(out, device, workers, int(cache_gb * 1e9))
+    return TrainingResources(out, device, workers, int(cache_gb * 1e9))
 
 
 def _tell(out: Path, made: Network) -> None:

@@ -27,7 +27,7 @@ _AHEAD = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class CachedResult:
     """Where a result stays: a JSON file. stamp: a digest of all that the result is made from."""
 
     path: Path
@@ -52,7 +52,7 @@ class Workers:
         self._executor = executor
 
     def start(
-        self, work: Callable[..., Any], *arguments: Any, kept: Kept | None = None,
+        self, work: Callable[..., Any], *arguments: Any, kept: CachedResult | None = None,
         sound: Callable[[Any], bool] = lambda _: True,
     ) -> Callable[[], Any]:  # fmt: skip
         """Begin work(*arguments) unless a `sound` result is kept; returns what waits for the result and keeps it."""
@@ -73,7 +73,7 @@ class Workers:
         self,
         work: Callable[..., Any],
         jobs: Iterable[tuple[Any, ...]],
-        keep: Callable[..., Kept] | None = None,
+        keep: Callable[..., CachedResult] | None = None,
     ) -> Iterator[Any]:
         """Results of work(*job) in the order of `jobs`. keep(*job): where each stays."""
         running: deque[Callable[[], Any]] = deque()

@@ -18,9 +18,9 @@ from gymnasium import spaces
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.home import expanded_text
 from tsbench.data.cities import check_driven
+from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import RewardSpec, RouteReward
-from tsbench.envs.seen import KINDS
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.episode.result import EpisodeResult

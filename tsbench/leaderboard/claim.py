@@ -11,7 +11,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.plain import from_plain
 from tsbench.episode.perception_level import PerceptionLevel
-from tsbench.leaderboard.submission import Episode, Figure, episode_of, read_submission
+from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, read_submission
 from tsbench.run.log.manifest import city_of, planners_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.tables import read_table
@@ -41,7 +41,7 @@ class Claim:
     mask_signs: bool
     perception: PerceptionLevel | None
     figures: tuple[Figure, ...] | None
-    episodes: tuple[Episode, ...]
+    episodes: tuple[SubmittedEpisode, ...]
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -99,7 +99,7 @@ def events_of(folder: Path) -> Events:
     return events
 
 
-def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[Episode, ...]:
+def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[SubmittedEpisode, ...]:
     """A planner's episodes in a run, with their digests, sorted by scenario_id."""
     rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
     if not rows:

@@ -19,7 +19,7 @@ from tsbench.core.paths import using_city
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
 from tsbench.leaderboard.rows import Row
-from tsbench.leaderboard.submission import Episode, Submission, episode_of
+from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode_of
 from tsbench.report.page.episode import EpisodePacker
 from tsbench.report.page.packing import pack_table
 from tsbench.report.page.report import Embedded
@@ -49,14 +49,14 @@ class Shown:
     count: int
 
 
-def failure_of(episode: Episode) -> str:
+def failure_of(episode: SubmittedEpisode) -> str:
     """The name of what failed in an episode that failed: the first of its clauses, or how it ended."""
     return episode.clauses[0] if episode.clauses else episode.outcome
 
 
-def telling(episodes: Sequence[Episode], most: int) -> list[Episode]:
+def telling(episodes: Sequence[SubmittedEpisode], most: int) -> list[SubmittedEpisode]:
     """At most so many failures: of the most frequent ones first, each kind in its turn."""
-    kinds: dict[str, list[Episode]] = {}
+    kinds: dict[str, list[SubmittedEpisode]] = {}
     for episode in episodes:
         if not episode.scd:
             kinds.setdefault(failure_of(episode), []).append(episode)
@@ -79,7 +79,7 @@ def copy_traces(run: Path, submission: Submission, path: Path, most: int) -> int
         specs = {spec.scenario_id: spec for spec in read_table(table_path(submission.split))}
     beside = traces_beside(path)
 
-    def trace(episode: Episode) -> Path:
+    def trace(episode: SubmittedEpisode) -> Path:
         return trace_path(run, submission.planner.name, episode.scenario_id)
 
     with io_errors_as_input_errors(beside):
@@ -137,7 +137,7 @@ def _add(row: Row, label: str, most: int, table: _Table, packed: Embedded) -> No
     specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
     judge, packer = Judge(load_catalog()), EpisodePacker()
 
-    def trace_of(episode: Episode) -> Path:
+    def trace_of(episode: SubmittedEpisode) -> Path:
         return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name
 
     for episode in _chosen(s, specs, most, trace_of):
@@ -155,12 +155,15 @@ def _add(row: Row, label: str, most: int, table: _Table, packed: Embedded) -> No
 
 
 def _chosen(
-    submission: Submission, specs: Mapping[str, ScenarioSpec], most: int, trace: Callable[[Episode], Path]
-) -> Iterator[Episode]:
+    submission: Submission,
+    specs: Mapping[str, ScenarioSpec],
+    most: int,
+    trace: Callable[[SubmittedEpisode], Path],
+) -> Iterator[SubmittedEpisode]:
     """Failures that have a trace, each with the other half of its pair, signed halves first."""
     # Of an error outcome no record follows from the trace.
     there = [e for e in submission.episodes if not Outcome(e.outcome).is_error and trace(e).is_file()]
-    pairs: dict[str, list[Episode]] = {}
+    pairs: dict[str, list[SubmittedEpisode]] = {}
     for episode in sorted(there, key=lambda e: specs[e.scenario_id].half != SIGNED):
         pairs.setdefault(specs[episode.scenario_id].pair_name, []).append(episode)
     for name in dict.fromkeys(specs[e.scenario_id].pair_name for e in telling(there, most)):

@@ -44,7 +44,7 @@ _UNCOMPARED = ("planner", "error")
 
 
 @dataclass(frozen=True)
-class Episode:
+class SubmittedEpisode:
     """What is told of one episode. clauses: of the events that count against SCD, sorted; digest: hex."""
 
     scenario_id: str
@@ -55,7 +55,7 @@ class Episode:
 
     @property
     def verdict(self) -> tuple[str, bool, tuple[str, ...]]:
-        """What does not hang on the last bits of a machine's arithmetic."""
+        """What does not depend on the last bits of a machine's arithmetic."""
         return self.outcome, self.scd, self.clauses
 
 
@@ -119,7 +119,7 @@ class Submission:
     git: dict[str, Any]
     rescored: int
     figures: tuple[Figure, ...]
-    episodes: tuple[Episode, ...]
+    episodes: tuple[SubmittedEpisode, ...]
     isolation: dict[str, Any] | None = None
     perception: PerceptionLevel | None = None
 
@@ -195,7 +195,7 @@ def read_submission(path: Path) -> Submission:
     return found
 
 
-def _fault_of_episodes(episodes: Sequence[Episode]) -> str:
+def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
     """What in episodes cannot be of a run, "" where nothing is."""
     digests: dict[str, str] = {}
     for episode in episodes:
@@ -233,7 +233,7 @@ def problem_of_level(level: PerceptionLevel | None) -> str | None:
     return f"its perception level is called {level.name}, but is not tsbench's level of that name"
 
 
-def episode_of(row: Row, events: Iterable[Row]) -> Episode:
+def episode_of(row: Row, events: Iterable[Row]) -> SubmittedEpisode:
     """What a submission tells of an episode that stands so in a run's tables."""
     told = sorted((dict(event) for event in events), key=lambda event: event["number"])
     compared = [
@@ -243,11 +243,11 @@ def episode_of(row: Row, events: Iterable[Row]) -> Episode:
     text = json.dumps(compared, sort_keys=True, ensure_ascii=False)
     clauses = sorted({event["clause"] for event in told if event["target"]})
     digest = hashlib.sha256(text.encode()).hexdigest()[:_DIGEST_HEX]
-    return Episode(row["scenario_id"], row["outcome"], bool(row["scd"]), tuple(clauses), digest)
+    return SubmittedEpisode(row["scenario_id"], row["outcome"], bool(row["scd"]), tuple(clauses), digest)
 
 
 def figures_of(
-    episodes: Sequence[Episode], table: Sequence[ScenarioSpec], planner: PlannerInfo, contract: str
+    episodes: Sequence[SubmittedEpisode], table: Sequence[ScenarioSpec], planner: PlannerInfo, contract: str
 ) -> tuple[Figure, ...]:
     """The figures of SCD that follow from the episodes of a whole split.
 

@@ -16,7 +16,7 @@ from tsbench.core.plain import from_plain
 from tsbench.core.seeds import rng_of
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.claim import Claim
-from tsbench.leaderboard.submission import Episode, Figure, episode_of, figures_of, problem_of_level
+from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, figures_of, problem_of_level
 from tsbench.run import arithmetic, opened_files
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_of, standing_contract
@@ -213,9 +213,9 @@ def _draw(claim: Claim, table: Sequence[ScenarioSpec], sample: int, seed: int) -
 def _drive(
     planner: str, claim: Claim, specs: Sequence[ScenarioSpec], isolated: bool, workers: int | None,
     told: Callable[[int, int], None],
-) -> tuple[PlannerInfo, list[Episode]]:  # fmt: skip
+) -> tuple[PlannerInfo, list[SubmittedEpisode]]:  # fmt: skip
     """What the planner is, and what becomes of the episodes here, in the order of their ids."""
-    done: list[Episode] = []
+    done: list[SubmittedEpisode] = []
 
     def keep(record: Record) -> None:
         done.append(episode_of(record.row, record.events))
@@ -249,13 +249,13 @@ def _short(value: object) -> str:
     return value[:12] if isinstance(value, str) else str(value)
 
 
-def _words(then: Episode, now: Episode) -> str:
+def _words(then: SubmittedEpisode, now: SubmittedEpisode) -> str:
     if then.verdict != now.verdict:
         return f"verdict is {_verdict(then)} as submitted, {_verdict(now)} driven again"
     return f"digest is {then.digest} as submitted, {now.digest} driven again, on the same arithmetic"
 
 
-def _verdict(episode: Episode) -> str:
+def _verdict(episode: SubmittedEpisode) -> str:
     passed = "passed" if episode.scd else "failed"
     clauses = f" ({', '.join(episode.clauses)})" if episode.clauses else ""
     return f"{episode.outcome}, {passed}{clauses}"

@@ -18,7 +18,7 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.breakdown import Mask, Scores, Twice, break_down
+from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
 from tsbench.metrics.episode import METRICS, Metric
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
 from tsbench.metrics.records import Records, split_records
@@ -45,7 +45,7 @@ class PlannerSummary:
     placed: bool
     outcomes: Mapping[str, int]
     scores: Mapping[str, Scores[Estimate]]
-    metrics: Mapping[str, Twice[Estimate]]
+    metrics: Mapping[str, StrictAndCompleted[Estimate]]
 
     @property
     def label(self) -> str:

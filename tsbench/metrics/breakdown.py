@@ -33,7 +33,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Twice(Generic[T]):
+class StrictAndCompleted(Generic[T]):
     """One figure in its two readings.
 
     strict: error outcomes count as failures; None for metrics without a value for a failure. completed: over what has
@@ -65,12 +65,12 @@ class Twice(Generic[T]):
 class Scores(Generic[T]):
     """One figure of SCD. overall, groups: macro means over types; types: of each; type_groups: their groups."""
 
-    overall: Twice[T]
-    groups: Mapping[str, Twice[T]]
-    types: Mapping[str, Twice[T]]
+    overall: StrictAndCompleted[T]
+    groups: Mapping[str, StrictAndCompleted[T]]
+    types: Mapping[str, StrictAndCompleted[T]]
     type_groups: Mapping[str, str]
 
-    def panels(self, everything: str) -> dict[str, Twice[T]]:
+    def panels(self, everything: str) -> dict[str, StrictAndCompleted[T]]:
         """The macro means: of all types, under the name `everything`, then of each group."""
         return {everything: self.overall, **self.groups}
 
@@ -79,7 +79,7 @@ class Breakdown(NamedTuple, Generic[T]):
     """scores: by figure of SCD, the primary one first, those alone that the records have; metrics: episode-weighted."""
 
     scores: Mapping[str, Scores[T]]
-    metrics: Mapping[str, Twice[T]]
+    metrics: Mapping[str, StrictAndCompleted[T]]
 
 
 class Measure(Protocol[T_co]):
@@ -96,18 +96,18 @@ class Measure(Protocol[T_co]):
 
 def twice(
     sides: Sequence[Records], measure: Measure[T], metric: Metric, label: str, use: Mask, macro: bool = False
-) -> Twice[T]:
+) -> StrictAndCompleted[T]:
     """Both readings of one metric over a selection of the same scenarios on each side."""
     values = [side.values[metric.column] for side in sides]
     failed = np.logical_or.reduce([side.error for side in sides])
     known = ~np.logical_or.reduce([np.isnan(v) for v in values])
     completed = measure(metric, label, sides[0], values, use & ~failed & known, macro)
     if metric.failure is None:
-        return Twice(None, completed)
+        return StrictAndCompleted(None, completed)
     if not (use & failed).any():
-        return Twice(completed, completed)
+        return StrictAndCompleted(completed, completed)
     whole = [np.where(side.error, metric.failure, v) for side, v in zip(sides, values, strict=True)]
-    return Twice(measure(metric, label, sides[0], whole, use, macro), completed)
+    return StrictAndCompleted(measure(metric, label, sides[0], whole, use, macro), completed)
 
 
 def break_down(sides: Sequence[Records], measure: Measure[T]) -> Breakdown[T]:

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.breakdown import Mask, Scores, Twice, break_down
+from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
 from tsbench.metrics.episode import SCD, Metric
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired import Difference, Pairs, adjust, difference
@@ -54,7 +54,7 @@ class Comparison:
     """
 
     scores: Mapping[str, Scores[Difference]]
-    metrics: Mapping[str, Twice[Difference]]
+    metrics: Mapping[str, StrictAndCompleted[Difference]]
     flips: tuple[Flip, ...]
     scenarios: int
     completed: int
@@ -106,7 +106,9 @@ def _adjusted(figures: Scores[Difference]) -> Scores[Difference]:
     """Holm over the strict figures of the types, and over the completed ones."""
     strict = adjust({kind: figure.main for kind, figure in figures.types.items()}, SCD.scale)
     completed = adjust({kind: figure.completed for kind, figure in figures.types.items()}, SCD.scale)
-    return replace(figures, types={kind: Twice(strict[kind], completed[kind]) for kind in figures.types})
+    return replace(
+        figures, types={kind: StrictAndCompleted(strict[kind], completed[kind]) for kind in figures.types}
+    )
 
 
 def _flips(a: pa.Table, b: pa.Table) -> tuple[Flip, ...]:

@@ -56,7 +56,7 @@ def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: s
 def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> tuple[str, ...]:
     """In what two arithmetics differ that can change an episode, each as "WHAT is A, not B".
 
-    planners: their specs. tsbench's own hang on the CPU by libm alone; of others, and of a GPU, nothing is known.
+    planners: their specs. tsbench's own depend on the CPU by libm alone; of others, and of a GPU, nothing is known.
     """
     if old is None:
         return ("the arithmetic is not recorded",)

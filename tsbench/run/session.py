@@ -117,7 +117,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
     level = load_level(options.perception)
-    contract, effective = contract_hash(plan.table, catalog), _effective(options, plan, level)
+    contract, effective = contract_hash(plan.table, catalog), resolved_options(options, plan, level)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
@@ -346,7 +346,7 @@ def _asked(options: Options) -> dict[str, Any]:
     }
 
 
-def _effective(options: Options, plan: Plan, level: PerceptionLevel | None) -> dict[str, Any]:
+def resolved_options(options: Options, plan: Plan, level: PerceptionLevel | None) -> dict[str, Any]:
     """What the options came to, as far as it decides what stands in the folder."""
     city = city_in_use()
     return {

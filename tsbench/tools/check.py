@@ -45,7 +45,7 @@ _OTHERS = re.compile(
 
 
 @dataclass
-class Seen:
+class DriveSample:
     """What the child has measured; sent once it is done."""
 
     results: list[EpisodeResult] = field(default_factory=list)
@@ -87,14 +87,14 @@ def check_driving(
     child.start()
     sender.close()
     done, heard, last = 0, 0, time.monotonic()
-    seen: Seen | None = None
+    seen: DriveSample | None = None
     while seen is None:
         if receiver.poll(0.5):
             try:
                 message = receiver.recv()
             except EOFError:
                 break
-            if isinstance(message, Seen):
+            if isinstance(message, DriveSample):
                 seen = message
             else:
                 done += 1
@@ -118,7 +118,7 @@ def _id(scenes: Sequence[ScenarioSpec], k: int) -> str:
 
 def _drive(sender: Connection, beats: Any, spec: str, scenes: list[ScenarioSpec]) -> None:
     """In the child: every scene once, then the first one again with the same planner and with a new one."""
-    seen = Seen()
+    seen = DriveSample()
 
     def beat(_: int) -> None:
         beats.value += 1
@@ -159,7 +159,7 @@ def of_results(results: list[EpisodeResult]) -> list[Finding]:
     return [*_errors(results), *_range(results), *_time(results), _outcomes(results)]
 
 
-def findings(seen: Seen) -> list[Finding]:
+def findings(seen: DriveSample) -> list[Finding]:
     return [
         *_errors(seen.results),
         *_range(seen.results),
@@ -220,7 +220,7 @@ def _range(results: list[EpisodeResult]) -> list[Finding]:
     return found
 
 
-def _determinism(seen: Seen) -> list[Finding]:
+def _determinism(seen: DriveSample) -> list[Finding]:
     first, again, fresh = seen.results[0], seen.again, seen.fresh
     if again is None or fresh is None or first.outcome.is_error:
         return []
@@ -269,7 +269,7 @@ def _memory(memory: list[int]) -> list[Finding]:
     return [Finding(Level.OK, "memory", text)]
 
 
-def _printing(seen: Seen) -> Finding:
+def _printing(seen: DriveSample) -> Finding:
     if seen.printed > _CHATTY_BYTES:
         text = (
             f"printed {seen.printed / 1e3:.0f} kB, beginning with {seen.first_line!r}: a run throws that away"

@@ -1,4 +1,4 @@
-"""The network of `plant2`: its size as published, and answers that do not hang on the company."""
+"""The network of `plant2`: its size as published, and answers that do not depend on the rest of a batch."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ import pytest
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.leaderboard.submission import Episode, episode_of
+from tsbench.leaderboard.submission import SubmittedEpisode, episode_of
 from tsbench.planners import registry
 from tsbench.run.isolation import loading, protocol
 from tsbench.run.isolation.commands import command_message, read_command
@@ -27,7 +27,7 @@ ROOT = Path(tsbench.__file__).parent.parent
 PLANNERS = ["idm", "idm-e", "ppo"]
 
 
-def digests(folder: Path) -> dict[str, Episode]:
+def digests(folder: Path) -> dict[str, SubmittedEpisode]:
     events: dict[tuple[str, str], list[dict[str, object]]] = {}
     for event in read_table(folder / "violations.parquet").to_pylist():
         events.setdefault((event["planner"], event["scenario_id"]), []).append(event)

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from gymnasium.spaces.utils import flatdim, flatten
 
 from tsbench.core.errors import InputError
+from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
-from tsbench.envs.seen import KINDS
 from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.convolution import LARGEST, rectified

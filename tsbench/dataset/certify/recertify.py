@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.parallel import Kept, worker_processes
+from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
 from tsbench.scenarios.certificates import (
@@ -43,14 +43,14 @@ def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:
     return [asdict(new) for _, pair in pairs for new in certifier.again(list(pair))]
 
 
-def _kept(batch: _Batch, root: Path) -> Kept:
+def _kept(batch: _Batch, root: Path) -> CachedResult:
     """Where a map's certificates stay while a run goes on: keyed by rows, old certificates and code."""
     row = batch[0][0]
     text = json.dumps(
         [[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True
     )
     stamp = hashlib.sha256(f"{driving_fingerprint()}|{text}".encode()).hexdigest()
-    return Kept(root / "build" / "certify" / row.pair_type / f"{row.map_id}.json", stamp)
+    return CachedResult(root / "build" / "certify" / row.pair_type / f"{row.map_id}.json", stamp)
 
 
 def recertify(

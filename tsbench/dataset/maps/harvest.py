@@ -12,7 +12,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
-from tsbench.core.parallel import Kept, worker_processes
+from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.data.cities import cities_folder
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.crop import plain_crop
@@ -30,7 +30,7 @@ from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 BATCH = 250
 SAME_RING_M = 80.0
 Progress = Callable[[str, int, int], None]  # what is done, steps done, steps in all
-Keep = Callable[..., Kept] | None
+Keep = Callable[..., CachedResult] | None
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class _Batch:
     rows: tuple[PoolRow, ...]
 
     @property
-    def kept(self) -> Kept:
+    def kept(self) -> CachedResult:
         """Where its faults stay, by what is linted."""
         text = "\n".join(row.map_id + row.detail for row in self.rows)
         stamp = hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
-        return Kept(self.folder / f"lint-{self.source}-{self.family}-{stamp}.json", stamp)
+        return CachedResult(self.folder / f"lint-{self.source}-{self.family}-{stamp}.json", stamp)
 
 
 def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Progress) -> HarvestResult:
@@ -97,7 +97,10 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
         frames = {name: frame for (_, name, _, _), (frame, _) in zip(ranked, read, strict=True)}
         _check_one_frame(frames, osm_dir)
         counts = each(
-            "finding maps", _find, ranked, lambda _, name, *__: Kept(folder / f"found-{name}.json", "")
+            "finding maps",
+            _find,
+            ranked,
+            lambda _, name, *__: CachedResult(folder / f"found-{name}.json", ""),
         )
         batches = [batch for name in names for batch in _batches(folder, name, osm_dir)]
         faults = each("linting", _lint, [(batch,) for batch in batches], lambda batch: batch.kept)

@@ -20,7 +20,7 @@ from typing import Any
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.files import write_json
-from tsbench.core.parallel import Kept, Workers, worker_processes
+from tsbench.core.parallel import CachedResult, Workers, worker_processes
 from tsbench.core.provenance import closure, digest, versions
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
@@ -220,7 +220,7 @@ class TypeBuilder:
             return all((row.east - e) ** 2 + (row.north - n) ** 2 >= apart**2 for e, n in there)
 
         while True:
-            # How far ahead is the same for any number of workers: which maps are taken hangs on it.
+            # How far ahead is the same for any number of workers: which maps are taken depends on it.
             while len(running) < AHEAD:
                 row = next((r for r in waiting if needed(r, [r for r, _ in running])), None)
                 if row is None:
@@ -239,7 +239,7 @@ class TypeBuilder:
         workplace = self.request.workplace
         return self.pool.start(
             _build_one, self.recipe, row, split, self.request,
-            kept=Kept(workplace / self.recipe.type.id / f"{row.map_id}.json", stamp),
+            kept=CachedResult(workplace / self.recipe.type.id / f"{row.map_id}.json", stamp),
             sound=lambda kept: _files_there(_scenarios_of(kept), workplace),
         )  # fmt: skip
 

@@ -29,7 +29,7 @@ class Takeover:
         self._student.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control | Trajectory:
-        # Asked all along: what an expert remembers of its way hangs on what it has seen.
+        # Asked all along: what an expert remembers of its way depends on what it has seen.
         expert = self._expert.act(observation)
         return (
             expert if observation.step >= self.tick else self._student.act(replace(observation, truth=None))

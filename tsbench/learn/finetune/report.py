@@ -15,7 +15,7 @@ from tsbench.learn.finetune.pictures import draw_frames
 from tsbench.learn.finetune.recipe import FineTuning
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.drives import Drive
-from tsbench.learn.imitation.frames_store import FrameStore, Place
+from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.planners.plant2 import layout as at
 from tsbench.report.drawing.paint import save_png
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
@@ -44,9 +44,9 @@ _HISTOGRAMS = (
 
 
 def report(
-    drives: Sequence[Drive], recipe: FineTuning, place: Place, tell: Callable[[str], None]
+    drives: Sequence[Drive], recipe: FineTuning, resources: TrainingResources, tell: Callable[[str], None]
 ) -> list[Path]:
-    """Make the frames of all drives and write table, figure and pictures below `place.out`; returns their paths."""
+    """Make the frames of all drives and write table, figure and pictures below `resources.out`; returns their paths."""
     made = 0
 
     def driven(count: int) -> None:
@@ -55,7 +55,7 @@ def report(
         tell(f"{made} of {len(drives)} drives")
 
     source = recipe.source()
-    store = FrameStore(place, drives, source, recipe.seed, driven)
+    store = FrameStore(resources, drives, source, recipe.seed, driven)
     figures, candidates = [], []
     for chunk in range(len(store)):
         frames = store.load([chunk])
@@ -64,7 +64,7 @@ def report(
     found = np.concatenate(figures) if figures else np.zeros(0, dtype=_FIGURES)
     if not len(found):
         raise InputError("none of the drives obeyed and arrived: there are no frames to look at")
-    out = place.out
+    out = resources.out
     paths = [out / "frames.md", out / "frames.png"]
     write_atomic(paths[0], _table(found, drives).encode())
     save_chart(lambda: _chart(found), paths[1])

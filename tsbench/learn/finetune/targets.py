@@ -133,7 +133,7 @@ class SignTargets:
         frame["type"], frame["decides"] = self._kind, self.decides(k)
 
     def _target_speeds(self, track: Track) -> Array:
-        """(n,) target speed of each tick, as far as it hangs on the drive alone."""
+        """(n,) target speed of each tick, as far as it depends on the drive alone."""
         lead, last = self._lead, len(track.speed) - 1
         late = np.minimum(np.arange(last + 1) + lead, last)
         if not self._spec.least:

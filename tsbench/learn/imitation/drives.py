@@ -34,7 +34,7 @@ class Drive(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What tells it from other drives: draws for its frames hang on them."""
+        """What tells it from other drives: draws for its frames depend on them."""
 
     def facts(self) -> dict[str, Any]:
         """All that decides how it goes, for JSON."""

@@ -1,6 +1,6 @@
 """Frames on disk, in chunks: a few drives each, as one NumPy file, made when they are first asked for.
 
-A chunk's content hangs on the plan and its number alone, so one that was dropped is the same when it is made again: the
+A chunk's content depends on the plan and its number alone, so a dropped one is the same when made again: the
 folder never grows beyond its bound, whatever the number of drives.
 """
 
@@ -65,7 +65,7 @@ def plan_hash(drives: Sequence[Drive], source: Source, seed: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TrainingResources:
     """Where and with what a training runs.
 
     workers: processes that drive, threads that learn. cache_bytes: bound of the frames on disk.
@@ -85,15 +85,15 @@ class FrameStore:
 
     def __init__(
         self,
-        place: Place,
+        resources: TrainingResources,
         drives: Sequence[Drive],
         source: Source,
         seed: int,
         progress: Callable[[int], None],
     ) -> None:
         self.plan = plan_hash(drives, source, seed)
-        self._place, self._source, self._seed, self._progress = place, source, seed, progress
-        self._folder = place.out / "frames" / self.plan
+        self._resources, self._source, self._seed, self._progress = resources, source, seed, progress
+        self._folder = resources.out / "frames" / self.plan
         self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
         self._folder.mkdir(parents=True, exist_ok=True)
 
@@ -128,7 +128,7 @@ class FrameStore:
             with (
                 suppress(BrokenProcessPool),
                 one_thread_each(),
-                ProcessPoolExecutor(self._place.workers, mp_context=get_context("spawn")) as pool,
+                ProcessPoolExecutor(self._resources.workers, mp_context=get_context("spawn")) as pool,
             ):
                 jobs = {pool.submit(make_chunk, *self._job(n)): n for n in missing}
                 for job in as_completed(jobs):
@@ -149,7 +149,7 @@ class FrameStore:
         paths = {n: self._path(n) for n in range(len(self)) if self._path(n).is_file()}
         total = sum(path.stat().st_size for path in paths.values())
         for number in sorted(paths, key=lambda n: (n in keep, n)):
-            if total <= self._place.cache_bytes or number in keep:
+            if total <= self._resources.cache_bytes or number in keep:
                 return
             total -= paths[number].stat().st_size
             paths[number].unlink()

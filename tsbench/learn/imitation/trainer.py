@@ -1,7 +1,7 @@
 """Training by imitation: passes over frames of drives, and closed-loop skill after each.
 
 A pass goes over the chunks of frames in a drawn order, in windows whose frames are shuffled together. The state is
-kept each minute and after each window; what follows hangs on it, the seed and the place in the passes alone, so a
+kept each minute and after each window; what follows depends on it, the seed and the resources in the passes alone, so a
 training that was broken off goes on as if nothing had been.
 """
 
@@ -22,7 +22,7 @@ from torch.utils.tensorboard import SummaryWriter
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
 from tsbench.learn.imitation import curve
-from tsbench.learn.imitation.frames_store import FrameStore, Place
+from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.imitation.loss import losses, total
 from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
@@ -58,35 +58,35 @@ class Progress:
     sessions: int = 0
 
 
-def train(task: Task, place: Place, tell: Callable[[str], None]) -> Network:
-    """Train to the end, from the checkpoint below `place.out` if there is one; the best network is in that folder.
+def train(task: Task, resources: TrainingResources, tell: Callable[[str], None]) -> Network:
+    """Train to the end, from the checkpoint below `resources.out` if there is one; the best network is in that folder.
 
     Returns the best network's facts.
     """
-    prepare(place.out, place.device, place.workers)
-    if place.device == "cuda":
+    prepare(resources.out, resources.device, resources.workers)
+    if resources.device == "cuda":
         # Products in TF32: several times faster, and a step's own noise is larger than its rounding.
         torch.set_float32_matmul_precision("high")
-    return Trainer(task, place, tell).run()
+    return Trainer(task, resources, tell).run()
 
 
 class Trainer:
-    def __init__(self, task: Task, place: Place, tell: Callable[[str], None]) -> None:
-        self._task, self._place, self._tell = task, place, tell
+    def __init__(self, task: Task, resources: TrainingResources, tell: Callable[[str], None]) -> None:
+        self._task, self._resources, self._tell = task, resources, tell
         torch.manual_seed(seed_of("imitation", "network", task.recipe.seed))
-        self._net = task.network().to(place.device)
+        self._net = task.network().to(resources.device)
         self._optimiser = torch.optim.AdamW(parameter_groups(self._net, task))
         self._made = 0
-        self._store = FrameStore(place, task.drives, task.source, task.recipe.seed, self._driven)
+        self._store = FrameStore(resources, task.drives, task.source, task.recipe.seed, self._driven)
         self._facts = {**task.recipe.facts(), "plan": self._store.plan}
-        known = load_checkpoint(place.out, self._net, self._optimiser, self._facts)
+        known = load_checkpoint(resources.out, self._net, self._optimiser, self._facts)
         self._progress = Progress(**(known or {}))
         self._generator = torch.get_rng_state()
         self._began = self._kept = time.monotonic()
         self._before = self._progress
 
     def run(self) -> Network:
-        epochs, out = self._task.recipe.epochs, self._place.out
+        epochs, out = self._task.recipe.epochs, self._resources.out
         if self._progress.seconds:
             self._tell(f"continues in epoch {self._progress.epoch + 1} of {epochs}")
         self._progress = replace(self._progress, sessions=self._progress.sessions + 1)
@@ -125,7 +125,7 @@ class Trainer:
             rate = rate_at((epoch + (number + step / steps) / count) / task.recipe.epochs, task.recipe)
             for group in self._optimiser.param_groups:
                 group["lr"] = rate * group["share"]
-            batch = {k: v.to(self._place.device) for k, v in trimmed(frames[rows]).items()}
+            batch = {k: v.to(self._resources.device) for k, v in trimmed(frames[rows]).items()}
             terms = losses(net(batch, forecast="forecast" in batch), batch)
             loss = total(terms)
             self._optimiser.zero_grad(set_to_none=True)
@@ -145,7 +145,7 @@ class Trainer:
         self._progress = replace(self._progress, steps=done + steps, frames=self._progress.frames + seen)
         means = {name: round(value / logged, 4) for name, value in sums.items()}
         if means:
-            add_row(self._place.out / curve.LOSSES, {"steps": self._progress.steps, **means}, "steps")
+            add_row(self._resources.out / curve.LOSSES, {"steps": self._progress.steps, **means}, "steps")
         pace = sum(len(rows) for rows in batches[first:]) / max(time.monotonic() - began, 1e-9)
         text = "  ".join(f"{name} {value:.3f}" for name, value in means.items())
         self._say(epoch, number, count, f"{text}  {pace:.0f} frames/s")
@@ -156,15 +156,15 @@ class Trainer:
     def _keep(self, progress: Progress) -> None:
         self._kept = time.monotonic()
         self._progress = replace(progress, seconds=self._before.seconds + self._kept - self._began)
-        save_checkpoint(self._place.out, self._net, self._optimiser, self._facts, asdict(self._progress))
+        save_checkpoint(self._resources.out, self._net, self._optimiser, self._facts, asdict(self._progress))
 
     def _validate(self, epoch: int, log: SummaryWriter) -> None:
         """Drive the network of now; it is exported if none before was better. Only then the epoch is over."""
         self._progress = replace(self._progress, epoch=epoch + 1, window=0)
-        out, rows = self._place.out, self._task.validation
+        out, rows = self._resources.out, self._task.validation
         latest = self._export(out / "latest", None)
         self._tell(f"epoch {epoch + 1}: drives {len(rows)} episodes on kept-out maps")
-        skill = measure(self._task.name, out / "latest", rows, self._place.workers)
+        skill = measure(self._task.name, out / "latest", rows, self._resources.workers)
         score = self._task.score(skill)
         for name, value in asdict(skill).items():
             log.add_scalar(f"skill/{name}", value, self._progress.steps)
@@ -195,7 +195,7 @@ class Trainer:
             "frames": self._progress.frames,
             "minutes": round(self._progress.seconds / 60.0, 1),
             "sessions": self._progress.sessions,
-            "device": self._place.device,
+            "device": self._resources.device,
             "torch": torch.__version__,
             "validation_skill": None if skill is None else asdict(skill),
         }

@@ -17,7 +17,7 @@ class Hyper:
 
     rollout: steps of all environments between updates. rate: of Adam, falling to a tenth over the run. threads: of
     torch: more wait for each other as soon as anything else runs, and the driving processes do. imitation, updates:
-    rollouts of `rl_warm` before all that, if not asked for otherwise, and updates after each. gamma: so near to 1 that
+    rollouts of `dagger` before all that, if not asked for otherwise, and updates after each. gamma: so near to 1 that
     what standing still costs at the end of an episode counts.
     """
 
@@ -53,7 +53,7 @@ HYPER: Mapping[str, Hyper] = MappingProxyType(
 class Job:
     """One training as asked for. steps: decisions of `HOLD_TICKS` ticks in all. types: as of `tsbench run`.
 
-    imitation: rollouts of `rl_warm` in all, None = the planner's; asked for later, they go before further steps.
+    imitation: rollouts of `rl.dagger` in all, None = the planner's; asked for later, they go before further steps.
     rate: of Adam at the start of this session, None = the planner's. more: types and groups drawn three times as often.
     """
 

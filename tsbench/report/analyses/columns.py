@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, Twice
+from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.paired import Difference
 from tsbench.metrics.records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, group_rank
@@ -30,7 +30,7 @@ def readings(p: PlannerSummary) -> tuple[str, ...]:
     return (STRICT, COMPLETED) if p.completed < p.recorded else (STRICT,)
 
 
-def pick(figure: Twice[T] | None, reading: str) -> T | None:
+def pick(figure: StrictAndCompleted[T] | None, reading: str) -> T | None:
     return None if figure is None else figure.read(reading)
 
 
@@ -39,7 +39,7 @@ def present_parts(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
     return tuple(part for part in PARTS if any(part in p.scores for p in planners))
 
 
-def panels_of(p: PlannerSummary, part: str) -> dict[str, Twice[Estimate]]:
+def panels_of(p: PlannerSummary, part: str) -> dict[str, StrictAndCompleted[Estimate]]:
     """A figure of SCD over all types and by group; empty where the planner has it not."""
     return p.scores[part].panels(ALL) if part in p.scores else {}
 
@@ -81,7 +81,7 @@ def difference_columns(a: str, b: str, difference: str, decimals: int = 1) -> tu
 
 
 def difference_rows(
-    names: tuple[Cell, ...], figure: Twice[Difference], starts: bool = False
+    names: tuple[Cell, ...], figure: StrictAndCompleted[Difference], starts: bool = False
 ) -> Iterator[Row]:
     """A figure's rows. names: the cells before its own; starts: a new block begins."""
     for k, (reading, d) in enumerate(figure.readings()):

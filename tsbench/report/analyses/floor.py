@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.metrics.breakdown import STRICT, Twice
+from tsbench.metrics.breakdown import STRICT, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.records import PARTS
 from tsbench.report.analyses.columns import (
@@ -58,7 +58,7 @@ def _block(planners: list[PlannerSummary], over: str, name: str) -> Iterator[Row
             yield Row((over, name, p.label, *cells, main.n, places), starts=not k, faint=p.floor)
 
 
-def _figures(p: PlannerSummary, part: str, over: str) -> Mapping[str, Twice[Estimate]]:
+def _figures(p: PlannerSummary, part: str, over: str) -> Mapping[str, StrictAndCompleted[Estimate]]:
     if over == "type":
         return p.scores[part].types if part in p.scores else {}
     return panels_of(p, part)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.metrics.breakdown import COMPLETED, STRICT, Twice
+from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
@@ -59,12 +59,15 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
     return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
 
 
-def _figure(p: PlannerSummary, part: str, kind: str) -> Twice[Estimate] | None:
+def _figure(p: PlannerSummary, part: str, kind: str) -> StrictAndCompleted[Estimate] | None:
     return p.scores[part].types.get(kind) if part in p.scores else None
 
 
 def _cells(
-    planners: Sequence[PlannerSummary], figures: Sequence[Twice[Estimate] | None], kind: str, reading: str
+    planners: Sequence[PlannerSummary],
+    figures: Sequence[StrictAndCompleted[Estimate] | None],
+    kind: str,
+    reading: str,
 ) -> list[Cell]:
     """Each planner's figure with its n, and how many places they rest on (of partial runs from least to most)."""
     estimates = [pick(figure, reading) for figure in figures]

@@ -11,7 +11,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from tsbench.metrics.breakdown import Twice
+from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.paired import Difference
 from tsbench.report.analyses.columns import NAMES
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
@@ -83,7 +83,7 @@ def draw_forest(matched: Matched, path: Path) -> None:
     save_chart(lambda: _forest(matched), path)
 
 
-def difference_mark(figure: Twice[Difference], colour: str, mean: bool) -> Mark:
+def difference_mark(figure: StrictAndCompleted[Difference], colour: str, mean: bool) -> Mark:
     """How a paired difference is drawn: full where it is significant, with its bracket where it is not."""
     d = figure.main
     return Mark(
@@ -92,7 +92,7 @@ def difference_mark(figure: Twice[Difference], colour: str, mean: bool) -> Mark:
     )  # fmt: skip
 
 
-def lost_won(figure: Twice[Difference]) -> str:
+def lost_won(figure: StrictAndCompleted[Difference]) -> str:
     """Pairs that only A, only B has, of how many; completed pairs in brackets where there are fewer."""
     d = figure.main
     text = f"{d.lost or 0}/{d.won or 0} of {d.n}"
@@ -103,7 +103,7 @@ def _forest(matched: Matched) -> Figure:
     scores = matched.comparison.primary
     named = NAMES[next(iter(matched.comparison.scores))]
 
-    def row(label: str, figure: Twice[Difference], colour: str, mean: bool) -> ForestRow:
+    def row(label: str, figure: StrictAndCompleted[Difference], colour: str, mean: bool) -> ForestRow:
         return ForestRow(label, (difference_mark(figure, colour, mean),), lost_won(figure), mean)
 
     rows = [row("all types", scores.overall, INK, True)]

@@ -25,7 +25,7 @@ from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_wit
 from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.cell import LINE
 from tsbench.run.isolation.commands import command_message
-from tsbench.run.isolation.moments import Listener
+from tsbench.run.isolation.episode_messages import Decoder
 from tsbench.run.isolation.protocol import HEAD, VERSION, Kind, pack
 from tsbench.run.planner_info import source_file
 
@@ -45,7 +45,7 @@ class Client:
     ) -> None:
         self._line, self._loaded, self._belongings = line, loaded, belongings
         self._planner: Planner | None = planner
-        self._listener = Listener()
+        self._decoder = Decoder()
         # Made once: to make room for each message takes longer than to read it.
         self._heard = bytearray(_ROOM_BYTES)
         self._view = memoryview(self._heard)
@@ -60,7 +60,7 @@ class Client:
                 self._hear(*message)
 
     def _hear(self, kind: Kind, body: bytes) -> None:
-        moment = self._listener.hear(kind, body)
+        moment = self._decoder.hear(kind, body)
         if moment is not None:
             self._line.sendall(self._answer(moment))
 

@@ -18,9 +18,9 @@ from tsbench.planners.base import Control, Observation, PlannerContext, Trajecto
 from tsbench.run.execution.child import cause_of_end
 from tsbench.run.execution.own_folder import CELL, OwnFolder
 from tsbench.run.isolation.commands import read_command
+from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
-from tsbench.run.isolation.moments import Teller
 from tsbench.run.isolation.places import command_of, settings_of
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
 
@@ -202,15 +202,15 @@ class IsolatedPlanner:
     def __init__(self, make: Callable[[], PlannerProcess], *, own: bool = False, alone: bool = False) -> None:
         self._make, self._own, self._alone = make, own, alone
         self._process: PlannerProcess | None = None
-        self._teller = Teller()
+        self._encoder = Encoder()
         self._episodes = 0
 
     def reset(self, context: PlannerContext) -> None:
         self._end_episode()
         if self._process is None:
-            self._process, self._teller, self._episodes = self._make(), Teller(), 0
+            self._process, self._encoder, self._episodes = self._make(), Encoder(), 0
         self._episodes += 1
-        kind, body = self._ask(self._teller.context(context))
+        kind, body = self._ask(self._encoder.context(context))
         if kind is not Kind.DONE or body:
             self.close()
             raise PlannerOutputError(f"no message of the protocol: {kind.name} to a context")
@@ -231,7 +231,7 @@ class IsolatedPlanner:
 
     def act(self, observation: Observation) -> Control | Trajectory:
         try:
-            kind, body = self._ask(self._teller.observation(observation))
+            kind, body = self._ask(self._encoder.observation(observation))
             return read_command(kind, body)
         except ProtocolError as problem:
             self.close()

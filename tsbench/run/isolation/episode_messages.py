@@ -27,7 +27,7 @@ from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import ActorKind, Actors, ActorTable, Agents, EgoState, WorldSnapshot
 
 
-class Teller:
+class Encoder:
     """The referee's side: what a planner is told; what stays the same is told once."""
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Teller:
         )  # fmt: skip
 
 
-class Listener:
+class Decoder:
     """The planner's side: what a Python planner is given, made from messages."""
 
     def __init__(self) -> None:

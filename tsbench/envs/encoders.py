@@ -14,7 +14,7 @@ from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 
 
-class Seen(Protocol):
+class ObservationEncoder(Protocol):
     """One kind of observation; `encode` gives elements of `space`."""
 
     space: spaces.Space[Any]
@@ -30,7 +30,7 @@ class VectorSeen(VectorEncoder):
     space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
 
 
-def _bev() -> Seen:
+def _bev() -> ObservationEncoder:
     # OpenCV is needed by none of the others.
     from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 
@@ -51,6 +51,6 @@ def _bev() -> Seen:
     return BevSeen()
 
 
-KINDS: dict[str, Callable[[], Seen]] = {
+KINDS: dict[str, Callable[[], ObservationEncoder]] = {
     "vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen, "scene": SceneSeen,
 }  # fmt: skip

@@ -141,13 +141,13 @@ def _drive(
         noise = rng.normal(0.0, _NOISE, advised.shape).astype(np.float32)
         driven = np.where(own[:, None], wished, advised) + noise
         after, earned, ends, _ = environments.step(np.clip(driven, -1.0, 1.0))
-        buffer.add(seen, advised, earned, starts, _worth(model, seen), none)
+        buffer.add(seen, advised, earned, starts, _predict_values(model, seen), none)
         seen, starts = after, ends
-    buffer.compute_returns_and_advantage(_worth(model, seen), starts)
+    buffer.compute_returns_and_advantage(_predict_values(model, seen), starts)
     return seen, starts
 
 
-def _worth(model: PPO, seen: Any) -> torch.Tensor:
+def _predict_values(model: PPO, seen: Any) -> torch.Tensor:
     with torch.no_grad():
         return model.policy.predict_values(obs_as_tensor(seen, model.device))
 

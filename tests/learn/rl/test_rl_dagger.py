@@ -15,8 +15,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from tsbench.envs.drive import DriveEnv
+from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import policy_of
-from tsbench.learn.rl.warm import DaggerWrapper, warm_up
 from tsbench.planners.idm import Idm
 from tsbench.planners.ppo.vector import SIZE
 from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, action_for
