@@ -1,4 +1,4 @@
-"""A claim driven again: some of its episodes, drawn by whoever verifies, must come out as they stand there."""
+"""Drives some episodes of a claim again, drawn by the verifier: each must come out as claimed."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ def _check(options: Options) -> None:
 
 
 def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
-    """What to tell whoever changed tsbench's code or a planner's while it was driven."""
+    """The message where tsbench's code or a planner's changed during the run."""
     from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
 
     if code_hash.__wrapped__() != code_hash():
@@ -207,7 +207,7 @@ def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
 
 
 def _in_image(options: Options) -> Options:
-    """Planners' specifications with their image, so that whoever reads the run can drive them there again."""
+    """Planners' specifications with their image, so that the run can be repeated in it."""
     if options.image is None:
         return options
     if not options.isolate:

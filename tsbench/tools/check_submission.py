@@ -106,7 +106,7 @@ def _about(info: PlannerInfo) -> list[Finding]:
 def _repeats(same: Sequence[EpisodeResult]) -> Finding:
     """Of one scene: at first, after others, and by a new process."""
     if any(not np.array_equal(a.commands, b.commands) for a, b in pairwise(same)):
-        text = "other commands on the same scene the second time: whoever verifies the row will refute it"
+        text = "other commands on the same scene the second time: a verification of the row will refute it"
         return Finding(Level.PROBLEM, "determinism", text)
     return Finding(
         Level.OK, "determinism", "same scene, same commands: after other scenes, and in a new process"

@@ -14,7 +14,7 @@ CAR_ROADS = frozenset(
 ) | {"unclassified", "residential", "living_street", "road"}
 # The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
 ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")
-# Whom these let in does not include every driver of a car.
+# Values that do not let in every driver of a car.
 CLOSED_VALUES = frozenset(
     (
         "no", "private", "permit", "residents", "restricted", "delivery", "forestry", "agricultural", "military",

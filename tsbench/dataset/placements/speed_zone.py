@@ -48,7 +48,7 @@ def _usual_kmh() -> float:
 
 
 def no_slower(drivers: Sequence[Driver], least_kmh: float) -> tuple[Driver, ...]:
-    """Drivers behind whom nobody has an excuse to be slower: they are the same in both halves."""
+    """Drivers ahead that give the ego no excuse to be slower: the same in both halves."""
     return tuple(replace(d, speed=max(d.speed, least_kmh * KMH)) for d in drivers)
 
 

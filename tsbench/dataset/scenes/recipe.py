@@ -46,8 +46,8 @@ class Recipe:
 
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
-    as their names say. choices: lists to draw from. tempted: the sign-blind driver whom the scene has to tempt
-    (docs/spec/scenes.md, "Certification"). breaker: a driver whom a draw should show breaking the rule, "" = nobody;
+    as their names say. choices: lists to draw from. tempted: the sign-blind driver that has to break the rule
+    (docs/spec/scenes.md, "Certification"). breaker: a driver that should break the rule in a draw, "" = none;
     asked for where traffic often ends that driver's episode first. paired: have its rows a contrast half?
     two_way_first: are maps of roads with two directions tried before others?
     """

@@ -106,7 +106,7 @@ def _line(group: str, planner: str, drives: Sequence[Chosen]) -> tuple[Cell, ...
 
 
 def _colours(planners: Sequence[str]) -> dict[str, str]:
-    """The same colour for the same expert, whoever else is there."""
+    """The same colour for the same expert in all figures."""
     known = in_published_order({*planners, *(name for name in published() if name.endswith("-e"))})
     blues, others = cycle(_BLUES), cycle(_OTHERS)
     return {name: next(blues if name.startswith("idm") else others) for name in known}

@@ -54,7 +54,7 @@ class BirdsEye:
 
     around: (n, 2) points that the picture must show; a scene that they do not fit into is followed by a
     camera that keeps the ego in its middle. country: whose plates and codes are shown; by default the city's.
-    named: has whom a violation speaks of its name beside it?
+    named: do the road users that a violation names have their names beside them?
     """
 
     def __init__(
@@ -233,7 +233,7 @@ class BirdsEye:
         )
 
     def _near(self, event: Violation) -> str:
-        """How near to the ego was whom an event names, when it began."""
+        """How near to the ego the road user of an event was when it began."""
         if event not in self._nearness:
             snapshots = self.trace.snapshots
             then = snapshots[min(round(event.start_s / DT_S), len(snapshots) - 1)]

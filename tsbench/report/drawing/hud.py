@@ -49,7 +49,8 @@ _ALWAYS = ("ego", "route", "trail", "plate_line", "destination")
 class FrameInfo:
     """What the header and the footer say.
 
-    event: the latest violation; near: how near to the ego was whom it names, "" = nobody; progress: 0-1 of the episode.
+    event: the latest violation; near: distance of the road user that it names, "" = none; progress: 0-1 of the
+    episode.
     """
 
     time: float

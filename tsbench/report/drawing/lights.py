@@ -44,7 +44,7 @@ def ego_brakes(snapshot: WorldSnapshot, before: WorldSnapshot | None) -> bool:
 
 
 def named_from(events: Iterable[Violation], names: Sequence[str]) -> dict[str, float]:
-    """Of those whom a violation's sentence names: the time (s) of the first that does."""
+    """Time (s) of the first violation whose sentence names each road user."""
     found: dict[str, float] = {}
     for event in sorted(events, key=lambda e: e.start_s):
         for name in names:

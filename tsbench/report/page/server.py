@@ -36,7 +36,7 @@ _HTML, _TEXT, _PACKED = "text/html; charset=utf-8", "text/plain; charset=utf-8",
 
 
 class NotThere(Exception):
-    """What was asked for does not exist: one line for whoever asked."""
+    """What was asked for does not exist: one line for the answer."""
 
 
 @dataclass
@@ -224,4 +224,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """The terminal stays quiet: whoever asked sees what went wrong."""
+        """The terminal stays quiet: the answer says what went wrong."""

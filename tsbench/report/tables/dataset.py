@@ -42,7 +42,8 @@ def dataset_tables(
         "Shares are of signed rows, in %, by their certificates. places: maps of the split within 300 m of each other, "
         "of one ring or one OSM way are one. "
         "tagged: maps from extracts with full tags. again: driven to the same bytes by a second process. gap s: median "
-        "of |arrival gap| between the ego and whom it has to watch, where there is somebody. seen: pairs whose others "
+        "of |arrival gap| between the ego and the road users that it has to watch, where there are any. "
+        "seen: pairs whose others "
         "betray the half before the ego is at its line, though too late to stop",
     )
     title = f"The data set: {sum(counts.values()):,} rows ({by_split})"

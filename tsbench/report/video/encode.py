@@ -92,7 +92,7 @@ def _around(trace: Trace, scene: Scene, size: PageSize, span: tuple[int, int] | 
 
 
 def _named(trace: Trace, first: int, last: int) -> Array:
-    """(n, 2): where those are whom a violation in these ticks names, when it begins."""
+    """(n, 2): positions of the road users that a violation in these ticks names, when it begins."""
     found = [np.zeros((0, 2))]
     for event in trace.events:
         snapshot = trace.snapshots[min(round(event.start_s / DT_S), len(trace.snapshots) - 1)]

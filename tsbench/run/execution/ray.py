@@ -178,7 +178,7 @@ class RayExecutor:
         return ray.wait(answers, num_returns=len(answers), timeout=0)[0] if first else []
 
     def _fill(self, tasks: TaskQueue) -> None:
-        """Give work to whoever has little. Some waits ahead, so that no actor waits for the network."""
+        """Give work to actors that have little. Some waits ahead, so that no actor waits for the network."""
         ahead = 2 if tasks.left > len(self._actors) else 1
         for slot, handle in enumerate(self._actors):
             while handle.ready and len(handle.held) < ahead:

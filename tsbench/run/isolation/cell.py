@@ -79,7 +79,7 @@ def _mount(source: str, target: str, kind: str | None, flags: int, data: str = "
 
 
 def separate() -> str:
-    """Namespaces of its own; "user" or "root" (made by whom), "" where the kernel does not allow it."""
+    """Makes own namespaces; returns "user" or "root" (who made them), "" where the kernel does not allow it."""
     if os.geteuid() == 0:
         with suppress(OSError):
             _call("unshare", _APART)
@@ -159,7 +159,7 @@ def limit(limits: dict[str, int], processes: bool) -> None:
 
 
 def give_up_rights(nobody: bool) -> None:
-    """Nothing of what made the cell is left to whoever runs in it. nobody: as a user that there is not."""
+    """Drops all rights that made the cell. nobody: becomes a user that does not exist."""
     for one in range(_MOST_CAPABILITIES):
         _system.prctl(_PR_CAPBSET_DROP, one, 0, 0, 0)
     if nobody:

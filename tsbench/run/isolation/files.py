@@ -44,7 +44,7 @@ class PlannerFiles:
         Raises InputError for a file that cannot be read, and for a folder with too much in it.
         """
         apart = {path.resolve() for path in (*shown_to_all(), *covered(hidden))}
-        # Whoever the planner is in its cell may read the copies; nobody else comes past the folder around them.
+        # Any user in the cell may read the copies; the folder around them keeps all others out.
         self._folder = OwnFolder(FILES)
         self.binds: list[tuple[Path, Path]] = []
         try:

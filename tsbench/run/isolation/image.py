@@ -76,7 +76,7 @@ class Container:
         line.mkdir()
         with socket.socket(socket.AF_UNIX) as waiting:
             waiting.bind(str(line / _SOCKET))
-            # Whoever the planner is in there; nobody else comes past the folder around it.
+            # For any user in the container; the folder around it keeps all others out.
             (line / _SOCKET).chmod(0o666)
             line.chmod(0o755)
             waiting.listen(1)

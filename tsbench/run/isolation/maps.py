@@ -1,4 +1,4 @@
-"""Maps and routes as messages. Whoever reads one gets the numbers that the writer had, bit for bit."""
+"""Maps and routes as messages. The reader gets the numbers of the writer, bit for bit."""
 
 from __future__ import annotations
 

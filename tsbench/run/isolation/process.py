@@ -183,7 +183,7 @@ class PlannerProcess:
 
 
 class _NoNumber:
-    """Stands for an answer that is no command: whoever reads it is told why, as of any other planner's."""
+    """Stands for an answer that is no command: reading it raises the reason."""
 
     def __init__(self, reason: str) -> None:
         self._reason = reason

@@ -19,7 +19,7 @@ VERSION: Final = 2
 HEAD = struct.Struct("<II")
 # More than any command has; an observation or a map may be larger, and comes from the referee.
 MOST_BYTES: Final = 1 << 20
-# As whoever allocates memory aligns it: what sums arrays sums them alike wherever they are from.
+# The alignment of freshly allocated memory: sums of arrays then have the same bits wherever the arrays come from.
 ALIGNED: Final = 16
 
 F8, I4, I1, TEXT = "f8", "i4", "i1", "text"
