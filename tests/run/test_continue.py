@@ -16,7 +16,11 @@ from tsbench.run.log.tables import read_table
 from tsbench.scenarios.table import read_table as read_scenarios
 from tsbench.scenarios.table import write_table
 
-RUN = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Raises", "--split", "test"]
+# Forty episodes, one of which fails.
+RUN = [
+    "run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Raises", "--split", "test",
+    "--types", "speed_limit",
+]  # fmt: skip
 TABLES = ("episodes.parquet", "violations.parquet")
 
 
@@ -42,7 +46,7 @@ def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
 
 def test_killed_three_times_and_continued(whole: Bench) -> None:
     folder = whole.folder / "killed"
-    for lines in (1, 20, 45):
+    for lines in (1, 10, 22):
         process = whole.start_paused(lines, *RUN, "--out", "killed", "--workers", "2")
         workers = workers_of(process)
         assert len(workers) == 2
@@ -51,13 +55,13 @@ def test_killed_three_times_and_continued(whole: Bench) -> None:
         assert_gone(workers)
         assert json.loads((folder / "run.json").read_text())["status"] == "running"
     done = whole.run(*RUN, "--out", "killed", "--workers", "2", expect=1)
-    assert "continuing: 45 of 80 episodes are already there" in done.stderr
+    assert "continuing: 22 of 40 episodes are already there" in done.stderr
     assert bytes_of(folder) == bytes_of(whole.folder / "whole")
     assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 4
 
 
 def test_workers_killed_are_replaced(whole: Bench) -> None:
-    process = whole.start_paused(20, *RUN, "--out", "worker", "--workers", "2")
+    process = whole.start_paused(10, *RUN, "--out", "worker", "--workers", "2")
     for worker in workers_of(process):
         os.kill(worker, signal.SIGKILL)
     whole.go()
@@ -69,7 +73,7 @@ def test_workers_killed_are_replaced(whole: Bench) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals) -> None:
     name = f"stopped-{number}"
-    process = whole.start_paused(10, *RUN, "--out", name, "--workers", "2")
+    process = whole.start_paused(5, *RUN, "--out", name, "--workers", "2")
     workers = workers_of(process)
     process.send_signal(number)
     whole.go()
@@ -82,7 +86,7 @@ def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals
     assert manifest["status"] == "interrupted"
     episodes = read_table(whole.folder / name / "episodes.parquet")
     assert len(episodes) == manifest["counts"]["finished"]
-    assert 10 <= manifest["counts"]["finished"] < 80
+    assert 5 <= manifest["counts"]["finished"] < 40
     assert not (whole.folder / name / "summary.json").exists()
     assert not list((whole.folder / name / "traces").rglob(".*"))
 
@@ -125,9 +129,9 @@ def test_what_is_torn_or_foreign_is_set_aside_with_its_reason(whole: Bench) -> N
     assert kept["stranger.parquet"] == b"mine too"
     assert kept["half.parquet.123.tmp"] == b"half"
     assert kept[traces[0].name] == cut
-    assert "continuing: 3 of 80 episodes are already there" in done.stderr
+    assert "continuing: 3 of 40 episodes are already there" in done.stderr
     assert bytes_of(folder) == bytes_of(whole.folder / "whole")
-    assert len(list((folder / "traces").rglob("*.parquet"))) == 80
+    assert len(list((folder / "traces").rglob("*.parquet"))) == 40
 
 
 def test_a_journal_of_another_run_is_not_taken_for_this_one(whole: Bench) -> None:
@@ -182,7 +186,7 @@ def test_a_worker_that_grows_is_replaced_between_episodes(bench: Bench) -> None:
 def test_a_complete_run_is_shown_and_not_run_again(whole: Bench) -> None:
     before = {p: p.stat().st_mtime_ns for p in sorted((whole.folder / "whole").rglob("*"))}
     done = whole.run(*RUN, "--out", "whole", expect=1)
-    assert "80 of 80 episodes finished" in done.stdout
+    assert "40 of 40 episodes finished" in done.stdout
     assert {p: p.stat().st_mtime_ns for p in sorted((whole.folder / "whole").rglob("*"))} == before
 
 
