@@ -250,7 +250,7 @@ def _time(results: list[EpisodeResult]) -> list[Finding]:
     hours = mean * len(steps) / len(results) * ROWS["test"] / 3600.0
     text = (
         f"{1e3 * mean:.2f} ms a step (95 %: {1e3 * p95:.2f}, most: {1e3 * most:.1f}); about {hours:.1f} h of its own "
-        f"time for {ROWS['test']} scenarios on one core"
+        f"time for the {ROWS['test']:,} signed scenes of test on one core"
     )
     return [Finding(Level.NOTE if p95 > _SLOW_STEP_S else Level.OK, "time", text)]
 
