@@ -1,4 +1,4 @@
-"""What this process may use of its machine, and whom it ends with."""
+"""What this process may use of its machine, and which process it ends with."""
 
 from __future__ import annotations
 

@@ -47,5 +47,5 @@ def parse(data: bytes, path: Path, tag: str, what: str) -> etree._Element:
 
 
 def sha256(data: bytes) -> str:
-    """SHA-256 (hex): of uncompressed content, so that it does not hang on a compressor's version."""
+    """SHA-256 (hex): of uncompressed content, so that it does not depend on a compressor's version."""
     return hashlib.sha256(data).hexdigest()

@@ -1,4 +1,4 @@
-"""All that a planner without eyes for plates is given, as bytes: whoever gets the same bytes cannot but do the same.
+"""All that a sign-blind planner is given, as bytes: equal bytes force equal behaviour.
 
 Everything that can be reached from a context and an observation is in them: fields, slots, attributes, arrays, ids,
 mappings in their order. Of plates only what masking leaves is.

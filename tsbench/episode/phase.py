@@ -1,4 +1,4 @@
-"""What a process that runs episodes is doing, for whoever watches over it."""
+"""What a process that runs episodes is doing, for its watchdog."""
 
 from __future__ import annotations
 

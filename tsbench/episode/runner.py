@@ -35,7 +35,7 @@ Moments = Generator[PlannerContext | Observation, Control | Trajectory | None, E
 
 
 class PlannerFailure(Exception):
-    """The planner's own code raised what is its cause, be it SystemExit. Thrown into an episode to end it."""
+    """Wraps whatever the planner's code raised, also SystemExit. Thrown into an episode to end it."""
 
 
 def _no_heartbeat(_: int) -> None:
@@ -43,7 +43,7 @@ def _no_heartbeat(_: int) -> None:
 
 
 class EpisodeLoop:
-    """Episodes one after the other in the process's one simulation, for whoever has the commands.
+    """Runs episodes one after the other in the process's one simulation; the caller supplies the commands.
 
     heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: those of
     this process, where somebody else has them already. perception: None = exact.
@@ -183,7 +183,7 @@ class EpisodeRunner:
         self._loop.prepare(spec)
 
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
-        """One episode; of what its code raises, only KeyboardInterrupt is left to whoever runs the process."""
+        """One episode; of what its code raises, only KeyboardInterrupt reaches the caller."""
         loaded = self._loaded
         moments = self._loop.play(spec, loaded.name, loaded.privileged, loaded.floor)
         try:

@@ -1,7 +1,7 @@
 """A submission: one planner's run of a whole split in one JSON file, with a digest for each episode.
 
 `docs/leaderboard.md` says what each field is. A digest is of all that the run's tables say of an episode, so that
-whoever drives it again on alike arithmetic gets the same one.
+another drive of it on alike arithmetic gives the same one.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class Idm:
         return Control(max(min(acceleration, nearest), -p.emergency), follow(route, observation.ego))
 
     def _prepare(self, path: RoutePath) -> None:
-        """Everything that hangs on the path alone."""
+        """Everything that depends on the path alone."""
         p = self.parameters
         self._path = path
         self._samples = PathSamples(path)

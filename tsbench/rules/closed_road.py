@@ -43,7 +43,7 @@ class ClosedRoad(Monitor):
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
         front = self._road.front(snapshot.ego)
-        # Out of sight of the road is as good as far before the plate.
+        # Out of sight of the road counts like far before the plate.
         past = front - self._line if front is not None else -self._road.length
         if -self._engage <= past <= 0.0:
             self._engaged = True

@@ -23,7 +23,7 @@ class ScenarioSpec:
     density: asked moving cars per lane within 150 m (0 = none). drivers: the background-driver draw, -1 = none.
     layout: number on the scene's own layout axis. pair_id: of both rows of a contrast pair the signed one's id, "" = no
     pair. half: SIGNED or CONTRAST; a contrast row's type, group and sign are those of its own plate. place: id that the
-    map shares with all maps of its place, "" = not known; figures of one place hang together.
+    map shares with all maps of its place, "" = not known; figures of one place are correlated.
     """
 
     scenario_id: str

@@ -58,7 +58,7 @@ class JunctionTraffic:
             self._sim.hold(WAITING_ID)
 
     def update(self, ego: EgoState) -> None:
-        """Before a step: whom the ego's new place sets free."""
+        """Before a step: releases the road users that wait for the ego's new place."""
         if not (self._waits or self._silent):
             return
         to_line = self._approach.to_line(ego)

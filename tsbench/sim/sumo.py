@@ -83,7 +83,7 @@ def _in_memory(content: bytes) -> Iterator[str]:
 
 
 class _Library:
-    """libsumo is one for the process, whoever talks to it: what outlives a `Simulation` stands here.
+    """libsumo's state is process-wide: this is what outlives a `Simulation`.
 
     holder: who loaded the scene that is there, None = nobody. placed: a move that no step has carried out.
     """

@@ -55,7 +55,7 @@ class Proposals:
 def roll_out(
     line: Centerline, s0: float, d0: float, speed: float, others: Others, length: float, width: float
 ) -> Proposals:
-    """Drive all proposals along the centreline, each behind whoever is before it at that time.
+    """Drive all proposals along the centreline, each behind the leader that it has at that time.
 
     PDM-Closed simulates a car that tracks a proposal, and so learns who leaves a bend. Here the pose is the proposal's
     itself, and `Centerline.limit` bounds speeds in bends instead.

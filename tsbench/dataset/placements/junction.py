@@ -100,7 +100,7 @@ class GiveWayPlacement(Placement):
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
         signs = self._plates(task, arms, chosen)
         cars = None if _nobody_comes(row, recipe) else convoy(task, chosen)
-        # Nobody else is at the junction before the ego: whom they let go first would tell what the plates say.
+        # Nobody else is at the junction before the ego: the order in which others go would tell what the plates say.
         turn, cruise = ego_speeds(task, chosen.ego)
         quiet_s = predicted_arrival(before, before, start.speed, cruise, turn)
         avoid = _others(network, arms, chosen)
@@ -150,7 +150,7 @@ class GiveWayPlacement(Placement):
         before, plates = recipe.number("plate_before_line_m"), []
         for k, (edge, code) in enumerate(wanted):
             s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
-            # Without params a plate binds nobody whom we watch.
+            # Without params a plate binds nobody that we watch.
             params, role = (None, "context") if k else (binding, "target")
             plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
         return tuple(plates)
@@ -183,7 +183,7 @@ def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> frozenset[Tur
     """Turns that other traffic does not take.
 
     Nobody turns off the main road where it waits for its other direction: who stands there blocks the junction for a
-    minute. Where the ego is on the main road, from secondary arms nobody goes before it whom SUMO lets do so.
+    minute. Where the ego is on the main road, no vehicle from a secondary arm goes before it, though SUMO would let it.
     """
     held = set[Turn]()
     for edge in arms.prior_in:

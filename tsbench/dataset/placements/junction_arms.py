@@ -1,4 +1,4 @@
-"""Roles of a junction's arms: which are the main road, on which the ego comes, whom it owes way.
+"""Roles of a junction's arms: which are the main road, on which the ego comes, to which it gives way.
 
 Source: docs/spec/scenes.md, "Junction"; docs/spec/rules.md, "Give way" (who has priority).
 """

@@ -41,8 +41,8 @@ def task_minimum(task: SceneTask) -> float:
 class MinSpeedPlacement(Placement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
-    In the contrast half the plate there allows no more than the slow style drives, whom the scene tempts. The leader is
-    faster than this style, and so out of its reach where the rule binds; so is everybody else.
+    In the contrast half the plate there allows no more than the speed of the slow style, the tempted driver. The
+    leader is faster than this style, and so out of its reach where the rule binds; so is everybody else.
     """
 
     def __init__(self, recipe: Recipe) -> None:

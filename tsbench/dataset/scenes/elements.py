@@ -82,7 +82,7 @@ def convoy_elements(
     drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger",
     abrupt: bool = False,
 ) -> list[etree._Element]:  # fmt: skip
-    """The convoy, whom the ego meets first in front. stands: of each its front's place, the lane's order, its route.
+    """The convoy that the ego meets, first one in front. stands: of each its front's place, lane order and route.
 
     abrupt: they brake no sooner than they must.
     """

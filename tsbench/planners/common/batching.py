@@ -15,7 +15,7 @@ import numpy.typing as npt
 DEVICES = ("cpu", "cuda")
 
 Records = npt.NDArray[np.void]
-# (b,) records in, (b,) records out; a row's answer does not hang on the other rows, to the bit.
+# (b,) records in, (b,) records out; a row's answer does not depend on the other rows, to the bit.
 Infer = Callable[[Records], Records]
 
 

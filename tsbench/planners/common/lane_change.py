@@ -1,7 +1,7 @@
 """Lane changes of a route, held back until the lane beside has a gap. Units: m, s, m/s.
 
-A route's reference line changes lanes as soon as it may, whoever drives there. A driver waits for a gap: it keeps to
-its lane meanwhile, and stops where there is still room to change.
+A route's reference line changes lanes as soon as it may, with a gap or without. A driver waits for a gap: it keeps
+to its lane meanwhile, and stops where there is still room to change.
 """
 
 from __future__ import annotations

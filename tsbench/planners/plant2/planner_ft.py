@@ -37,7 +37,7 @@ class SignTokeniser:
         self._memory = memory(tokeniser.network, vocabulary)
 
     def watch(self, o: Observation) -> None:
-        """Remember the sign that holds, follow the ways: at every tick, in order; twice is as good as once."""
+        """Remember the sign that holds, follow the ways: at every tick, in order. A second call changes nothing."""
         self._memory.update(o)
         self.ways.watch(o)
 

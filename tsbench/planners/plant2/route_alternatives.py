@@ -47,7 +47,7 @@ class RouteAlternatives:
         self._intended: Way | None = None
 
     def watch(self, o: Observation) -> None:
-        """Follow the ego: at every tick, in order; twice is as good as once."""
+        """Follow the ego: at every tick, in order; a second call at a tick changes nothing."""
         ego = o.ego
         if ego.lane not in (-1, self._lane) and not self._graph.network.lanes[ego.lane].internal:
             self._lane = ego.lane

@@ -19,7 +19,7 @@ from tsbench.roads.road_map import RoadMap
 from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 _KMH_PER_MPS = 3.6
-# A plate is read by those whom it faces.
+# A plate is read by the drivers that it faces.
 _FACING_RAD = math.radians(60.0)
 # A stop before the line, well within what the rule asks for: this near to the line with the front, and to the plate,
 # which stands a little before it; this slow.
@@ -54,7 +54,7 @@ class SignMemory:
         self._step = -1
 
     def update(self, o: Observation) -> None:
-        """What holds at this tick; the same tick twice is as good as once."""
+        """What holds at this tick; a second call at a tick changes nothing."""
         if o.route.path is not self._path:
             self._path, self._edges = o.route.path, frozenset(o.route.path.edges)
         driven = o.ego.speed * DT_S if o.step != self._step else 0.0

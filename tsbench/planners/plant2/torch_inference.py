@@ -1,7 +1,7 @@
 """Plans from a network by torch, for a GPU; what drives on a CPU is `engine.py`.
 
 Samples are grouped by how many objects they hold, so that a sample's plan hangs little on the others of its batch. Its
-last bits hang on the device and on torch's version.
+last bits depend on the device and on torch's version.
 """
 
 from __future__ import annotations

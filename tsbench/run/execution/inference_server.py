@@ -28,7 +28,7 @@ _MOST = 16
 
 
 class ModelServer:
-    """One planner's network and whoever asks it."""
+    """One planner's network and the workers that ask it."""
 
     def __init__(self, spec: str, device: str) -> None:
         planner = resolve(spec).batched

@@ -129,7 +129,7 @@ class Pool:
         return [use for use in self._memory if use.episodes]
 
     def _fill(self, tasks: TaskQueue) -> None:
-        """Give work to whoever has little. One episode waits ahead, so that no worker waits for us."""
+        """Give work to workers that have little. One episode waits ahead, so that no worker waits for us."""
         for slot in range(len(self._workers)):
             if not tasks.left:
                 return
@@ -227,7 +227,7 @@ class Pool:
                 worker.drop_tail()
 
     def _watch(self, tasks: TaskQueue, keep: Callable[[Record], None]) -> None:
-        """End whoever has shown no sign of life for too long, or takes too much memory."""
+        """End workers that have shown no sign of life for too long, or take too much memory."""
         now = time.monotonic()
         if now - self._looked < _TICK_S:
             return

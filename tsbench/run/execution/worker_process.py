@@ -25,7 +25,7 @@ _LAST_READS = 8
 _LAST_GASP_S = 5.0
 _SHUTDOWN_TIMEOUT_S = 10.0
 _WARDEN = Path(__file__).with_name("warden.py")
-# A hard bound on what a process may ask for at once, so that it cannot outrun whoever watches its memory.
+# A hard bound on what a process may ask for at once, so that it cannot outrun the memory watchdog.
 _DATA_BYTES_PER_MB = 2_000_000
 
 

@@ -1,6 +1,6 @@
 """The files of its own that a planner's process is shown: copies of the regular ones, made once for many cells.
 
-A planner that writes, swaps or links its files while it is driven changes nothing in its next cell, and whoever reads
+A planner that writes, swaps or links its files while it is driven changes nothing in its next cell, and reading
 the copies needs no right of the user who starts the run.
 """
 

@@ -76,7 +76,7 @@ class CrosswalkConstraint(RuleConstraint):
             return FREE
         ahead = moving_ahead(self._samples, route.s, here.far - route.s + 20.0, observation.actors)
         if to_go < 0.0:
-            # On it: whoever comes now was far enough away; off it as soon as traffic allows.
+            # On it: people who come now were far enough away; off it as soon as traffic allows.
             return (_BRISK_MPS2 if not ahead and v < _BRISKLY_TO_MPS else -math.inf), math.inf
         if v > _WAITING_MPS:
             self._waits_since = math.inf

@@ -72,7 +72,7 @@ class Yielding:
     """One junction, from one approach (SUMO's edge): stops before its line while somebody is in the way.
 
     paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
-    junction; on these whoever has the network's right of way over the ego, or is in the junction already, is let
+    junction; on these, vehicles with the network's right of way over the ego, or in the junction already, are let
     pass as `courtesy` asks.
     """
 

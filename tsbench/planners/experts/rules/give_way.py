@@ -15,8 +15,8 @@ from tsbench.sim.navigation import RouteView
 class GiveWayConstraint(RuleConstraint):
     """Waits for vehicles on the approaches in the plate's `main_in`, with the rule's own thresholds.
 
-    Whoever else has right of way over the ego in this junction (it turns left in front of the arm opposite) is let
-    pass too, as at any other junction. `approach`: the edge from which this looks after the junction.
+    Other vehicles with right of way over the ego in this junction (it turns left in front of the arm opposite) are
+    let pass too, as at any other junction. `approach`: the edge from which this looks after the junction.
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:  # noqa: ARG002

@@ -8,7 +8,7 @@ from tsbench.signs.plate_params import RoundaboutParams
 
 
 class RoundaboutConstraint(GiveWayConstraint):
-    """Gives way to whoever comes to the entry along the ring, or is about to come onto it before.
+    """Gives way to vehicles that come to the entry along the ring, or are about to come onto it before.
 
     Which way round and where out is the route's business. `alert_edges`: the ring's edges. At their ends the ego
     has right of way, but who has driven in in front of it is let go on.

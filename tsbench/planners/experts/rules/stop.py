@@ -1,4 +1,4 @@
-"""Stop (2.5): a full stop before the line, whoever comes; then as at any sign that asks to give way."""
+"""Stop (2.5): a full stop before the line, with traffic or without; then as at any sign that asks to give way."""
 
 from __future__ import annotations
 
