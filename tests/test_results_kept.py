@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,8 +15,10 @@ from tsbench.run.log.read import StoredRun, read_run
 
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
-# What goes into the table of floors.
-FLOOR = ("styles", "plant2-ft", "floors")
+# What goes into the tables of all planners, and pages with the analyses of these that they ask for.
+TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm")
+PAGES = {"README.md": ("floor",), "docs/floor.md": ("floor",), "docs/results.md": ("main",)}
+_BLOCK = "<!-- analysis {} .*?<!-- end -->"
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def runs() -> list[StoredRun]:
 
 
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:
-    assert set(FLOOR) <= {run.path.name for run in runs}
+    assert set(TABLES) <= {run.path.name for run in runs}
     for run in runs:
         assert run.manifest["status"] == "complete"
         assert not any(run.holes(name) for name in run.asked)
@@ -43,12 +44,23 @@ def test_none_tells_of_the_folders_of_who_drove_it() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_of_floors_says_what_the_tables_say(tmp_path: Path) -> None:
-    page = Path(shutil.copy(ROOT / "docs" / "floor.md", tmp_path))
-    kept = [str(ROOT / "results" / name) for name in FLOOR]
-    for words in (
-        ["floor", *kept, "--out", str(tmp_path / "made")],
-        ["pages", str(page), "--from", str(tmp_path / "made")],
-    ):
-        subprocess.run([sys.executable, "-m", "tsbench", "analyse", *words], check=True, capture_output=True)
-    assert page.read_text(encoding="utf-8") == (ROOT / "docs" / "floor.md").read_text(encoding="utf-8")
+def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
+    make = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (said,) = re.findall(r"^RUNS := (.*)$", make, re.MULTILINE)
+    assert [said.index(name) for name in TABLES] == sorted(said.index(name) for name in TABLES)
+    kept = [str(ROOT / "results" / name) for name in TABLES]
+    for name in sorted({name for names in PAGES.values() for name in names}):
+        command("analyse", name, *kept, "--out", str(tmp_path / "made"))
+    for page, names in PAGES.items():
+        text = (ROOT / page).read_text(encoding="utf-8")
+        blocks = "\n".join(
+            found for name in names for found in re.findall(_BLOCK.format(name), text, re.DOTALL)
+        )
+        assert blocks
+        (tmp_path / "page.md").write_text(blocks, encoding="utf-8")
+        command("analyse", "pages", str(tmp_path / "page.md"), "--from", str(tmp_path / "made"))
+        assert (tmp_path / "page.md").read_text(encoding="utf-8") == blocks, page
+
+
+def command(*words: str) -> None:
+    subprocess.run([sys.executable, "-m", "tsbench", *words], check=True, capture_output=True)
