@@ -18,7 +18,7 @@ from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.finetune.task import beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
-from tsbench.learn.imitation.frames_store import Place, plan_hash
+from tsbench.learn.imitation.frames_store import TrainingResources, plan_hash
 from tsbench.learn.imitation.recipe import kept_for_validation
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import Task
@@ -154,7 +154,7 @@ def test_a_share_of_drives_is_begun_by_the_student(
 
 def prepared(
     out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
-) -> tuple[Task, Place]:
+) -> tuple[Task, TrainingResources]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told.
 
     The second is the best: the third has as much SCD and complies less.
@@ -169,7 +169,7 @@ def prepared(
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
         np.save(folder / f"chunk-{number:05d}.npy", made_up(96, number))
-    return fine_tuning(recipe, rows), Place(out, "cpu", 1, 10**9)
+    return fine_tuning(recipe, rows), TrainingResources(out, "cpu", 1, 10**9)
 
 
 def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
@@ -237,14 +237,14 @@ def test_frames_are_told_and_shown(rows: list[ScenarioSpec], base: Path, tmp_pat
     frames = made_up(200)
     frames["type"] %= 6
     np.save(folder / "chunk-00000.npy", frames)
-    paths = report(drives, recipe, Place(tmp_path, "cpu", 1, 10**9), lambda _: None)
+    paths = report(drives, recipe, TrainingResources(tmp_path, "cpu", 1, 10**9), lambda _: None)
     names = ["frames.md", "frames.png", "frames-priority.png"]
     assert [path.name for path in paths] == names
     assert all(path.stat().st_size > 0 for path in paths)
     assert "| all | | | 20 | 200 |" in paths[0].read_text()
     np.save(folder / "chunk-00000.npy", made_up(0))
     with pytest.raises(InputError, match="no frames to look at"):
-        report(drives, recipe, Place(tmp_path, "cpu", 1, 10**9), lambda _: None)
+        report(drives, recipe, TrainingResources(tmp_path, "cpu", 1, 10**9), lambda _: None)
 
 
 def test_another_base_is_another_training(base: Path, tmp_path: Path) -> None:

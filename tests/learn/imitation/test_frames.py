@@ -17,7 +17,13 @@ from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, Track, frames_of, observations
-from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, Place, make_chunk, plan_hash
+from tsbench.learn.imitation.frames_store import (
+    FrameStore,
+    ImitationSource,
+    TrainingResources,
+    make_chunk,
+    plan_hash,
+)
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
@@ -132,7 +138,7 @@ def test_a_chunk_that_was_dropped_is_made_the_same_again(row: ScenarioSpec, tmp_
 def store(root: Path, row: ScenarioSpec, bound: int) -> tuple[FrameStore, Path]:
     """A store and its own folder."""
     drives = [PlannerDrive(row, "idm")] * 50
-    made = FrameStore(Place(root, "cpu", 1, bound), drives, SOURCE, 0, lambda _: None)
+    made = FrameStore(TrainingResources(root, "cpu", 1, bound), drives, SOURCE, 0, lambda _: None)
     return made, root / "frames" / made.plan
 
 

@@ -17,7 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames import FRAME
-from tsbench.learn.imitation.frames_store import ImitationSource, Place, plan_hash
+from tsbench.learn.imitation.frames_store import ImitationSource, TrainingResources, plan_hash
 from tsbench.learn.imitation.loss import losses, total, two_hot
 from tsbench.learn.imitation.recipe import Recipe, drives_of, in_turn, kept_for_validation, validation_rows
 from tsbench.learn.imitation.skill import Skill
@@ -130,7 +130,9 @@ def test_a_type_that_is_asked_for_more_of_has_three_pairs_a_turn(rows: list[Scen
     assert [row.pair_type for row in drawn] == ["bike_lane"] * 6 + ["bike_lane_road", "blocked_road"]
 
 
-def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]) -> tuple[Recipe, Place]:
+def prepared(
+    out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
+) -> tuple[Recipe, TrainingResources]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
     told = iter(SKILLS)
@@ -142,7 +144,7 @@ def prepared(out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
         np.save(folder / f"chunk-{number:05d}.npy", made_up(64, number))
-    return recipe, Place(out, "cpu", 1, 10**9)
+    return recipe, TrainingResources(out, "cpu", 1, 10**9)
 
 
 def test_a_training_that_was_broken_off_goes_on_as_if_nothing_had_been(
