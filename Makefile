@@ -257,7 +257,7 @@ film: setup
 
 # Pictures of the site for docs/install.md, in Chromium.
 site-pictures: docs
-	$(BIN)/python packaging/site_pictures.py build/site docs/images
+	PYTHONPATH=tests/helpers $(BIN)/python packaging/site_pictures.py build/site docs/images
 
 # Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
 package: setup

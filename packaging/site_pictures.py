@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Any
+
+from serving import serving
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -28,18 +28,9 @@ class _Quiet(SimpleHTTPRequestHandler):
         """What was asked for is not of interest."""
 
 
-@contextmanager
-def served(site: Path) -> Iterator[str]:
+def served(site: Path) -> AbstractContextManager[str]:
     """The address of a site's folder, served on this machine: its search works only so."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(site)))
-    thread = Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+    return serving(partial(_Quiet, directory=str(site)))
 
 
 def take_pictures(browser: Browser, address: str, folder: Path) -> None:

@@ -381,7 +381,12 @@ class Hoards(Honest):
         for number in range(4):
             with suppress(OSError):
                 kept.append(os.memfd_create(str(number)))
-        kept += [shm for shm in [ctypes.CDLL(None).shmget(0, 1 << 20, 0o1600)] if shm != -1]
+        system = ctypes.CDLL(None)
+        segment = system.shmget(0, 1 << 20, 0o1600)
+        if segment != -1:
+            kept.append(segment)
+            # Else it would stay on this machine where nothing refuses it.
+            system.shmctl(segment, 0, None)
         return kept
 
 
