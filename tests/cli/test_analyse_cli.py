@@ -11,10 +11,10 @@ from command_line import in_process, refused
 from PIL import Image
 from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
+from tsbench.report.analyses.by_name import analyse_runs
 from tsbench.report.analyses.correlations import metric_mean
 from tsbench.report.analyses.model import ALL
 from tsbench.report.analyses.pool import read_pool
-from tsbench.report.analyses.registry import analyse_runs
 from tsbench.report.analyses.writing import write_analysis
 from tsbench.signs.catalog import load_catalog
 

@@ -15,7 +15,7 @@ from command_line import in_process
 from run_builders import episodes, failed, lost, make_run, pairs
 
 from tsbench.metrics.records import PARTS
-from tsbench.report.analyses.registry import OF_POOL, analyse_runs
+from tsbench.report.analyses.by_name import OF_POOL, analyse_runs
 from tsbench.report.analyses.writing import write_analysis
 from tsbench.run.log.read import read_run
 from tsbench.run.log.schema import LATER

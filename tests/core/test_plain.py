@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ WHOLE = Outer(
 
 
 def test_what_json_keeps_comes_back_bit_for_bit() -> None:
-    assert from_plain(Outer, json.loads(json.dumps(asdict(WHOLE)))) == WHOLE
+    assert dataclass_from_json(Outer, json.loads(json.dumps(asdict(WHOLE)))) == WHOLE
 
 
 def test_numbers_that_json_lacks_may_be_text() -> None:
-    assert from_plain(Inner, {"name": "a", "value": "-inf"}).value == float("-inf")
-    assert isinstance(from_plain(Inner, {"name": "a", "value": 2}).value, float)
+    assert dataclass_from_json(Inner, {"name": "a", "value": "-inf"}).value == float("-inf")
+    assert isinstance(dataclass_from_json(Inner, {"name": "a", "value": 2}).value, float)
 
 
 @pytest.mark.parametrize(
@@ -52,4 +52,4 @@ def test_numbers_that_json_lacks_may_be_text() -> None:
 )  # fmt: skip
 def test_anything_else_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"expected|has the fields"):
-        from_plain(Outer, {**json.loads(json.dumps(asdict(WHOLE))), **change})
+        dataclass_from_json(Outer, {**json.loads(json.dumps(asdict(WHOLE))), **change})

@@ -41,8 +41,8 @@ def loop() -> EpisodeLoop:
 
 
 def first_look(loop: EpisodeLoop, row: ScenarioSpec, privileged: bool = False) -> Shown:
-    moments: Iterator[object] = loop.play(row, "nobody", privileged)
-    context, observation = next(moments), next(moments)
+    steps: Iterator[object] = loop.run_episode(row, "nobody", privileged)
+    context, observation = next(steps), next(steps)
     assert isinstance(context, PlannerContext)
     assert isinstance(observation, Observation)
     return context, observation

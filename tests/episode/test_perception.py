@@ -16,8 +16,17 @@ import pytest
 from scipy.stats import binomtest
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import from_plain
-from tsbench.episode.perception import FALSE, MISREAD, POST, RIGHT, Eyes, Plate, Told, in_sight
+from tsbench.core.plain import dataclass_from_json
+from tsbench.episode.perception import (
+    FALSE,
+    MISREAD,
+    POST,
+    RIGHT,
+    Plate,
+    SignDetection,
+    SignDetector,
+    in_sight,
+)
 from tsbench.episode.perception_level import PerceptionLevel, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import read_trace, write_trace
@@ -69,9 +78,9 @@ def a_map() -> RoadMap:
 
 def drive(
     of: PerceptionLevel, pair: str, *plates: Plate, metres: float = 95.0, others: Actors | None = None
-) -> list[Told]:
+) -> list[SignDetection]:
     """What is told on the way towards plates at a steady speed."""
-    eyes, around = Eyes(of, pair, plates, a_map()), others or nobody()
+    eyes, around = SignDetector(of, pair, plates, a_map()), others or nobody()
     for step in range(int(metres / (SPEED * DT_S))):
         here = ego(step * SPEED * DT_S)
         eyes.look(WorldSnapshot(step, step * DT_S, here, around), here)
@@ -104,7 +113,7 @@ def test_one_look_at_a_large_plate_has_the_level_s_ceiling(name: str) -> None:
     of, n = level(name, latency_s=0.0, posts=False), 10_000
     seen = 0
     for k in range(n):
-        eyes = Eyes(of, f"pair {k}", [plate(12.0, -1.0)], a_map())
+        eyes = SignDetector(of, f"pair {k}", [plate(12.0, -1.0)], a_map())
         eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
         seen += len(eyes.told)
     assert agrees(seen, n, of.ceiling)
@@ -115,7 +124,7 @@ def test_half_of_what_is_ever_read_is_read_at_the_half_size() -> None:
     x = 1266.0 * 0.7 / of.half_px
     found = 0
     for k in range(n):
-        eyes = Eyes(of, f"pair {k}", [plate(x, 0.0)], a_map())
+        eyes = SignDetector(of, f"pair {k}", [plate(x, 0.0)], a_map())
         eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
         found += len(eyes.told)
     assert agrees(found, n, 0.5)
@@ -185,7 +194,7 @@ def test_both_halves_have_the_same_luck() -> None:
 
 def test_what_was_read_is_told_as_long_as_it_is_in_range() -> None:
     of = level("good", right=1.0, ceiling=1.0, noise_m=0.0)
-    eyes = Eyes(of, "pair", [plate(40.0)], a_map())
+    eyes = SignDetector(of, "pair", [plate(40.0)], a_map())
     for step in range(60):
         here = ego(step * SPEED * DT_S)
         known = eyes.look(WorldSnapshot(step, step * DT_S, here, nobody()), here)
@@ -243,7 +252,7 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
     assert json.loads(there) == here
     told = read_trace(tmp_path / f"{names[0]}.parquet").told
     assert told
-    assert told == tuple(from_plain(Told, asdict(one)) for one in told)
+    assert told == tuple(dataclass_from_json(SignDetection, asdict(one)) for one in told)
 
 
 def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.trace import (
     read_trace,
@@ -26,8 +26,8 @@ from tsbench.episode.trace import (
     verdict_to_dict,
     write_trace,
 )
-from tsbench.roads.sealed import seal
-from tsbench.rules.base import Verdict
+from tsbench.roads.planner_map import build_planner_map
+from tsbench.rules.monitor import Verdict
 
 
 def an_episode(n: int = 50) -> EpisodeFacts:
@@ -93,7 +93,7 @@ def test_plans_come_back_and_older_traces_have_none(tmp_path: Path) -> None:
 def test_the_facts_are_found_again(tmp_path: Path) -> None:
     episode = an_episode()
     write_trace(tmp_path / "t.parquet", made.result(episode))
-    again = read_trace(tmp_path / "t.parquet").facts(seal(episode.scene.network), episode.scene)
+    again = read_trace(tmp_path / "t.parquet").facts(build_planner_map(episode.scene.network), episode.scene)
     assert (again.route.s, again.route.d, again.route.remaining) == (
         episode.route.s, episode.route.d, episode.route.remaining,
     )  # fmt: skip
@@ -223,7 +223,7 @@ def test_names_make_safe_files(tmp_path: Path) -> None:
 def test_verdicts_as_plain_values() -> None:
     verdict = made.verdict(made.violation(end_s=float("inf"), other="car.1"), engaged=True, steps=4)
     plain = verdict_to_dict(verdict)
-    assert from_plain(Verdict, json.loads(json.dumps(plain, allow_nan=False))) == verdict
+    assert dataclass_from_json(Verdict, json.loads(json.dumps(plain, allow_nan=False))) == verdict
     with pytest.raises(ValueError, match="Verdict"):
-        from_plain(Verdict, {"violations": [], "engaged": True})
-    assert from_plain(Verdict, {**plain, "violations": []}) == Verdict("plate", True, (), 4)
+        dataclass_from_json(Verdict, {"violations": [], "engaged": True})
+    assert dataclass_from_json(Verdict, {**plain, "violations": []}) == Verdict("plate", True, (), 4)

@@ -51,4 +51,4 @@ def test_a_new_sign_changes_no_other(clone: Copy) -> None:
     """Certificates and contracts of scenes without it stand."""
     add_the_sign(clone)
     grown, shipped = load_catalog(clone.root / "sign_catalog"), load_catalog()
-    assert grown.judged(shipped.signs) == shipped.judged(shipped.signs)
+    assert grown.contract_entries(shipped.signs) == shipped.contract_entries(shipped.signs)

@@ -40,25 +40,25 @@ def drive(spec: ScenarioSpec, name: str, said: list[Control]) -> EpisodeResult:
     """An episode; what its planner said is added to `said`."""
     planner = resolve(name)
     driver = planner.factory()
-    moments = EpisodeLoop(simulation=simulation()).play(spec, name, planner.privileged)
+    steps = EpisodeLoop(simulation=simulation()).run_episode(spec, name, planner.privileged)
     try:
-        driver.reset(next(moments))
-        seen = moments.send(None)
+        driver.reset(next(steps))
+        seen = steps.send(None)
         while True:
             said.append(driver.act(seen))
-            seen = moments.send(said[-1])
+            seen = steps.send(said[-1])
     except StopIteration as end:
         return end.value
 
 
 def replay(spec: ScenarioSpec, privileged: bool, said: list[Control]) -> EpisodeResult:
     """The same commands with the steering wheel turned the other way."""
-    moments = EpisodeLoop(simulation=simulation()).play(spec, "mirrored", privileged)
+    steps = EpisodeLoop(simulation=simulation()).run_episode(spec, "mirrored", privileged)
     try:
-        next(moments)
-        next(moments)
+        next(steps)
+        next(steps)
         for command in said:
-            moments.send(replace(command, steering=-command.steering))
+            steps.send(replace(command, steering=-command.steering))
     except StopIteration as end:
         return end.value
     pytest.fail(f"{spec.scenario_id}: goes on where the other drive ended")

@@ -15,7 +15,7 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Edge, Lane, RoadNetwork
-from tsbench.rules.base import Verdict, Violation
+from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.sim.navigation import Navigator, RouteView

@@ -1,7 +1,7 @@
 """Planners that cheat or attack. `HONEST` drives as they do where nothing comes of it.
 
-python hostile.py PLACE SCENARIO NAME...: drives each here ("here") or in a cell ("cell"), and prints what came of it as
-JSON. A name is one of this file, or FILE:NAME@SEED of another one beside it, which is told that seed.
+python hostile.py PLACE SCENARIO NAME...: drives each here ("here") or in a sandbox ("sandbox"), and prints
+what came of it as JSON. A name is one of this file, or FILE:NAME@SEED of another one beside it, which gets that seed.
 """
 
 from __future__ import annotations
@@ -112,11 +112,11 @@ class PatchesMonitors(Honest):
     def attack(self, context):
         from dataclasses import replace
 
-        from tsbench.rules import registry
+        from tsbench.rules import monitors
 
-        finish = registry.Monitors.finish
+        finish = monitors.Monitors.finish
         clean = lambda said: said._replace(target=replace(said.target, violations=()), needless=())  # noqa: E731
-        registry.Monitors.finish = lambda self: clean(finish(self))
+        monitors.Monitors.finish = lambda self: clean(finish(self))
 
 
 class Exits(Honest):
@@ -496,7 +496,7 @@ def main(place: str, scenario: str, *names: str) -> None:
         planner = Told(loaded.factory(), int(seed) if seed else None)
         loaded = replace(loaded, factory=lambda planner=planner: planner)
         result = EpisodeRunner(loaded, simulation=simulation, loader=loader).run(row)
-        if place == "cell":
+        if place == "sandbox":
             planner.inner.close()
         record = score.make_record(result, False)
         told = record.row

@@ -36,8 +36,8 @@ from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.destination import Destination
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.rules.base import Verdict
-from tsbench.rules.registry import make_monitors
+from tsbench.rules.monitor import Verdict
+from tsbench.rules.monitors import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import CLAUSES, ContrastClause

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from tsbench.episode.observation import ego_on_map
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.roads.sealed import seal
-from tsbench.rules.base import Verdict
-from tsbench.rules.registry import make_monitor
+from tsbench.roads.planner_map import build_planner_map
+from tsbench.rules.monitor import Verdict
+from tsbench.rules.monitors import make_monitor
 from tsbench.signs.annotations import SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
@@ -85,7 +85,7 @@ class World:
     arrived: bool = False
 
     def __post_init__(self) -> None:
-        self.view = seal(self.network)
+        self.view = build_planner_map(self.network)
         self.table = ActorTable()
         for body in self.bodies:
             self.table.add(body.id, body.kind, body.length, body.width, body.route)
@@ -98,7 +98,7 @@ class World:
         """Drive until arrival or the end of the time."""
         view, locator = self.view, LaneLocator(self.network)
         destination = Destination(*view.on_edge(self.destination.edge, self.destination.s))
-        navigator, witness = Navigator(view.graph, destination), Witness(self.network, view)
+        navigator, traffic_view = Navigator(view.graph, destination), TrafficView(self.network, view)
         lane = self.network.lane(self.start_lane)
         x, y = lane.line.point_at(self.start_s)
         motion = Motion(x, y, lane.line.heading_at(self.start_s), self.start_speed)
@@ -126,7 +126,7 @@ class World:
                 return self
             history = np.array([[ego.x, ego.y, ego.heading, ego.speed]])
             observation = Observation(
-                step, self.time, seen, history, route, witness.see(actors, ego), self.signs, self.obstacles,
+                step, self.time, seen, history, route, traffic_view.see(actors, ego), self.signs, self.obstacles,
                 self.snapshots[-1] if told else None,
             )  # fmt: skip
             command = planner.act(observation)

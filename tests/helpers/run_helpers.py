@@ -44,8 +44,8 @@ def specs(maps: int = 2, variants: int = 10) -> list[ScenarioSpec]:
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
-    """Process ids of the workers of a run, each the child of its warden."""
-    return [pid for warden in _children(process.pid) for pid in _children(warden) if _is_worker(pid)]
+    """Process ids of the workers of a run, each the child of its reaper."""
+    return [pid for reaper in _children(process.pid) for pid in _children(reaper) if _is_worker(pid)]
 
 
 def _children(pid: int) -> list[int]:

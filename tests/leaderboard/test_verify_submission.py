@@ -14,6 +14,8 @@ from tsbench.core.errors import InputError
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
 from tsbench.leaderboard.verify import Verification, read_verification, verify
+from tsbench.run import edition
+from tsbench.run.edition import SameResults, editions
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
@@ -23,7 +25,7 @@ NO_HASHES = [f"{k:032x}" for k in range(1, 2000)]
 def check(folder: Path, submission: Submission, planner: str | None = None, **more: object) -> Verification:
     path = folder / "submission.json"
     path.write_text(submission.to_json(), encoding="utf-8")
-    options = {"sample": 6, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None, **more}
+    options = {"sample": 6, "seed": 3, "verifier": "me", "workers": 2, "on_progress": lambda *_: None, **more}
     return verify(claim_of(path), planner, **options)  # type: ignore[arg-type]
 
 
@@ -76,12 +78,24 @@ def test_who_changed_the_referee_in_a_shared_process_is_found(tmp_path: Path) ->
     tsbench.evaluate(cheat, split="dev", types=["main_road"], limit=4, workers=1, out=tmp_path / "run")
     (claim,) = claims_of(tmp_path / "run")
     assert {episode.outcome for episode in claim.episodes} == {"arrived"}
-    told = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "told": lambda *_: None}
+    told = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
     beside = verify(claim, None, shared_process=True, **told)  # type: ignore[arg-type]
     assert (beside.confirmed, beside.isolated) == (True, False), "else this cheat proves nothing"
     found = verify(claim, None, **told)  # type: ignore[arg-type]
     assert (found.confirmed, found.isolated, found.equal) == (False, True, 0)
     assert "verdict is arrived" in whats(found)
+
+
+def test_a_planner_whose_code_was_shown_to_give_the_same_bytes_is_the_same(
+    honest: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = honest("idm")
+    (*older, now), code = editions(), made.planner.code_sha256
+    compared = SameResults(now.now(), "0" * 64, "2 episodes", {"idm": ("f" * 64, str(code))})
+    monkeypatch.setattr(edition, "editions", lambda: (*older, replace(now, same=(compared,))))
+    for earlier, confirmed in (("f" * 64, True), ("e" * 64, False)):
+        other = replace(made, planner=replace(made.planner, code_sha256=earlier))
+        assert check(tmp_path, other, sample=1).confirmed is confirmed
 
 
 def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Path) -> None:
@@ -136,7 +150,7 @@ def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> N
     }  # fmt: skip
     tsbench.evaluate(["idm", "reader"], **options)  # type: ignore[arg-type]
     idm, reader = claims_of(run)
-    told = {"sample": 99, "seed": 3, "verifier": "me", "workers": 2, "told": lambda *_: None}
+    told = {"sample": 99, "seed": 3, "verifier": "me", "workers": 2, "on_progress": lambda *_: None}
     for claim in (idm, reader):
         found = verify(claim, None, **told)  # type: ignore[arg-type]
         assert (found.confirmed, found.equal, found.explained) == (True, len(claim.episodes), ())

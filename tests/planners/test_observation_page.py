@@ -129,18 +129,18 @@ def test_what_the_page_says_of_a_drive() -> None:
     row = next(
         row for row in read_table(table_path("dev")) if row.scenario_type == "yield" and row.variant == 1
     )
-    moments = loop.play(row, "idm")
-    context = next(moments)
+    steps = loop.run_episode(row, "idm")
+    context = next(steps)
     assert isinstance(context, PlannerContext)
     planner.reset(context)
-    o: object = moments.send(None)
+    o: object = steps.send(None)
     try:
         while len(planner.seen) < 60:
             assert isinstance(o, Observation)
-            o = moments.send(planner.act(o))
+            o = steps.send(planner.act(o))
     except StopIteration:
         pass
-    moments.close()
+    steps.close()
     assert [len(seen.history) for seen in planner.seen[:25]] == [*range(1, 21), *[20] * 5]
     first = planner.seen[0]
     assert (first.step, first.time, first.truth, context.dt) == (0, 0.0, None, 0.1)

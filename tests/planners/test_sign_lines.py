@@ -18,7 +18,7 @@ from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.idm import Idm
 from tsbench.planners.sign_lines import line_ahead
 from tsbench.rules.lines import ApproachLine
-from tsbench.rules.registry import Unbound
+from tsbench.rules.monitors import NullMonitor
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -47,7 +47,7 @@ def judged(monitor: Any, ego: EgoState) -> float | None:
 
     None too where the target of a contrast scene binds nobody who is watched.
     """
-    if isinstance(monitor, Unbound):
+    if isinstance(monitor, NullMonitor):
         return None
     line: Any = getattr(monitor, "line", getattr(monitor, "_line", None))
     if isinstance(line, ApproachLine):
@@ -61,16 +61,16 @@ def judged(monitor: Any, ego: EgoState) -> float | None:
 
 
 def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
-    planner, moments = Idm(), loop.play(row, "idm")
-    context = next(moments)
+    planner, steps = Idm(), loop.run_episode(row, "idm")
+    context = next(steps)
     assert isinstance(context, PlannerContext)
     planner.reset(context)
-    moment: object = moments.send(None)
+    asked: object = steps.send(None)
     episode = loop.episode
     assert episode is not None
     target = episode.scene.target_sign
     for tick in range(TICKS.stop):
-        o = moment
+        o = asked
         assert isinstance(o, Observation)
         for sign in o.signs if tick in TICKS else ():
             own = (sign.x, sign.y, sign.code) == (target.x, target.y, target.code)
@@ -81,10 +81,10 @@ def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
                 judged(episode.monitors.target, episode.snapshots[-1].ego) if own else None,
             )  # fmt: skip
         try:
-            moment = moments.send(planner.act(o))
+            asked = steps.send(planner.act(o))
         except StopIteration:
             return
-    moments.close()
+    steps.close()
 
 
 def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
@@ -159,9 +159,9 @@ def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Loo
 def test_a_masked_plate_has_no_line() -> None:
     loop = EpisodeLoop(simulation=simulation(), mask_signs=True)
     row = next(row for row in read_table(table_path("dev")) if row.scenario_type == "stop")
-    moments = loop.play(row, "nobody")
-    context, o = next(moments), next(moments)
-    moments.close()
+    steps = loop.run_episode(row, "nobody")
+    context, o = next(steps), next(steps)
+    steps.close()
     assert isinstance(context, PlannerContext)
     assert isinstance(o, Observation)
     assert o.signs

@@ -47,7 +47,7 @@ def _find(
     paths = junction_paths(net, ("w_in",))
     counted = None if only is None else {net.lane_index[lane] for lane in only}
     found = PriorityVehicles(net, paths, following, counted).find(actors)
-    return [(paths[foe.path].source.id, foe) for foe in found]
+    return [(paths[vehicle.path].source.id, vehicle) for vehicle in found]
 
 
 @pytest.mark.parametrize(
@@ -73,9 +73,9 @@ def _find(
     ],
 )
 def test_a_vehicle_is_placed_on_its_way(route: str, lane: str, s: float, source: str, place: float) -> None:
-    [(came_from, foe)] = _find((route, lane, s))
+    [(came_from, vehicle)] = _find((route, lane, s))
     assert came_from == source
-    assert foe.s == pytest.approx(place, abs=0.002)
+    assert vehicle.s == pytest.approx(place, abs=0.002)
 
 
 def test_who_does_not_come_this_way_is_none() -> None:
@@ -104,8 +104,8 @@ def _straight_with(outgoing: dict[str, tuple[Connection, ...]], lane: str) -> di
     actors = Actors(table, np.zeros(1, np.int32), np.zeros((1, 3)), np.ones(1), at, np.array([80.0]))
     paths, found = junction_paths(net, ("w_in",)), {}
     for name, following in (("rule", RULE_FOLLOWING), ("expert", EXPERT_FOLLOWING)):
-        [foe] = PriorityVehicles(net, paths, following).find(actors)
-        found[name] = paths[foe.path].target.id
+        [vehicle] = PriorityVehicles(net, paths, following).find(actors)
+        found[name] = paths[vehicle.path].target.id
     return found
 
 
@@ -138,6 +138,6 @@ def test_a_rule_looks_150_metres_upstream_and_an_expert_as_far_as_the_route_goes
 
 def test_on_lanes_that_do_not_count_nobody_has_priority() -> None:
     placed = (("straight", "w_in_1", 80.0), ("straight", ":C_15_1", 3.0))
-    [(_, foe)] = _find(placed[0], only=frozenset({"w_in_1"}))
-    assert foe.s == pytest.approx(-9.6, abs=0.002)
+    [(_, vehicle)] = _find(placed[0], only=frozenset({"w_in_1"}))
+    assert vehicle.s == pytest.approx(-9.6, abs=0.002)
     assert _find(placed[1], only=frozenset({"w_in_1"})) == []

@@ -16,7 +16,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, RoutePath
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
+from tsbench.roads.reserved_lanes import contraflow_lanes, open_lanes
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.sumo import Simulation
@@ -103,12 +103,12 @@ def test_ordinary_networks_have_no_such_lanes(block: RoadNetwork, cross: RoadNet
     for network in (block, cross):
         ordinary = {lane.index for lane in network.lanes if not lane.internal}
         assert open_lanes(network, "passenger") == ordinary
-        assert turned_lanes(network, "passenger") == {}
+        assert contraflow_lanes(network, "passenger") == {}
 
 
 def test_a_lane_for_cars_that_comes_the_other_way_is_no_continuation(contra: RoadNetwork) -> None:
     lanes = tuple(replace(lane, allow=frozenset()) if lane.id == "cb_0" else lane for lane in contra.lanes)
-    assert turned_lanes(replace(contra, lanes=lanes), "passenger") == {}
+    assert contraflow_lanes(replace(contra, lanes=lanes), "passenger") == {}
 
 
 def test_navigation_of_an_ego_that_keeps_straight_on(contra: RoadNetwork) -> None:

@@ -8,8 +8,8 @@ import pytest
 from labelled import Judgement, Play, Spec, case_files, judge, play, read_case
 from transform import Transform
 
-from tsbench.rules.base import Violation
-from tsbench.rules.registry import MONITORS, NEEDLESS
+from tsbench.rules.monitor import Violation
+from tsbench.rules.monitors import MONITORS, NEEDLESS
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 

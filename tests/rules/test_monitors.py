@@ -10,8 +10,8 @@ from labelled import CASES, play
 
 from tsbench.core.errors import InputError
 from tsbench.roads.localization import LaneLocator
-from tsbench.rules.base import Monitor, Verdict
-from tsbench.rules.registry import MONITORS, make_monitor, make_monitors
+from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.monitors import MONITORS, make_monitor, make_monitors
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import read_params
 from tsbench.signs.rule_kinds import RULE_KINDS

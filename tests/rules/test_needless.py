@@ -11,8 +11,8 @@ from labelled import HERE, scene_of, snapshots
 
 from tsbench.core.errors import InputError
 from tsbench.planners.idm import IdmParameters, free_road
-from tsbench.rules.base import Violation
-from tsbench.rules.registry import make_monitors
+from tsbench.rules.monitor import Violation
+from tsbench.rules.monitors import make_monitors
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 

@@ -41,8 +41,8 @@ class Line:
     def __init__(self):
         who = PlannerInfo("idm", "idm", False, False, (), None, None)
         row = min(read_table(table_path("test")), key=lambda row: row.horizon)
-        self.told = [Start(tuple(sys.path)), Setup((who,), False, "cpu", "all", sys.argv[1], "test", ""), Probe("idm"),
-                     Task(1, 0, row)]
+        self.told = [Start(tuple(sys.path), ()), Setup((who,), False, "cpu", "all", sys.argv[1], "test", ""),
+                     Probe("idm"), Task(1, 0, row)]
         self.before = {"tsbench.scenarios.table", "tsbench.core.parquet"}  # of this script
     def makefile(self, mode):
         return io.BytesIO(b"".join(map(encode, self.told)))
@@ -89,6 +89,18 @@ def test_every_file_a_worker_imports_is_accounted_for(tmp_path: Path) -> None:
     planner = set(closure(["tsbench.planners.idm"], ours))
     assert {"tsbench/run/log/score.py", "tsbench/planners/idm.py", "tsbench/signs/annotations.py"} <= imported
     assert imported - ours - planner == set(NO_MATTER)
+
+
+def test_a_worker_finds_the_names_that_its_run_has_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert contract.file_names() == set(code_files())
+    monkeypatch.setattr(contract, "code_files", None)
+    contract.use_file_names(["tsbench/a.py"])
+    try:
+        assert contract.file_names() == {"tsbench/a.py"}
+    finally:
+        contract.use_file_names([])
+    monkeypatch.undo()
+    assert contract.file_names() == set(code_files())
 
 
 def test_changing_any_file_of_the_contract_changes_it_and_a_planner_does_not(copy: Path) -> None:

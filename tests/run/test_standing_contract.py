@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,15 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.run import edition
 from tsbench.run.contract import mirrored_contract
-from tsbench.run.edition import Edition, SameResults, edition_of, editions, release, standing_contract
+from tsbench.run.edition import (
+    Edition,
+    SameResults,
+    edition_of,
+    editions,
+    is_same_planner,
+    release,
+    standing_contract,
+)
 from tsbench.scenarios.table import splits_there
 
 VERSION = tsbench.__version__
@@ -77,6 +86,22 @@ def test_states_are_entered_one_after_the_other(entered: Path, monkeypatch: pyte
         assert standing_contract(contracts["test"]) == FIRST["test"]
         assert standing_contract(mirrored_contract(contracts["test"])) == mirrored_contract(FIRST["test"])
     assert standing_contract("e" * 64) == "e" * 64
+
+
+def test_a_planner_is_the_same_along_the_states_that_were_compared(
+    entered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    codes = [letter * 64 for letter in "def"]
+    released_as(monkeypatch, SECOND, replace(state(FIRST), planners={"idm": codes[:2]}))
+    last = released_as(monkeypatch, THIRD, replace(state(SECOND), planners={"idm": codes[1:]}))
+    assert [one.planners for one in last.same] == [{"idm": codes[:2]}, {"idm": codes[1:]}]
+    assert all(is_same_planner("idm", code, codes[2]) for code in codes)
+    assert is_same_planner("idm", codes[0], codes[1])
+    # Nothing is known of other planners and codes, nor in the other direction.
+    assert not is_same_planner("blind", codes[0], codes[2])
+    assert not is_same_planner("idm", "0" * 64, codes[2])
+    assert not is_same_planner("idm", codes[2], codes[0])
+    assert not is_same_planner("idm", None, codes[2])
 
 
 def test_other_contracts_without_a_comparison_end_the_chain(

@@ -176,15 +176,15 @@ def test_what_is_judged_follows_the_content_and_not_its_form(
     catalog: Catalog, edited: Edit, name: str, old: str, new: str, same: bool
 ) -> None:
     changed = load_catalog(edited(name, old, new))
-    assert (changed.judged(["2.4"]) == catalog.judged(["2.4"])) is same
+    assert (changed.contract_entries(["2.4"]) == catalog.contract_entries(["2.4"])) is same
     # Signs that have nothing to do with it stay what they are.
-    assert changed.judged(["3.24"]) == catalog.judged(["3.24"])
+    assert changed.contract_entries(["3.24"]) == catalog.contract_entries(["3.24"])
 
 
 def test_a_sign_stands_with_what_ends_it_and_its_context(catalog: Catalog) -> None:
-    assert catalog.company("3.24") == ("3.24", "3.25")
-    assert catalog.company("2.1") == ("2.1", "2.4")
-    *signs, everywhere = catalog.judged(["5.21", "2.1", "2.1"])
+    assert catalog.allowed_codes("3.24") == ("3.24", "3.25")
+    assert catalog.allowed_codes("2.1") == ("2.1", "2.4")
+    *signs, everywhere = catalog.contract_entries(["5.21", "2.1", "2.1"])
     assert [entry["code"] for entry in signs] == ["2.1", "2.4", "5.21", "5.22"]
     assert everywhere["name"] == "wrong_way"
 

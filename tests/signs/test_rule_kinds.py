@@ -12,11 +12,11 @@ from tsbench.learn.finetune.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.report.drawing.zone import rule_zone
-from tsbench.rules.registry import MONITORS
+from tsbench.rules.monitors import MONITORS
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, class_of_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, load_rule_classes
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,16 +54,16 @@ def test_every_kind_has_a_zone_to_draw() -> None:
 
 def test_a_kind_without_its_file_or_its_class_is_refused() -> None:
     modules = dict(import_all("tsbench.planners.experts.rules"))
-    assert set(class_of_every_kind(modules, RuleConstraint)) == set(RULE_KINDS)
+    assert set(load_rule_classes(modules, RuleConstraint)) == set(RULE_KINDS)
     modules["stop"] = modules["constraint"]
     with pytest.raises(ValueError, match=r"constraint\.py: defines 0 StopLike classes, not one$"):
-        class_of_every_kind(dict.fromkeys(RULE_KINDS, modules["stop"]), type("StopLike", (), {}))
+        load_rule_classes(dict.fromkeys(RULE_KINDS, modules["stop"]), type("StopLike", (), {}))
     del modules["stop"]
     with pytest.raises(
         ValueError,
         match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but tsbench\.planners\.\S+\.rules has no stop\.py$",
     ):
-        class_of_every_kind(modules, RuleConstraint)
+        load_rule_classes(modules, RuleConstraint)
 
 
 def test_a_threshold_says_its_unit() -> None:

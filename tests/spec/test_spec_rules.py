@@ -7,7 +7,7 @@ from collections import defaultdict
 import pytest
 from spec_tables import table, words
 
-from tsbench.rules.registry import MONITORS
+from tsbench.rules.monitors import MONITORS
 from tsbench.signs.catalog import load_catalog
 
 CATALOG = load_catalog()

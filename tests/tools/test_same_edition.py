@@ -13,6 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.run.contract import code_hash
 from tsbench.run.edition import contract_now
+from tsbench.run.planner_info import describe
 from tsbench.tools.same_edition import check_data, checked_out, commits_of, compare_states, compared_with
 
 EDITIONS = "tsbench/run/editions.yaml"
@@ -47,6 +48,14 @@ def test_a_rewritten_line_gives_the_same_bytes(tmp_path: Path) -> None:
         "from __future__ import annotations\n\nUNUSED = 1\n",
     )  # fmt: skip
     assert (episodes, planners, len(digest)) == (2, ("idm",), 64)
+
+
+def test_a_rewritten_planner_is_entered_with_both_codes(tmp_path: Path) -> None:
+    line = "from __future__ import annotations\n"
+    now = state(tmp_path / "now", "tsbench/planners/floor/guess.py", line, f"{line}\nUNUSED = 1\n")
+    found = compare_states(ROOT, now, tmp_path, ("idm", "coin"), limit=2)
+    assert found.codes.keys() == {"coin"}
+    assert found.codes["coin"][0] == describe("coin").code_sha256 != found.codes["coin"][1]
 
 
 def test_another_figure_in_a_record_is_another_edition(tmp_path: Path) -> None:

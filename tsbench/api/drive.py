@@ -62,11 +62,11 @@ class Drive:
         self._ticks = 0
         self._driver = _driver_of(planner)
         d = self._driver
-        moment = process_episode().begin(row, self, mask_signs, perception, d.name, d.privileged, d.floor)
-        if isinstance(moment, EpisodeResult):
-            raise InputError(f"{row.scenario_id}: {moment.error}")
-        self.context: PlannerContext = moment.context
-        self._take(moment)
+        step = process_episode().begin(row, self, mask_signs, perception, d.name, d.privileged, d.floor)
+        if isinstance(step, EpisodeResult):
+            raise InputError(f"{row.scenario_id}: {step.error}")
+        self.context: PlannerContext = step.context
+        self._take(step)
         d.planner.reset(self.context)
 
     @property
@@ -144,11 +144,11 @@ class Drive:
     def __repr__(self) -> str:
         return f"Drive({self._driver.name}/{self.row.scenario_id}, {self.outcome or 'under way'})"
 
-    def _take(self, moment: Step | EpisodeResult) -> None:
-        if isinstance(moment, EpisodeResult):
-            self._result, self.observation = moment, None
+    def _take(self, step: Step | EpisodeResult) -> None:
+        if isinstance(step, EpisodeResult):
+            self._result, self.observation = step, None
         else:
-            self.observation = moment.observation
+            self.observation = step.observation
 
     def _against(self) -> str:
         return f"against it: {', '.join(self.violations) or 'nothing'}"

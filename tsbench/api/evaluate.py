@@ -18,7 +18,7 @@ from tsbench.core.streams import progress_console
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.listener import Listener, listeners_of
 from tsbench.run.plan import BOTH, Request
 from tsbench.run.progress import ProgressWatcher

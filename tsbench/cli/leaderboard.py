@@ -124,7 +124,7 @@ def verify(
             found = run_verify(
                 claim, driven, sample=sample, seed=seed, verifier=verifier, workers=workers,
                 shared_process=shared_process,
-                told=lambda done, of, bar=bar, task=task: bar.update(task, completed=done, total=of),  # type: ignore[misc]
+                on_progress=lambda done, of, bar=bar, task=task: bar.update(task, completed=done, total=of),  # type: ignore[misc]
             )  # fmt: skip
         if out is not None:
             with io_errors_as_input_errors(out):

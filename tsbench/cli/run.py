@@ -14,7 +14,7 @@ from tsbench.cli.console import table_console
 from tsbench.core.streams import progress_console
 from tsbench.data.cities import check_driven
 from tsbench.episode.perception_level import EXACT
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request

@@ -68,7 +68,7 @@ def left_hand_in_use() -> bool:
     return mirrored_in_use()
 
 
-def stored_city() -> str:
+def source_city() -> str:
     """The city whose files the data set in use is read from: its own, or those that it mirrors."""
     return city_in_use().removeprefix(MIRRORED)
 
@@ -106,19 +106,19 @@ def dataset_root() -> Path:
     """The folder that the data set in use is made in. Raises InputError for a mirrored one: it is made of another."""
     if mirrored_in_use():
         raise InputError(
-            f"{city_in_use()}: is made of {stored_city()} as it is read: nothing of its own is built or written"
+            f"{city_in_use()}: is made of {source_city()} as it is read: nothing of its own is built or written"
         )
     return data_root() / _dataset()
 
 
 def _dataset() -> str:
-    city = stored_city()
+    city = source_city()
     return "" if city == OWN_CITY else f"cities/data/{city}/"
 
 
 def fetch_hint(part: str) -> str:
     """The words that say how to get a set of the data (tsbench.data) that is not here."""
-    city = stored_city()
+    city = source_city()
     if city in SHIPPED_CITIES:
         part = city
     elif city != OWN_CITY:

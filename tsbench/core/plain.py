@@ -15,7 +15,7 @@ T = TypeVar("T")
 _NOT_FINITE = ("nan", "inf", "-inf")
 
 
-def from_plain(kind: type[T], value: Any) -> T:
+def dataclass_from_json(kind: type[T], value: Any) -> T:
     """A value of a type: a dataclass with its fields (those with a default
     may be missing), or what such fields may be. ValueError for others.
     """

@@ -22,6 +22,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from tsbench.core.files import sha256_of
 from tsbench.core.paths import data_file
 
 # SHA-256 (hex) of files, by name as in "package/module.py": below the folder that they are imported from.
@@ -39,6 +40,8 @@ _ROOT = Path(__file__).resolve().parents[2]
 _OURS = "tsbench"
 _INSTALLED = ("site-packages", "dist-packages")
 _LONGEST_NAME = 255
+# What may import a module.
+_IMPORTING = frozenset((ast.Import, ast.ImportFrom, ast.Call))
 
 
 def digest(value: Any) -> str:
@@ -74,7 +77,8 @@ def _version(package: str) -> str | None:
 
 def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> Files:
     """The files of `closure_paths` with their hashes. Raises OSError for one that cannot be read."""
-    return {name: _hash(path) for name, path in closure_paths(starts, without).items()}
+    found = _find(starts, without)
+    return {name: digest or sha256_of(path) for name, (path, digest) in found.items()}
 
 
 def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -> dict[str, Path]:
@@ -84,7 +88,15 @@ def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -
     followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in
     tsbench, and on Python's path where nothing is installed. Raises OSError for a start that cannot be read.
     """
-    found: dict[str, Path] = {}
+    return {name: path for name, (path, _) in _find(starts, without).items()}
+
+
+# The file of each name, and the digest of what it says; None for data, which is not read here.
+_Found = dict[str, tuple[Path, str | None]]
+
+
+def _find(starts: Iterable[str | Path], without: Collection[str]) -> _Found:
+    found: _Found = {}
     for start in starts:
         path = start if isinstance(start, Path) else _ROOT.joinpath(*start.split(".")).with_suffix(".py")
         _Search(path.resolve(), without).follow(found)
@@ -102,8 +114,9 @@ class _Search:
         self._places = list(dict.fromkeys([self._top, start.parent, _ROOT, *_own_places()]))
         # Where packages are installed, only tsbench and the package that was asked for are followed.
         self._followed = {_OURS, start.relative_to(self._top).with_suffix("").parts[0]}
+        self._known: dict[str, list[tuple[Path, Path]]] = {}
 
-    def follow(self, found: dict[str, Path]) -> None:
+    def follow(self, found: _Found) -> None:
         around = ".".join(self._start.relative_to(self._top).with_suffix("").parts)
         todo = [(self._start, self._top), *self._files_of(around)]
         while todo:
@@ -112,13 +125,13 @@ class _Search:
             if name in found or name in self._without:
                 continue
             code = _read(path.read_bytes(), path.suffix)
-            found[name] = path
+            found[name] = path, code.digest
             for text in code.data:
                 # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
                 named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
                 data = next((place for place in (path.parent / text, named) if place.is_file()), None)
                 if data is not None and f"{name}: {text}" not in self._without:
-                    found[f"{name}: {text}"] = data
+                    found[f"{name}: {text}"] = data, None
             for module, level in code.imports:
                 todo += self._files_of(_absolute(module, level, name))
 
@@ -127,6 +140,11 @@ class _Search:
 
         With `.*` at its end: all modules of the package.
         """
+        if module not in self._known:
+            self._known[module] = self._look_for(module)
+        return self._known[module]
+
+    def _look_for(self, module: str) -> list[tuple[Path, Path]]:
         if module.endswith(".*"):
             files = self._files_of(module[:-2])
             return files + [(path, files[-1][1]) for path in sorted(files[-1][0].parent.glob("*.py"))]
@@ -179,11 +197,6 @@ class _Code:
     digest: str
 
 
-def _hash(path: Path) -> str:
-    content = path.read_bytes()
-    return _read(content, path.suffix).digest if path.suffix == ".py" else hashlib.sha256(content).hexdigest()
-
-
 @lru_cache(maxsize=1024)
 def _read(content: bytes, suffix: str) -> _Code:
     """What a file says. One that is no Python of this version (an extension, say) counts by its bytes."""
@@ -213,29 +226,37 @@ def _tell(
     `ast.dump` is not: newer versions have more fields and leave out others. Here a field counts if it holds
     something. runs: is this code that runs, so that its imports count?
     """
-    words.append(type(node).__name__)
-    if runs:
+    kind = type(node)
+    words.append(kind.__name__)
+    if runs and kind in _IMPORTING:
         for one in _imported(node):
             imports[one] = None
-    checked = isinstance(node, ast.If) and _names_type_checking(node.test)
-    for name in node._fields:
+    unchecked = runs and not (isinstance(node, ast.If) and _names_type_checking(node.test))
+    for name in kind._fields:
         value = getattr(node, name, None)
-        if name == "body" and isinstance(value, list):
-            value = [line for line in value if not _is_bare_text(line)]
-        elif isinstance(node, ast.JoinedStr):
-            value = list(_joined(node.values))
-        if value is None or value == []:
+        if value is None:
             continue
+        items: Iterable[Any] = (value,)
+        if isinstance(value, list):
+            items = list(_joined(value)) if kind is ast.JoinedStr else value
+            if name == "body":
+                items = [line for line in value if not _is_bare_text(line)]
+            if not items:
+                continue
         words.append(f".{name}")
-        for item in value if isinstance(value, list) else (value,):
+        for item in items:
             if isinstance(item, ast.AST):
-                _tell(item, words, imports, strings, runs and not (checked and name == "body"))
-            else:
-                # Not repr: which characters it shows as they are depends on Python's version of Unicode.
-                words.append(ascii(item))
-                if isinstance(item, str) and Path(item[-_LONGEST_NAME:]).suffix in DATA_SUFFIXES and runs:
-                    strings[item] = None
+                _tell(item, words, imports, strings, unchecked if name == "body" else runs)
+                continue
+            # Not repr: which characters it shows as they are depends on Python's version of Unicode.
+            words.append(ascii(item))
+            if runs and isinstance(item, str) and "." in item and _suffix(item) in DATA_SUFFIXES:
+                strings[item] = None
         words.append(";")
+
+
+def _suffix(name: str) -> str:
+    return Path(name[-_LONGEST_NAME:]).suffix
 
 
 def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:

@@ -236,7 +236,7 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
     return load_city(name)
 
 
-def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> None:
+def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None]) -> None:
     """Bring a city's extracts that are not in the folder from their addresses.
 
     Raises InputError where one cannot be had or is not the one that the city is made of; others stay.
@@ -254,7 +254,7 @@ def fetch_extracts(name: str, osm_dir: Path, told: Callable[[str], None]) -> Non
         elif not path.exists():
             fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)
-        told(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
+        on_progress(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
 
 
 def _keys(path: Path, where: str, data: Any, must: set[str], may: set[str]) -> None:

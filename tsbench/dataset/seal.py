@@ -17,7 +17,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY, dataset_root
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.textfile import read_json
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import Progress, TypeReport
@@ -109,7 +109,7 @@ def read_commitments(path: Path) -> Commitments:
     """Raises InputError for what are none."""
     raw: dict[str, Any] = read_json(path, "commitments")
     try:
-        found: Commitments = from_plain(Commitments, raw)
+        found: Commitments = dataclass_from_json(Commitments, raw)
     except (KeyError, TypeError, ValueError) as problem:
         raise InputError(f"{path}: no commitments of a sealed data set: {problem}") from None
     if found.schema != SCHEMA_VERSION:

@@ -24,7 +24,7 @@ from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.episode.result import EpisodeResult
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
@@ -288,7 +288,7 @@ def _verdict(result: EpisodeResult) -> dict[str, Any]:
     assert facts is not None
     return {
         "sign_compliant": facts.target.compliant,
-        "scd": passed(facts),
+        "scd": is_scd(facts),
         "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
         "at_fault": facts.contact is not None and facts.contact.at_fault,
     }

@@ -11,7 +11,7 @@ from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
 from tsbench.episode.phase import Phase
 from tsbench.planners.base import Control, Observation, Trajectory
-from tsbench.rules.registry import make_monitors
+from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.convoy import ConvoyRelease
@@ -63,9 +63,9 @@ class Episode:
         self.route: RouteView = self.navigator.update(self.seen)
         self.start_remaining = self.route.remaining
         self.intent: tuple[str, ...] = ()
-        self._shown: tuple[str, ...] = ()
-        self._shown_on = -1
-        self._take(0)
+        self._sumo_route: tuple[str, ...] = ()
+        self._sumo_route_lane = -1
+        self._record_snapshot(0)
         self.start_s = 0.0
 
     def _locate(self, last: int) -> EgoState:
@@ -75,7 +75,7 @@ class Episode:
             m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, lane, s, d, on_road
         )  # fmt: skip
 
-    def _take(self, step: int) -> bool:
+    def _record_snapshot(self, step: int) -> bool:
         """Read the world after a step; False if the ego has left the map."""
         actors = self.sim.actors()
         if actors is None:
@@ -128,19 +128,19 @@ class Episode:
             self._walk((0.0,) * len(plan.persons))
         if plan is not None and self.walk is not None and self.walk.update(ego):
             self._walk(plan.speeds)
-        shown = self.intent or self.route.path.edges
-        if ego.lane != self._shown_on:
+        wanted = self.intent or self.route.path.edges
+        if ego.lane != self._sumo_route_lane:
             # Inside a junction SUMO may take the ego for another path's, and forgets its way for that one's.
-            self._shown, self._shown_on = (), ego.lane
-        if shown is not self._shown and (shown == self._shown or self._show(shown)):
-            self._shown = shown
+            self._sumo_route, self._sumo_route_lane = (), ego.lane
+        if wanted is not self._sumo_route and (wanted == self._sumo_route or self._set_sumo_route(wanted)):
+            self._sumo_route = wanted
         if ego.lane >= 0:
             lane = self.scene.network.lanes[ego.lane]
             sim.place_ego(self.motion, lane.edge, lane.order)
         else:
             sim.place_ego(self.motion, "", -1)
         sim.step()
-        return self._take(step)
+        return self._record_snapshot(step)
 
     def _walk(self, speeds: Sequence[float]) -> None:
         """All pedestrians of the scene's plan walk at these speeds from now."""
@@ -148,7 +148,7 @@ class Episode:
         for person, speed in zip(self.scene.walkers.persons, speeds, strict=True):
             self.sim.let_walk(person, speed)
 
-    def _show(self, edges: tuple[str, ...]) -> bool:
+    def _set_sumo_route(self, edges: tuple[str, ...]) -> bool:
         try:
             return self.sim.set_route(self.view.sumo_edges(edges))
         except SimulationError as problem:

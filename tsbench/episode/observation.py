@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
-from tsbench.episode.perception import Eyes, Plate, Told
+from tsbench.episode.perception import Plate, SignDetection, SignDetector
 from tsbench.episode.perception_level import PerceptionLevel
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.planners.base import Observation, SignView
 from tsbench.roads.destination import Destination
-from tsbench.roads.sealed import SealedRoads
+from tsbench.roads.planner_map import PlannerMap
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
@@ -29,23 +29,23 @@ class Observer:
     """
 
     def __init__(
-        self, scene: Scene, view: SealedRoads, mask_signs: bool, privileged: bool = False,
+        self, scene: Scene, view: PlannerMap, mask_signs: bool, privileged: bool = False,
         perception: tuple[PerceptionLevel, str] | None = None,
     ) -> None:  # fmt: skip
         self._view, self._privileged = view, privileged
         seen = [_plate(view, scene, sign) for sign in scene.signs]
         self._mask = mask_signs
         self._signs = [sign.masked() for sign in seen] if mask_signs else seen
-        self._eyes: Eyes | None = None
+        self._eyes: SignDetector | None = None
         if perception is not None:
             plates = [Plate(sign.id, sign.role, at) for sign, at in zip(scene.signs, seen, strict=True)]
-            self._eyes = Eyes(*perception, plates, view.map)
+            self._eyes = SignDetector(*perception, plates, view.map)
         lane = scene.network.lane_index
         self._obstacles = tuple(
             replace(o, lane=_lane_id(view, lane[o.lane]) if o.lane in lane else "") for o in scene.obstacles
         )
         self._history = np.empty((scene.horizon + 2, 4))
-        self._witness = Witness(scene.network, view)
+        self._traffic_view = TrafficView(scene.network, view)
 
     def observe(self, snapshot: WorldSnapshot, seen: EgoState, route: RouteView) -> Observation:
         """The observation at this tick; call once per tick, in order. seen: `ego_on_map` of the snapshot's."""
@@ -65,21 +65,21 @@ class Observer:
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
         return Observation(
-            k, snapshot.time, seen, history, route, self._witness.see(snapshot.actors, ego), tuple(signs),
+            k, snapshot.time, seen, history, route, self._traffic_view.see(snapshot.actors, ego), tuple(signs),
             obstacles, snapshot if self._privileged else None,
         )  # fmt: skip
 
-    def _perceived(self, eyes: Eyes, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
+    def _perceived(self, eyes: SignDetector, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
         known = eyes.look(snapshot, seen)
         return [view.masked() for view in known] if self._mask else known
 
     @property
-    def told(self) -> tuple[Told, ...]:
+    def told(self) -> tuple[SignDetection, ...]:
         """What imperfect eyes have told so far."""
         return () if self._eyes is None else tuple(self._eyes.told)
 
 
-def ego_on_map(view: SealedRoads, ego: EgoState) -> EgoState:
+def ego_on_map(view: PlannerMap, ego: EgoState) -> EgoState:
     """The ego as planners see it: on lanes of the map."""
     at = view.places[ego.lane] if ego.lane >= 0 else None
     if at is None or at.lane < 0:
@@ -91,11 +91,11 @@ def ego_on_map(view: SealedRoads, ego: EgoState) -> EgoState:
     )  # fmt: skip
 
 
-def destination_on_map(view: SealedRoads, scene: Scene) -> Destination:
+def destination_on_map(view: PlannerMap, scene: Scene) -> Destination:
     return Destination(*view.on_edge(scene.destination.edge, scene.destination.s))
 
 
-def _plate(view: SealedRoads, scene: Scene, sign: SignInstance) -> SignView:
+def _plate(view: PlannerMap, scene: Scene, sign: SignInstance) -> SignView:
     """A plate at no distance yet; one beside a road that is not on the map is on no edge."""
     edge, lane, s = "", -1, math.nan
     if sign.edge in view.edges:
@@ -106,7 +106,7 @@ def _plate(view: SealedRoads, scene: Scene, sign: SignInstance) -> SignView:
     return SignView(sign.code, sign.value, sign.x, sign.y, sign.heading, edge, lane, s, math.inf)
 
 
-def _lane_id(view: SealedRoads, lane: int) -> str:
+def _lane_id(view: PlannerMap, lane: int) -> str:
     at = view.place(lane, 0.0)[0]
     return view.map.lanes[at].id if at >= 0 else ""
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from tsbench.core.benchmark import ARRIVAL_M
 from tsbench.episode.fault import contact_at_fault
-from tsbench.rules.base import Monitor, Verdict, Violation
+from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.sim.contact import touched_actor, touched_obstacle
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene

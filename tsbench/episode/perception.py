@@ -36,7 +36,7 @@ _STRETCH_M, _FALSE_AHEAD_M, _FALSE_ASIDE_M = 10.0, 30.0, 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class SignDetection:
     """From this tick on a planner is told a plate: as what, and how far ahead of the ego it then is.
 
     kind: RIGHT, MISREAD, FALSE, or POST (in sight, not read). sign, role: of the plate that stands there, "" for a
@@ -64,7 +64,7 @@ class Plate:
     view: SignView
 
 
-class _Watched:
+class _TrackedSign:
     """What becomes of one plate in one episode: the draws that it has for good, and how far it is."""
 
     def __init__(self, level: PerceptionLevel, pair: str, plate: Plate) -> None:
@@ -88,17 +88,17 @@ class _Watched:
         )  # fmt: skip
 
 
-class Eyes:
+class SignDetector:
     """The eyes of one episode; asked once a tick, in order. pair: `ScenarioSpec.pair_name`."""
 
     def __init__(self, level: PerceptionLevel, pair: str, plates: Sequence[Plate], road_map: RoadMap) -> None:
         self._level, self._pair, self._map = level, pair, road_map
-        self._watched = [_Watched(level, pair, plate) for plate in plates]
+        self._watched = [_TrackedSign(level, pair, plate) for plate in plates]
         self._false: list[SignView] = []
         self._latency = round(level.latency_s / DT_S)
         self._sure = level.ceiling / level.told if level.told else 0.0
         self._driven, self._last = 0.0, (math.nan, math.nan)
-        self.told: list[Told] = []
+        self.told: list[SignDetection] = []
 
     def look(self, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
         """What is known of plates at this tick, near or far, at no distance yet. seen: the ego on the map."""
@@ -118,18 +118,18 @@ class Eyes:
         self._imagine(snapshot, seen)
         return [w.shown for w in self._watched if w.shown is not None] + self._false
 
-    def _reads(self, one: _Watched, ego: EgoState, step: int) -> bool:
+    def _reads(self, one: _TrackedSign, ego: EgoState, step: int) -> bool:
         view = one.plate.view
         px = _FOCAL_PX * _PLATE_M / max(math.hypot(view.x - ego.x, view.y - ego.y), 1.0)
         return px > one.smallest_px and draw("look", *one.name, step) < self._sure
 
-    def _tell(self, one: _Watched, kind: str, view: SignView, ego: EgoState, step: int) -> None:
+    def _tell(self, one: _TrackedSign, kind: str, view: SignView, ego: EgoState, step: int) -> None:
         one.shown = view
         self._note(step, kind, one.plate.id, one.plate.role, view, ego)
 
     def _note(self, step: int, kind: str, sign: str, role: str, view: SignView, ego: EgoState) -> None:
         ahead = (view.x - ego.x) * math.cos(ego.heading) + (view.y - ego.y) * math.sin(ego.heading)
-        told = Told(step, kind, sign, role, view.code, view.value, view.x, view.y, ahead, ego.speed)
+        told = SignDetection(step, kind, sign, role, view.code, view.value, view.x, view.y, ahead, ego.speed)
         self.told.append(told)
 
     def _imagine(self, snapshot: WorldSnapshot, seen: EgoState) -> None:

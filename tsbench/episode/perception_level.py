@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.textfile import read_yaml
 
 EXACT = "exact"
@@ -77,6 +77,6 @@ def load_level(given: str) -> PerceptionLevel | None:
 
 def _level(name: str, fields: Mapping[str, Any], where: str) -> PerceptionLevel:
     try:
-        return from_plain(PerceptionLevel, {"name": name, **fields})
+        return dataclass_from_json(PerceptionLevel, {"name": name, **fields})
     except ValueError as error:
         raise InputError(f"{where}: perception level {name}: {error}") from None

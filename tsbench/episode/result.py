@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from tsbench.episode.command import Plan
 from tsbench.episode.outcome import EpisodeFacts, Outcome
-from tsbench.episode.perception import Told
+from tsbench.episode.perception import SignDetection
 from tsbench.geometry.polyline import Array
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -34,4 +34,4 @@ class EpisodeResult:
     sim_s: float
     total_s: float
     plans: tuple[Plan | None, ...] = field(default=(), kw_only=True)
-    told: tuple[Told, ...] = field(default=(), kw_only=True)
+    told: tuple[SignDetection, ...] = field(default=(), kw_only=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.episode import Episode
 from tsbench.episode.observation import Observer, destination_on_map
@@ -31,7 +31,7 @@ from tsbench.sim.world import DT_S
 
 # An episode as its driver sees it: a context, then an observation a tick. It is sent None for the first, and for each
 # of the others what the planner said to it; it returns the result.
-Moments = Generator[PlannerContext | Observation, Control | Trajectory | None, EpisodeResult]
+EpisodeSteps = Generator[PlannerContext | Observation, Control | Trajectory | None, EpisodeResult]
 
 
 class PlannerFailure(Exception):
@@ -71,9 +71,9 @@ class EpisodeLoop:
         with suppress(InputError):
             _ = self._loader.load(spec)[1].view
 
-    def play(
+    def run_episode(
         self, spec: ScenarioSpec, planner: str, privileged: bool = False, floor: bool = False
-    ) -> Moments:
+    ) -> EpisodeSteps:
         """One episode. Never raises for what a scene or planner does: that becomes an error outcome with its cause.
 
         planner: its name in the result. privileged: is it told the rule? floor: is its seed the row's, not the pair's?
@@ -163,7 +163,7 @@ class EpisodeRunner:
         self._planner: Planner | None = None
         self._loop = EpisodeLoop(
             mask_signs=mask_signs,
-            perception=None if perception is None else from_plain(PerceptionLevel, perception),
+            perception=None if perception is None else dataclass_from_json(PerceptionLevel, perception),
             heartbeat=heartbeat,
             simulation=simulation,
             loader=loader,
@@ -185,32 +185,32 @@ class EpisodeRunner:
     def run(self, spec: ScenarioSpec) -> EpisodeResult:
         """One episode; of what its code raises, only KeyboardInterrupt reaches the caller."""
         loaded = self._loaded
-        moments = self._loop.play(spec, loaded.name, loaded.privileged, loaded.floor)
+        steps = self._loop.run_episode(spec, loaded.name, loaded.privileged, loaded.floor)
         try:
-            moment = next(moments)
+            asked = next(steps)
             while True:
                 try:
-                    answer = self._answer(moment)
+                    answer = self._answer(asked)
                 except KeyboardInterrupt:
                     raise
                 except BaseException as problem:
                     failure = PlannerFailure()
                     failure.__cause__ = problem
-                    moment = moments.throw(failure)
+                    asked = steps.throw(failure)
                 else:
-                    moment = moments.send(answer)
+                    asked = steps.send(answer)
         except StopIteration as end:
             result: EpisodeResult = end.value
             return result
 
-    def _answer(self, moment: PlannerContext | Observation) -> Control | Trajectory | None:
-        if isinstance(moment, PlannerContext):
+    def _answer(self, asked: PlannerContext | Observation) -> Control | Trajectory | None:
+        if isinstance(asked, PlannerContext):
             if self._planner is None:
                 self._planner = self._loaded.factory()
-            self._planner.reset(moment)
+            self._planner.reset(asked)
             return None
         assert self._planner is not None
-        return self._planner.act(moment)
+        return self._planner.act(asked)
 
     def close(self) -> None:
         self.simulation.close()

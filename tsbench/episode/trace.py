@@ -23,16 +23,16 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, check_size, columns, fields_of
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import one_line
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
-from tsbench.episode.perception import Told
+from tsbench.episode.perception import SignDetection
 from tsbench.episode.result import EpisodeResult
 from tsbench.geometry.polyline import Array
-from tsbench.roads.sealed import SealedRoads
-from tsbench.rules.base import Verdict, Violation
+from tsbench.roads.planner_map import PlannerMap
+from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
@@ -81,19 +81,19 @@ class Trace:
     needless: tuple[Violation, ...] = ()
     wrong_way: tuple[Violation, ...] = ()
     plans: tuple[Plan | None, ...] = ()
-    told: tuple[Told, ...] = ()
+    told: tuple[SignDetection, ...] = ()
 
     @property
     def events(self) -> list[Violation]:
         """What counts against the episode, in order of time."""
         return list(counted_against(self.target, self.needless, self.wrong_way))
 
-    def routes(self, view: SealedRoads, scene: Scene) -> list[RouteView]:
+    def routes(self, view: PlannerMap, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""
         navigator = Navigator(view.graph, destination_on_map(view, scene))
         return [navigator.update(ego_on_map(view, snapshot.ego)) for snapshot in self.snapshots]
 
-    def facts(self, view: SealedRoads, scene: Scene) -> EpisodeFacts:
+    def facts(self, view: PlannerMap, scene: Scene) -> EpisodeFacts:
         """What the metrics are computed from, as it was at the end of the run."""
         return EpisodeFacts(
             scene=scene, snapshots=self.snapshots, route=self.routes(view, scene)[-1],
@@ -109,7 +109,7 @@ def trace_of(result: EpisodeResult) -> Trace:
         raise ValueError(
             f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})"
         )
-    plans = _of_ticks(result.plans, len(facts.snapshots))
+    plans = plan_of_each_tick(result.plans, len(facts.snapshots))
     return Trace(
         result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
         facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, facts.wrong_way, plans, result.told,
@@ -185,7 +185,7 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         writer.add_key_value_metadata({_KEY: text, **OSM_LICENCE})
 
 
-def _of_ticks(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
+def plan_of_each_tick(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
     return (*plans[:ticks], *[None] * (ticks - len(plans)))
 
 
@@ -217,7 +217,7 @@ def _arrays(
     missing = [None] * (len(snapshots) - min(len(commands), len(snapshots)))
     for k, name in enumerate(("acceleration", "steering")):
         arrays[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
-    told = _of_ticks(plans, len(snapshots))
+    told = plan_of_each_tick(plans, len(snapshots))
     for k, name in enumerate(_PLAN):
         values = [None if plan is None else plan[:, k] for plan in told]
         arrays[name] = pa.array(values, type=SCHEMA.field(name).type)
@@ -260,22 +260,22 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
     known = table.num_rows - table["acceleration"].null_count
     commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
     return Trace(
-        spec=from_plain(ScenarioSpec, meta["scenario"]),
+        spec=dataclass_from_json(ScenarioSpec, meta["scenario"]),
         planner=str(meta["planner"]),
         outcome=Outcome(meta["outcome"]),
         error=str(meta["error"]),
-        contact=None if meta["contact"] is None else from_plain(Contact, meta["contact"]),
-        target=from_plain(Verdict, meta["target"]),
-        others=tuple(from_plain(Verdict, verdict) for verdict in meta["others"]),
+        contact=None if meta["contact"] is None else dataclass_from_json(Contact, meta["contact"]),
+        target=dataclass_from_json(Verdict, meta["target"]),
+        others=tuple(dataclass_from_json(Verdict, verdict) for verdict in meta["others"]),
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
         commands=commands.astype(np.float64, copy=False),
         # Traces from before contrast scenes have none.
-        needless=tuple(from_plain(Violation, event) for event in meta.get("needless", ())),
+        needless=tuple(dataclass_from_json(Violation, event) for event in meta.get("needless", ())),
         # Those of editions before 2026.3 have none.
-        wrong_way=tuple(from_plain(Violation, event) for event in meta.get("wrong_way", ())),
+        wrong_way=tuple(dataclass_from_json(Violation, event) for event in meta.get("wrong_way", ())),
         plans=_plans(table),
-        told=tuple(from_plain(Told, one) for one in meta.get("told", ())),
+        told=tuple(dataclass_from_json(SignDetection, one) for one in meta.get("told", ())),
     )
 
 

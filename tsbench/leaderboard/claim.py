@@ -9,7 +9,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, read_submission
 from tsbench.run.log.manifest import city_of, planners_of
@@ -83,7 +83,7 @@ def level_of(run: StoredRun) -> PerceptionLevel | None:
     """How plates reached a run's planners, None: exactly. Raises InputError for a malformed level."""
     told = run.manifest["effective"].get("perception")
     try:
-        return None if told is None else from_plain(PerceptionLevel, told)
+        return None if told is None else dataclass_from_json(PerceptionLevel, told)
     except ValueError as error:
         raise InputError(f"{run.path}: perception: {error}") from None
 

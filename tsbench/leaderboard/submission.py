@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import fault_in_texts
 from tsbench.core.textfile import read_json, read_yaml
 from tsbench.episode.outcome import Outcome
@@ -181,8 +181,8 @@ def read_submission(path: Path) -> Submission:
     if {key: data.pop(key, None) for key in OSM_LICENCE} != OSM_LICENCE:
         raise InputError(f"{path}: malformed submission (licence: expected {OSM_LICENCE['licence']!r})")
     try:
-        found = from_plain(Submission, data)
-        from_plain(Arithmetic, found.arithmetic)
+        found = dataclass_from_json(Submission, data)
+        dataclass_from_json(Arithmetic, found.arithmetic)
         if fault := fault_of_words(data) or _fault_of_episodes(found.episodes):
             raise ValueError(fault)
         # Refuses numbers that JSON has none of.

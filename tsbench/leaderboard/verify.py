@@ -12,15 +12,15 @@ from typing import Any
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.seeds import rng_of
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, figures_of, problem_of_level
 from tsbench.run import arithmetic, opened_files
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of, standing_contract
-from tsbench.run.execution.base import Limits
+from tsbench.run.edition import LOCAL, edition_of, is_same_planner, standing_contract
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
@@ -103,7 +103,7 @@ def read_verification(path: Path) -> Verification:
         raise InputError(f"{path}: schema {version!r:.20}, this tsbench reads {SCHEMA_VERSION}")
     said = data.pop("confirmed", None)
     try:
-        found = from_plain(Verification, data)
+        found = dataclass_from_json(Verification, data)
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed ({' '.join(str(problem).split())[:200]})") from None
     if said is not found.confirmed:
@@ -129,11 +129,12 @@ def _fault_of_counts(found: Verification) -> str:
 
 def verify(
     claim: Claim, planner: str | None, *, sample: int, seed: int, verifier: str, workers: int | None,
-    told: Callable[[int, int], None], shared_process: bool = False,
+    on_progress: Callable[[int, int], None], shared_process: bool = False,
 ) -> Verification:  # fmt: skip
     """Drive `sample` episodes of a claim again and compare.
 
-    planner: what to drive, as for `tsbench run`; None: as the claim names it. told: how many are done, of how many.
+    planner: what to drive, as for `tsbench run`; None: as the claim names it. on_progress: gets episodes done, and of how
+    many.
     On a CPU it is driven isolated, however the claim's was: the bytes are the same, but for a planner that changes its
     referee. shared_process: for one that nobody suspects, beside the referee, if the claim's was, too.
     Raises InputError: another contract here, or no such planner.
@@ -153,7 +154,7 @@ def verify(
         found.append(Difference("", problem))
     specs = _draw(claim, table, sample, seed)
     isolated = claim.isolated or (claim.device == "cpu" and not shared_process)
-    info, records = _drive(planner or claim.planner.spec, claim, specs, isolated, workers, told)
+    info, records = _drive(planner or claim.planner.spec, claim, specs, isolated, workers, on_progress)
     found += _of_planner(info, claim.planner)
     here = arithmetic.facts()
     # By what drove here: what the claim calls its planner is the claim's word.
@@ -212,14 +213,14 @@ def _draw(claim: Claim, table: Sequence[ScenarioSpec], sample: int, seed: int) -
 
 def _drive(
     planner: str, claim: Claim, specs: Sequence[ScenarioSpec], isolated: bool, workers: int | None,
-    told: Callable[[int, int], None],
+    on_progress: Callable[[int, int], None],
 ) -> tuple[PlannerInfo, list[SubmittedEpisode]]:  # fmt: skip
     """What the planner is, and what becomes of the episodes here, in the order of their ids."""
     done: list[SubmittedEpisode] = []
 
     def keep(record: Record) -> None:
         done.append(episode_of(record.row, record.events))
-        told(len(done), len(specs))
+        on_progress(len(done), len(specs))
 
     with make_executor("local", workers, len(specs), Limits()) as pool, tempfile.TemporaryDirectory() as out:
         # Of an isolated planner the verifier's processes run no code either.
@@ -237,7 +238,7 @@ def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Difference]:
     """In what two planners differ that decides how they drive, or how their row is shown."""
     for key in ("weights_sha256", "code_sha256", "privileged", "sign_access", "floor"):
         ours, theirs = getattr(here, key), getattr(there, key)
-        if ours != theirs:
+        if ours != theirs and not (key == "code_sha256" and is_same_planner(here.name, theirs, ours)):
             yield Difference("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
     # What lies beside its code travels with it; other places are each machine's own.
     changed = opened_files.names({*here.opened} ^ {*there.opened})

@@ -21,12 +21,12 @@ from tsbench.sim.world import DT_S
 Number = bool | int | float | str | None
 
 
-def passed(facts: EpisodeFacts) -> bool:
+def is_scd(facts: EpisodeFacts) -> bool:
     """SCD of an episode: arrived, the target's rule kept, nothing obeyed needlessly, and never the wrong way."""
     return facts.outcome is Outcome.ARRIVED and facts.obeyed
 
 
-class Episode:
+class MetricInput:
     """An episode that has ended, with what several metrics share. Raises ValueError for one without a tick."""
 
     def __init__(self, facts: EpisodeFacts) -> None:
@@ -60,7 +60,7 @@ class Metric:
 
     column: str
     kind: type
-    of: Callable[[Episode], Number]
+    of: Callable[[MetricInput], Number]
     meaning: str
     name: str = ""
     unit: str = ""
@@ -75,7 +75,7 @@ class Metric:
 
 
 SCD = Metric(
-    "scd", bool, lambda e: passed(e.facts),
+    "scd", bool, lambda e: is_scd(e.facts),
     "compliant and arrived, never the wrong way, and in a contrast scene nothing obeyed needlessly: the primary "
     "metric; false for an error outcome",
     unit="%", scale=100.0, failure=0.0, about_rule=True,
@@ -195,5 +195,5 @@ METRICS: Mapping[str, Metric] = {
 
 def episode_metrics(facts: EpisodeFacts) -> dict[str, Number]:
     """The values of all metrics of an episode by their columns. Raises ValueError for one without a tick."""
-    episode = Episode(facts)
+    episode = MetricInput(facts)
     return {metric.column: metric.of(episode) for metric in EPISODE_METRICS}

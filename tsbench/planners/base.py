@@ -15,8 +15,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import RoadNetwork
+from tsbench.roads.planner_map import PlannerMap
 from tsbench.roads.road_map import RoadMap
-from tsbench.roads.sealed import SealedRoads
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.navigation import RouteView
@@ -108,7 +108,7 @@ class Privilege:
     sign: SignInstance
     rule: RuleSpec
     network: RoadNetwork
-    view: SealedRoads
+    view: PlannerMap
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.reserved_lanes import TurnedLane, open_lanes, turned_lanes
+from tsbench.roads.reserved_lanes import ContraflowLane, contraflow_lanes, open_lanes
 from tsbench.roads.road_map import MapConnection, RoadMap
 
 Turn = tuple[str, str]
@@ -71,7 +71,7 @@ class MapGraph(Frozen):
 
     network: RoadMap
     _open: frozenset[int]
-    _turned: Mapping[int, TurnedLane]
+    _turned: Mapping[int, ContraflowLane]
     _next: Mapping[str, Mapping[str, tuple[MapConnection, ...]]]
 
     __slots__ = ("_next", "_open", "_turned", "network")
@@ -80,7 +80,7 @@ class MapGraph(Frozen):
         lanes = frozenset(lane.index for lane in network.lanes if not lane.internal)
         self._fill(network, lanes - closed, {})
 
-    def _fill(self, network: RoadMap, opened: frozenset[int], turned: Mapping[int, TurnedLane]) -> None:
+    def _fill(self, network: RoadMap, opened: frozenset[int], turned: Mapping[int, ContraflowLane]) -> None:
         onward: dict[str, dict[str, list[MapConnection]]] = {}
         for connection in network.connections:
             if connection.from_lane not in opened or connection.to_lane not in opened:
@@ -234,7 +234,7 @@ class LaneGraph(MapGraph):
         self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
     ) -> None:
         object.__setattr__(self, "vclass", vclass)
-        turned = {i: t for i, t in turned_lanes(network, vclass).items() if i not in closed}
+        turned = {i: t for i, t in contraflow_lanes(network, vclass).items() if i not in closed}
         self._fill(network, open_lanes(network, vclass) - closed, turned)
 
     def connections(self, source: str, target: str) -> tuple[Connection, ...]:

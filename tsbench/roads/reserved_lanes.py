@@ -21,7 +21,7 @@ _ASIDE_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class TurnedLane:
+class ContraflowLane:
     """A contraflow lane, driven against its own direction.
 
     lane: its index. entry: index of the lane that it seems to continue. host: the edge beside it, which it seems to be
@@ -45,9 +45,9 @@ def open_lanes(network: RoadNetwork, vclass: str) -> frozenset[int]:
     return frozenset(found)
 
 
-def turned_lanes(network: RoadNetwork, vclass: str) -> dict[int, TurnedLane]:
+def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowLane]:
     """The contraflow lanes of a network, by index."""
-    found: dict[int, TurnedLane] = {}
+    found: dict[int, ContraflowLane] = {}
     for contra in network.lanes:
         if contra.internal or not _reserved(contra, vclass):
             continue
@@ -61,7 +61,7 @@ def turned_lanes(network: RoadNetwork, vclass: str) -> dict[int, TurnedLane]:
             last = network.lanes[before.lanes[-1]]
             if beside and last.permits(vclass) and _straight_on(last, contra, network):
                 line = Polyline(contra.line.points[::-1])
-                found[contra.index] = TurnedLane(contra.index, last.index, beside[0], last.order, line)
+                found[contra.index] = ContraflowLane(contra.index, last.index, beside[0], last.order, line)
     return found
 
 

@@ -1,7 +1,7 @@
 """The map that a planner is given: what can be seen of a road network, and nothing of what plates decide there.
 
 No priorities, rights of way, junction types, permissions or closures; limits are the defaults of road classes; one
-path for each connection, and no edge is cut where nothing but a plate is. `tsbench.roads.sealed` makes it of a network.
+path for each connection, and no edge is cut where nothing but a plate is. `roads.planner_map` makes it of a network.
 Units: m, m/s, rad.
 """
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from tsbench.geometry.footprint import corners
 from tsbench.roads.localization import inside_polygon
-from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ApproachParams

@@ -12,7 +12,7 @@ from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.priority import PriorityVehicle, PriorityVehicles
 from tsbench.rules.events import EventLog
 from tsbench.rules.forced_braking import ForcedBraking
-from tsbench.rules.gravest import GravestOnly
+from tsbench.rules.worst_per_vehicle import WorstPerVehicle
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
 
@@ -31,15 +31,15 @@ class Crossing:
         self,
         path: JunctionPath,
         zones: Zones,
-        foe_paths: tuple[JunctionPath, ...],
+        priority_paths: tuple[JunctionPath, ...],
         vehicles: PriorityVehicles,
         rule: RuleSpec,
         log: EventLog,
     ) -> None:
-        self._path, self._zones, self._foe_paths = path, zones, foe_paths
-        self._foes, self._found = vehicles, GravestOnly(log, _GRAVEST_FIRST)
+        self._path, self._zones, self._priority_paths = path, zones, priority_paths
+        self._priority_vehicles, self._found = vehicles, WorstPerVehicle(log, _GRAVEST_FIRST)
         self._asked = PriorityGap.of(rule.thresholds)
-        self._braking = ForcedBraking(rule.thresholds, foe_paths)
+        self._braking = ForcedBraking(rule.thresholds, priority_paths)
         self._s = -_HALF_M
         self._in: dict[int, int] = {}
         self._out: dict[int, int] = {}
@@ -60,7 +60,7 @@ class Crossing:
                 if self._s - _HALF_M > zone.a_out:
                     self._out.setdefault(j, step)
         left = self._s - _HALF_M > self._path.line.length
-        for vehicle in self._foes.find(snapshot.actors):
+        for vehicle in self._priority_vehicles.find(snapshot.actors):
             zone = self._zones[vehicle.path]
             if zone is not None:
                 self._judge_entry(snapshot, vehicle, zone)
@@ -111,7 +111,7 @@ class Crossing:
     def _judge_contact(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle) -> None:
         """Clause contact: neither has left the junction."""
         actors, ego = snapshot.actors, snapshot.ego
-        if vehicle.s - vehicle.length > self._foe_paths[vehicle.path].line.length:
+        if vehicle.s - vehicle.length > self._priority_paths[vehicle.path].line.length:
             return
         x, y, heading = actors.pose[vehicle.at].tolist()
         if boxes_overlap(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.crossing_people import CrossingPeople
 from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import CrosswalkParams

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.rules.base import Monitor
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ObstacleParams

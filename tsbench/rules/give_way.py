@@ -5,9 +5,9 @@ from __future__ import annotations
 from tsbench.core.errors import InputError
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.crossing import Crossing
 from tsbench.rules.events import EventLog
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import GiveWayParams
@@ -31,12 +31,12 @@ class GiveWay(Monitor):
         self._paths = junction_paths(scene.network, (params.approach,))
         if not self._paths:
             raise InputError(f"{scene.net}: edge {params.approach!r} leads nowhere (sign {sign.id!r})")
-        self._foe_paths = junction_paths(scene.network, params.main_in)
+        self._priority_paths = junction_paths(scene.network, params.main_in)
         self._zones = path_zones(
-            self._paths, self._foe_paths, least_overlap=rule.thresholds["least_overlap_m"]
+            self._paths, self._priority_paths, least_overlap=rule.thresholds["least_overlap_m"]
         )
-        self._foes = PriorityVehicles(
-            scene.network, self._foe_paths, RULE_FOLLOWING, self.lanes_with_priority()
+        self._priority_vehicles = PriorityVehicles(
+            scene.network, self._priority_paths, RULE_FOLLOWING, self.lanes_with_priority()
         )
         self._engage = rule.thresholds["engage_distance_m"]
         self._reach = rule.thresholds["priority_distance_m"]
@@ -76,7 +76,7 @@ class GiveWay(Monitor):
         elif to_go <= self._engage:
             self.near_line(snapshot, to_go)
             if not all(self._bound):
-                self._note_foes(snapshot)
+                self._note_priority_vehicles(snapshot)
 
     def lanes_with_priority(self) -> frozenset[int] | None:
         """Lanes on which vehicles have priority; None: on all that lead to their paths."""
@@ -88,9 +88,9 @@ class GiveWay(Monitor):
     def at_line(self, snapshot: WorldSnapshot) -> None:
         """The tick at which the front has crossed the line; likewise."""
 
-    def _note_foes(self, snapshot: WorldSnapshot) -> None:
+    def _note_priority_vehicles(self, snapshot: WorldSnapshot) -> None:
         """For each of the ego's paths: is a vehicle upstream of its zone with it, and near enough?"""
-        for vehicle in self._foes.find(snapshot.actors):
+        for vehicle in self._priority_vehicles.find(snapshot.actors):
             for k, row in enumerate(self._zones):
                 zone = row[vehicle.path]
                 if zone is not None and 0.0 < zone.b_in - vehicle.s <= self._reach:
@@ -121,7 +121,12 @@ class GiveWay(Monitor):
         self.engaged = self.engaged or self._bound[taken]
         self._bound = [False] * len(self._paths)
         crossing = Crossing(
-            self._paths[taken], self._zones[taken], self._foe_paths, self._foes, self.rule, self.log
+            self._paths[taken],
+            self._zones[taken],
+            self._priority_paths,
+            self._priority_vehicles,
+            self.rule,
+            self.log,
         )
         for tick in self._ticks:
             crossing.update(tick)

@@ -7,7 +7,7 @@ import math
 from tsbench.geometry.angles import U_TURN, turn_class, wrap
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
-from tsbench.rules.base import Monitor
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import JunctionParams

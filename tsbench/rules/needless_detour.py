@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.rules.base import Monitor
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import WayParams

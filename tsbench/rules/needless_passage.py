@@ -15,9 +15,9 @@ from tsbench.geometry.polyline import join
 from tsbench.roads.blocking import PriorityGap, blockers, clearance_s
 from tsbench.roads.junction_paths import junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.crossing_people import CrossingPeople
 from tsbench.rules.leaders import Leaders
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
@@ -54,12 +54,12 @@ class Passage:
             and not e.internal
             and e.id != params.approach
         ]
-        self._gap, foes = PriorityGap.of(give_way), junction_paths(network, others)
+        self._gap, other_paths = PriorityGap.of(give_way), junction_paths(network, others)
         # A vehicle with priority may be waited for longer than the rule of giving way asks; the others may not.
         self._waits = replace(self._gap, before=t["gap_s"])
-        self._zones = path_zones(paths, foes, least_overlap=give_way["least_overlap_m"])
-        self._first = frozenset(j for j, foe in enumerate(foes) if foe.source.edge in params.main_in)
-        self._vehicles = PriorityVehicles(network, foes, RULE_FOLLOWING)
+        self._zones = path_zones(paths, other_paths, least_overlap=give_way["least_overlap_m"])
+        self._first = frozenset(j for j, path in enumerate(other_paths) if path.source.edge in params.main_in)
+        self._vehicles = PriorityVehicles(network, other_paths, RULE_FOLLOWING)
         self._leaders, self._stands = Leaders(network), t["standing_mps"]
         self._react_s, self._free_from = t["react_s"] + _TICK_SHARE_S, -math.inf
         self._people: CrossingPeople | None = None

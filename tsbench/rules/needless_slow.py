@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Monitor, Verdict
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.signs.annotations import SignInstance

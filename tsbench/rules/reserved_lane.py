@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap, share_in_band
-from tsbench.rules.base import Monitor, Verdict
 from tsbench.rules.events import EventLog, Excursion
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams

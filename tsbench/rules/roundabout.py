@@ -12,9 +12,9 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.rules.base import Verdict
 from tsbench.rules.events import Excursion
 from tsbench.rules.give_way import GiveWay
+from tsbench.rules.monitor import Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import RoundaboutParams
@@ -37,10 +37,10 @@ class Roundabout(GiveWay):
     def lanes_with_priority(self) -> frozenset[int]:
         """Those of the ring and its junctions, entries' ways in among them, and of where the paths lead."""
         network, ring = self._network, self._ring_edges
-        ordinary = {*ring, *(p.target.edge for p in self._foe_paths)}
+        ordinary = {*ring, *(p.target.edge for p in self._priority_paths)}
         found = {i for edge in ordinary for i in network.edges[edge].lanes}
         found |= {v for c in network.connections if network.lanes[c.to_lane].edge in ring for v in c.via}
-        return frozenset(found | {v for p in self._foe_paths for v in p.connection.via})
+        return frozenset(found | {v for p in self._priority_paths for v in p.connection.via})
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick: right of way at the entry, direction wherever the centre is on the ring."""

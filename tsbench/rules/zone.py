@@ -6,7 +6,7 @@ Positions are metres from the start of an edge's lanes.
 from __future__ import annotations
 
 from tsbench.core.errors import InputError
-from tsbench.rules.base import Monitor
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EgoState

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 
 import tsbench
-from tsbench.core.paths import mirrored_in_use, stored_city, using_city
+from tsbench.core.paths import mirrored_in_use, source_city, using_city
 from tsbench.core.provenance import Files, closure, data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
@@ -32,11 +32,11 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog, code: str | No
     That of a mirrored data set follows from that of the one it mirrors.
     """
     if mirrored_in_use():
-        with using_city(stored_city()):
+        with using_city(source_city()):
             stored = [mirrored_row(row) for row in rows]
             return mirrored_contract(contract_hash(stored, load_catalog(catalog.root), code))
     contrast = any(row.half == CONTRAST for row in rows)
-    rules = catalog.judged((row.sign_code for row in rows), contrast)
+    rules = catalog.contract_entries((row.sign_code for row in rows), contrast)
     data = data_hash(rows, rules)
     return digest({"code": code or code_hash(), "data": data, "versions": versions()})
 
@@ -49,6 +49,21 @@ def mirrored_contract(contract: str) -> str:
 @cache
 def code_hash() -> str:
     return digest(code_files())
+
+
+_from_run: list[str] = []
+
+
+@cache
+def file_names() -> frozenset[str]:
+    """Names of the contract's files, as in `code_files`. A worker has them of its run: see `use_file_names`."""
+    return frozenset(_from_run or code_files())
+
+
+def use_file_names(names: Iterable[str]) -> None:
+    """Let `file_names` be these, which the run of this worker process has found: finding them takes 0.3 s."""
+    file_names.cache_clear()
+    _from_run[:] = names
 
 
 def code_files(place: Path = Path(tsbench.__file__).parent.parent) -> Files:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -43,12 +43,14 @@ _HEAD = (
 class SameResults:
     """An earlier state of the code that gave the same bytes as the one after it (`tools.same_edition`).
 
-    contracts: of that state, by split. code: SHA-256 (hex) of its code. compared: what both states drove.
+    contracts: of that state, by split. code: SHA-256 (hex) of its code. compared: what both states drove. planners: of
+    those that drove and whose code differs, the SHA-256 (hex) of their code in that state and in the one after it.
     """
 
     contracts: Mapping[str, str]
     code: str
     compared: str
+    planners: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,18 @@ def standing_contract(contract: str) -> str:
             if contract == mirrored_contract(known):
                 return mirrored_contract(oldest)
     return contract
+
+
+def is_same_planner(name: str, earlier: str | None, now: str | None) -> bool:
+    """Are these the hashes of one registered planner's code, with states between them that gave the same bytes?"""
+    for edition in editions():
+        reached = [earlier]
+        for state in edition.same:
+            if name in state.planners and state.planners[name][0] == reached[-1]:
+                reached.append(state.planners[name][1])
+        if now in reached:
+            return True
+    return False
 
 
 def _mirrored_name(name: str) -> str:
@@ -193,6 +207,9 @@ def _write(all_of_them: Sequence[Edition], path: Path) -> None:
 
 def _plain(edition: Edition) -> dict[str, object]:
     found = asdict(edition)
+    for state in found["same"]:
+        state["planners"] = {name: list(codes) for name, codes in state["planners"].items()}
+    found["same"] = [{key: value for key, value in state.items() if value} for state in found["same"]]
     return found if edition.same else {key: value for key, value in found.items() if key != "same"}
 
 

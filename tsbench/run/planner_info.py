@@ -21,7 +21,7 @@ from tsbench.planners.common.batching import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run import opened_files
-from tsbench.run.contract import code_files
+from tsbench.run.contract import file_names
 from tsbench.run.execution.fresh_episode import shared_with_children
 
 
@@ -106,7 +106,7 @@ def _sources(loaded: LoadedPlanner) -> list[Path]:
 
 def _code_hash(sources: Sequence[Path]) -> str | None:
     """The contract has the rest."""
-    return digest(closure(sources, code_files())) if sources else None
+    return digest(closure(sources, file_names())) if sources else None
 
 
 def _make(loaded: LoadedPlanner) -> Planner:

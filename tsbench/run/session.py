@@ -22,7 +22,7 @@ from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.contract import code_hash, contract_hash
 from tsbench.run.edition import edition_of, standing_contract
-from tsbench.run.execution.base import Executor, Limits
+from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
 from tsbench.run.execution.messages import ISOLATED, RUNNER, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
@@ -224,7 +224,7 @@ def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
 
 
 def probe_isolated(request: Request, hidden: Sequence[str]) -> list[Probed]:
-    """The same without a line of their code here, with what of their cells took effect."""
+    """The same without a line of their code here, with what of their sandboxes took effect."""
     from tsbench.run.isolation.loading import describe  # brings networks of roads
 
     return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]

@@ -13,8 +13,8 @@ import numpy as np
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.result import EpisodeResult
-from tsbench.episode.runner import EpisodeLoop, Moments
-from tsbench.episode.trace import Trace
+from tsbench.episode.runner import EpisodeLoop, EpisodeSteps
+from tsbench.episode.trace import Trace, plan_of_each_tick
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -55,7 +55,7 @@ class SteppedEpisode:
         self.simulation, self._loader = Simulation(), SceneLoader()
         self._loops: dict[tuple[bool, PerceptionLevel | None], EpisodeLoop] = {}
         self._loop: EpisodeLoop
-        self._moments: Moments | None = None
+        self._steps: EpisodeSteps | None = None
         self._context: PlannerContext
         self.driver: object = None
 
@@ -65,7 +65,7 @@ class SteppedEpisode:
     ) -> Step | EpisodeResult:  # fmt: skip
         """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load.
 
-        name, privileged, floor: as `EpisodeLoop.play` takes them.
+        name, privileged, floor: as `EpisodeLoop.run_episode` takes them.
         """
         self.end()
         self.driver = driver
@@ -75,7 +75,7 @@ class SteppedEpisode:
                 mask_signs=mask_signs, simulation=self.simulation, loader=self._loader, perception=level
             )
         self._loop, self._spec, self._name = self._loops[key], spec, name
-        self._moments = self._loop.play(spec, name, privileged, floor)
+        self._steps = self._loop.run_episode(spec, name, privileged, floor)
         return self._next(None)
 
     def drive(self, control: Control | Trajectory) -> Step | EpisodeResult:
@@ -83,17 +83,17 @@ class SteppedEpisode:
         return self._next(control)
 
     def _next(self, control: Control | Trajectory | None) -> Step | EpisodeResult:
-        assert self._moments is not None
+        assert self._steps is not None
         try:
-            moment = self._moments.send(control)
-            if isinstance(moment, PlannerContext):
-                self._context = moment
-                moment = self._moments.send(None)
+            asked = self._steps.send(control)
+            if isinstance(asked, PlannerContext):
+                self._context = asked
+                asked = self._steps.send(None)
         except StopIteration as end:
             result: EpisodeResult = end.value
             return result
-        assert isinstance(moment, Observation)
-        return Step(self._context, moment)
+        assert isinstance(asked, Observation)
+        return Step(self._context, asked)
 
     def last_view(self) -> Observation:
         """The tick that ended the episode, which no planner is shown."""
@@ -130,13 +130,13 @@ class SteppedEpisode:
             tuple(one.log.verdict(one.engaged) for one in m.others), episode.start_remaining, list(episode.snapshots),
             np.array(episode.commands, np.float64).reshape(-1, 2), tuple(needless),
             m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
-            (*episode.plans, *[None] * (len(episode.snapshots) - len(episode.plans))), tuple(episode.observer.told),
+            plan_of_each_tick(tuple(episode.plans), len(episode.snapshots)), tuple(episode.observer.told),
         )  # fmt: skip
 
     def end(self) -> None:
-        if self._moments is not None:
-            self._moments.close()
-        self._moments, self.driver = None, None
+        if self._steps is not None:
+            self._steps.close()
+        self._steps, self.driver = None, None
 
     def close(self) -> None:
         self.end()

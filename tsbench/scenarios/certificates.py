@@ -162,7 +162,7 @@ def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:
     """
     sumo = versions(["libsumo"])
     signs = {
-        (code, half): data_hash((), catalog.judged([code], half == CONTRAST))
+        (code, half): data_hash((), catalog.contract_entries([code], half == CONTRAST))
         for code, half in {(row.sign_code, row.half) for row in rows}
     }
 

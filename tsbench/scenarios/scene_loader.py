@@ -12,7 +12,7 @@ from tsbench.core.xmlfile import sha256
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.roads.sealed import SealedRoads, seal
+from tsbench.roads.planner_map import PlannerMap, build_planner_map
 from tsbench.scenarios.mirror import mirrored_additional, mirrored_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
@@ -32,9 +32,9 @@ class Roads:
     file: SceneFile
 
     @cached_property
-    def view(self) -> SealedRoads:
+    def view(self) -> PlannerMap:
         """What planners see of it."""
-        return seal(self.network)
+        return build_planner_map(self.network)
 
 
 class SceneLoader:

@@ -14,7 +14,7 @@ import pyarrow as pa
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
-from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, stored_city
+from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, source_city
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
@@ -44,12 +44,12 @@ def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
 
 def read_table(path: Path) -> list[ScenarioSpec]:
     """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    own = stored_city() == OWN_CITY
+    own = source_city() == OWN_CITY
     made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
     hint = f"{fetch_hint(path.stem)} {made}"
     there = splits_there(path.parent)
     if not own and path.stem in SPLITS and path.stem not in there and there:
-        raise InputError(f"{path}: {stored_city()} has no {path.stem} split; it has {', '.join(there)}")
+        raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
     table = open_table(path, SCHEMA, hint, later=_LATER)
     # In parts: all rows as dictionaries take more room than all else.
     rows = (row for part in table.to_batches(_PART_ROWS) for row in part.to_pylist())

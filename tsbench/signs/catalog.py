@@ -64,18 +64,18 @@ class Catalog:
         code = self.type(type_id).codes[0]
         return self.sign(mirrored_code(self.signs, code)).type_id
 
-    def company(self, code: str) -> tuple[str, ...]:
+    def allowed_codes(self, code: str) -> tuple[str, ...]:
         """Codes of all plates that may stand in a scene of a sign: it, what ends it, and its context."""
         sign = self.sign(code)
         ends = (word for word in sign.rule.ended_by if word not in END_PLACES)
         return tuple(dict.fromkeys((code, *ends, *sign.context)))
 
     def check_plates(self, code: str, plates: Mapping[str, str], where: str) -> None:
-        """InputError where a scene of a sign has a plate of another code than the catalogue says (`company`).
+        """InputError where a scene of a sign has a plate of another code than the catalogue says (`allowed_codes`).
 
         plates: code by id of the plate.
         """
-        known = self.company(code)
+        known = self.allowed_codes(code)
         for plate, found in plates.items():
             if found not in known:
                 raise InputError(
@@ -83,13 +83,13 @@ class Catalog:
                     f"{', '.join(known)} (context: in {self.root / 'signs' / code}.yaml)"
                 )
 
-    def judged(self, codes: Iterable[str], contrast: bool = False) -> list[dict[str, Any]]:
+    def contract_entries(self, codes: Iterable[str], contrast: bool = False) -> list[dict[str, Any]]:
         """Everything that can change an episode or a record in scenes of these signs, bound rules included; for JSON.
 
         By code; then, if there are `contrast` scenes, their rule, with those by which it knows who blocks; last what
         holds in all scenes. Names, captions, drawings, law references and other signs are left out.
         """
-        used = {one for code in set(codes) for one in self.company(code)}
+        used = {one for code in set(codes) for one in self.allowed_codes(code)}
         signs = [
             {key: value for key, value in asdict(self.sign(code)).items() if key not in _NOT_IN_CONTRACT}
             for code in sorted(used)

@@ -14,7 +14,7 @@ from typing import Literal
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing
-from tsbench.core.paths import data_file, left_hand_in_use, stored_city
+from tsbench.core.paths import data_file, left_hand_in_use, source_city
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
 from tsbench.signs.driving_side import driving_sides
 from tsbench.signs.model import Sign
@@ -198,7 +198,7 @@ def load_countries(root: Path | None = None) -> tuple[Country, ...]:
 
 def country_in_use() -> Country | None:
     """The country of the city in use; None where no file says which, or that has no file."""
-    return _of_city(data_file(f"cities/{stored_city()}.yaml"), load_catalog().root / "countries")
+    return _of_city(data_file(f"cities/{source_city()}.yaml"), load_catalog().root / "countries")
 
 
 @cache

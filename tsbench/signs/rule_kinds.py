@@ -110,7 +110,7 @@ RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind 
 Part = TypeVar("Part")
 
 
-def class_of_every_kind(modules: Mapping[str, ModuleType], base: type[Part]) -> Mapping[str, type[Part]]:
+def load_rule_classes(modules: Mapping[str, ModuleType], base: type[Part]) -> Mapping[str, type[Part]]:
     """For each kind the subclass of `base` that the module of its name defines; other modules are helpers of these.
 
     Raises ValueError for a kind without a module, and for a module of a kind that defines none, or several.

@@ -13,7 +13,7 @@ import numpy as np
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.isolation.loading import describe, load
-from tsbench.run.isolation.places import EXECUTABLE
+from tsbench.run.isolation.sandbox_paths import EXECUTABLE
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation

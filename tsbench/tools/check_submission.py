@@ -1,4 +1,4 @@
-"""What `tsbench submit` would refuse, said before hours are spent: a planner in its cell, and scenes of the dev split.
+"""What `tsbench submit` would refuse, said before hours are spent: a planner in its sandbox, and scenes of dev.
 
 Nothing of the planner's code runs in this process.
 """
@@ -28,9 +28,9 @@ from tsbench.sim.sumo import Simulation
 from tsbench.tools.check import choose, of_results
 
 
-def check_submission(spec: str, count: int, split: str, told: Callable[[str], None]) -> list[Finding]:
+def check_submission(spec: str, count: int, split: str, on_progress: Callable[[str], None]) -> list[Finding]:
     """Findings. split: that a submission would be of."""
-    told("starting the planner in its cell")
+    on_progress("starting the planner in its sandbox")
     found, info = standing(spec, split)
     if info is None:
         return found
@@ -42,7 +42,7 @@ def check_submission(spec: str, count: int, split: str, told: Callable[[str], No
             runner = EpisodeRunner(load(info), simulation=simulation, loader=loader)
             results = []
             for number, row in enumerate(rows, start=1):
-                told(f"scene {number} of {len(rows)}")
+                on_progress(f"scene {number} of {len(rows)}")
                 results.append(runner.run(row))
             return results
 
@@ -58,7 +58,7 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
         probed = describe(spec)
     except InputError as problem:
         return [*found, Finding(Level.PROBLEM, "start", str(problem))], None
-    return [*found, _cell(bool(probed.effects["namespaces"])), *_about(probed.planner)], probed.planner
+    return [*found, _sandbox(bool(probed.effects["namespaces"])), *_about(probed.planner)], probed.planner
 
 
 def _contract(split: str) -> Finding:
@@ -70,9 +70,9 @@ def _contract(split: str) -> Finding:
     return Finding(Level.OK, "contract", f"{name} ({split}), contract {contract[:12]}")
 
 
-def _cell(apart: bool) -> Finding:
+def _sandbox(apart: bool) -> Finding:
     if apart:
-        return Finding(Level.OK, "isolation", "comes up in a cell with namespaces of its own")
+        return Finding(Level.OK, "isolation", "comes up in a sandbox with namespaces of its own")
     text = "comes up in a process of its own, without namespaces: this kernel lets nobody make them"
     return Finding(Level.NOTE, "isolation", text)
 

@@ -14,7 +14,7 @@ from tsbench.core.files import io_errors_as_input_errors
 from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
 from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.aggregate import summarise
-from tsbench.rules.registry import make_monitors
+from tsbench.rules.monitors import make_monitors
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import standing_contract
 from tsbench.run.log.folder import SUMMARY

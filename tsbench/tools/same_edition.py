@@ -32,8 +32,8 @@ from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).resolve().parents[1]
-# All of it: each type, both halves.
-_SPLIT = "dev"
+# Two pairs of each type.
+_SPLIT, _ROWS_OF_TYPE = "dev", 4
 # Data of another place than the state's own.
 _ELSEWHERE = ("TSBENCH_DATA", "TSBENCH_CITY")
 # Timing differs from drive to drive.
@@ -58,11 +58,15 @@ _NAMES = "from tsbench.planners.registry import names; print(*names())"
 
 @dataclass(frozen=True)
 class Compared:
-    """What two states drove with the same bytes. digest: SHA-256 (hex) of the records and traces of either."""
+    """What two states drove with the same bytes. digest: SHA-256 (hex) of the records and traces of either.
+
+    codes: of the planners whose code differs, its SHA-256 (hex) in the earlier state and in this one.
+    """
 
     planners: tuple[str, ...]
     episodes: int
     digest: str
+    codes: Mapping[str, tuple[str, str]]
 
     def __str__(self) -> str:
         return (
@@ -114,17 +118,17 @@ def compare_states(
     earlier: Path,
     now: Path,
     out: Path,
-    planners: Sequence[str] = (),
+    planners: Sequence[str],
+    limit: int,
     workers: int = 1,
-    limit: int | None = None,
 ) -> Compared:
     """Drive `dev` with the tsbench of two folders and compare every record, event and trace.
 
     out: an empty folder for the runs. planners: registered names; (): all that both have and that this machine can
-    make. limit: at most so many scenes. Raises InputError for the first episode that differs.
+    make. limit: at most so many scenes, spread over the types. Raises InputError for the first episode that differs.
     """
     chosen = list(planners) or sorted(set(_registered(earlier)) & set(_registered(now)))
-    driven, digest = [], hashlib.sha256()
+    driven, digest, codes = [], hashlib.sha256(), {}
     episodes = 0
     for name in chosen:
         runs = [out / f"{name}-{state}" for state in ("earlier", "now")]
@@ -141,9 +145,18 @@ def compare_states(
         digest.update(found)
         driven.append(name)
         episodes += count
+        before, after = map(_code_of, runs)
+        if before != after:
+            codes[name] = before, after
     if not driven:
         raise InputError("no planner could be driven: nothing was compared")
-    return Compared(tuple(driven), episodes, digest.hexdigest())
+    return Compared(tuple(driven), episodes, digest.hexdigest(), codes)
+
+
+def _code_of(run: Path) -> str:
+    """SHA-256 (hex) of the code of the planner that drove a run."""
+    (planner,) = json.loads((run / "run.json").read_text(encoding="utf-8"))["planners"]
+    return str(planner["code_sha256"])
 
 
 def _registered(root: Path) -> list[str]:
@@ -154,21 +167,13 @@ def _registered(root: Path) -> list[str]:
     return told.stdout.split()
 
 
-def _drive(root: Path, planner: str, out: Path, workers: int, limit: int | None) -> str:
+def _drive(root: Path, planner: str, out: Path, workers: int, limit: int) -> str:
     """Drive a planner's sample into `out`; returns why it cannot be made here, "" where it was driven."""
-    asked = [
-        "--planner",
-        planner,
-        "--split",
-        _SPLIT,
-        "--trace",
-        "all",
-        "--workers",
-        str(workers),
-        "--out",
-        str(out),
-    ]
-    done = _python(root, _TSBENCH, "run", *asked, *(() if limit is None else ("--limit", str(limit))))
+    asked = (
+        "--planner", planner, "--split", _SPLIT, "--trace", "all", "--workers", str(workers), "--out", str(out),
+        "--limit", str(limit),
+    )  # fmt: skip
+    done = _python(root, _TSBENCH, "run", *asked)
     # 1: some episodes ended in an error outcome, which is a record like others.
     if done.returncode in (0, 1) and (out / _TABLES[0]).is_file():
         return ""
@@ -236,8 +241,11 @@ def compared_with(contract: str, planners: Sequence[str], workers: int) -> dict[
             if contract not in contracts[OWN_CITY].values():
                 continue
             check_data(contracts, code)
-            compared = str(compare_states(place, ROOT, Path(out), planners, workers=workers))
-            return {city: SameResults(splits, code, compared) for city, splits in contracts.items()}
+            limit = _ROWS_OF_TYPE * len(load_catalog().types)
+            found = compare_states(place, ROOT, Path(out), planners, limit, workers)
+            return {
+                city: SameResults(splits, code, str(found), found.codes) for city, splits in contracts.items()
+            }
     raise InputError(
         f"no commit here is of the contract {contract}; a shallow clone lacks most (git fetch --unshallow)"
     )

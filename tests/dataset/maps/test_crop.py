@@ -15,7 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.families.expectations import expectations
-from tsbench.dataset.maps.families.registry import REGISTRY
+from tsbench.dataset.maps.families.family import REGISTRY
 from tsbench.dataset.maps.lines import length
 from tsbench.dataset.maps.lint import lint_crops, loads_in_sumo
 from tsbench.dataset.maps.plain import (

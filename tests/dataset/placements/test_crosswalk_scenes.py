@@ -20,9 +20,9 @@ from simworld import CALM, LIMIT, simulation
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.crosswalk_net import bend_speed, kerb_to_kerb, to_crossing
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
@@ -30,7 +30,7 @@ from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.scene import staged_bodies
 from tsbench.report.drawing.style import STYLE
@@ -246,8 +246,8 @@ def test_a_site_is_sound_and_tells_who_yields(
             assert result.facts.target.engaged
         assert results["idm"].facts is not None
         assert results["idm-e"].facts is not None
-        assert passed(results["idm"].facts) == (row.half == CONTRAST)
-        assert passed(results["idm-e"].facts)
+        assert is_scd(results["idm"].facts) == (row.half == CONTRAST)
+        assert is_scd(results["idm-e"].facts)
     again = build(name, tmp_path / "again", monkeypatch, (0, 1, 2))
     assert again == site
 

@@ -13,16 +13,16 @@ from simworld import CALM, cross_plain
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.junction_arms import bending_arms, through_arms
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant
 from tsbench.geometry.overlap import conflict_zone
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork, read_network
-from tsbench.roads.sealed import seal
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
@@ -134,17 +134,17 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     assert front == pytest.approx(recipe.number("ego_before_line_m"))
     assert target.params.approach == lane.edge
     assert convoy.edges[0] in target.params.main_in
-    ego, foe = paths(network, a)
-    assert (ego.state in "ms", foe.state) == (True, "M")
-    assert set(foe.via) & ego.yields_to
-    assert not set(ego.via) & foe.yields_to
-    own, other = junction_path(network, ego), junction_path(network, foe)
+    ego, priority = paths(network, a)
+    assert (ego.state in "ms", priority.state) == (True, "M")
+    assert set(priority.via) & ego.yields_to
+    assert not set(ego.via) & priority.yields_to
+    own, other = junction_path(network, ego), junction_path(network, priority)
     zone = conflict_zone(own.onto_exit(15.0), EGO_WIDTH_M, other.onto_exit(15.0), other.width)
     assert zone is not None
     assert convoy.ego_zone_m == pytest.approx(zone.a_in)
-    foe_lane = network.lane(convoy.lane)
-    assert convoy.zone_m == pytest.approx(foe_lane.line.length + zone.b_in)
-    back = foe_lane.line.length - convoy.places[0]
+    priority_lane = network.lane(convoy.lane)
+    assert convoy.zone_m == pytest.approx(priority_lane.line.length + zone.b_in)
+    back = priority_lane.line.length - convoy.places[0]
     assert recipe.number("convoy_nearest_m") - 1e-6 <= back <= recipe.number("convoy_farthest_m") + 1e-6
     step = convoy.drivers[0].length + recipe.number("convoy_gap_m")
     assert all(p - q == pytest.approx(step) for p, q in pairwise(convoy.places))
@@ -160,9 +160,9 @@ def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, Road
     network = networks[key]
     params = place(networks, key, 0).signs[0].params
     egos = [c for i in network.edges[params.approach].lanes for c in network.outgoing[i]]
-    foes = [c for e in params.main_in for i in network.edges[e].lanes for c in network.outgoing[i]]
-    assert any(set(f.via) & c.yields_to for c in egos for f in foes)
-    assert not any(set(c.via) & f.yields_to for c in egos for f in foes)
+    with_priority = [c for e in params.main_in for i in network.edges[e].lanes for c in network.outgoing[i]]
+    assert any(set(f.via) & c.yields_to for c in egos for f in with_priority)
+    assert not any(set(c.via) & f.yields_to for c in egos for f in with_priority)
 
 
 @pytest.mark.parametrize("key", KEYS)
@@ -320,13 +320,13 @@ def test_in_the_contrast_half_the_convoy_gives_way(
     network = contrast_networks[key, 0.0]
     assert other.convoy is signed.convoy is not None
     convoy = signed.convoy.edges[0]
-    ego, foe = paths(network, other)
-    assert set(ego.via) & foe.yields_to
-    assert not set(foe.via) & ego.yields_to
+    ego, priority = paths(network, other)
+    assert set(ego.via) & priority.yields_to
+    assert not set(priority.via) & ego.yields_to
     # Nobody else meets the ego before it is through, and who has priority all the same is on the plate's list.
     target = next(s for s in other.signs if s.id == other.target)
     assert convoy not in target.params.main_in
-    first = {v for v in ego.yields_to if v not in foe.via}
+    first = {v for v in ego.yields_to if v not in priority.via}
     prior = {
         network.lanes[i].edge for i, links in enumerate(network.outgoing) for c in links if first & set(c.via)
     }
@@ -350,7 +350,7 @@ def test_in_the_contrast_half_the_convoy_gives_way(
 def test_no_planner_sees_the_exchange_of_priorities(
     networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], key: Key
 ) -> None:
-    seen = [seal(network).map for network in (networks[key], contrast_networks[key, 0.0])]
+    seen = [build_planner_map(network).map for network in (networks[key], contrast_networks[key, 0.0])]
     assert [(a.id, a.line.points.tobytes(), a.width, a.speed) for a in seen[0].lanes] == [
         (b.id, b.line.points.tobytes(), b.width, b.speed) for b in seen[1].lanes
     ]

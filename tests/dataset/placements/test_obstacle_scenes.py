@@ -14,8 +14,8 @@ from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.by_name import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder

@@ -17,9 +17,9 @@ from simworld import CALM, FAST, LIMIT, cross_plain, edge, plain, road_plain, si
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.placements.base import Arrangement, SceneTask
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.corridor import split_edge
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder

@@ -13,10 +13,10 @@ from simworld import CALM, LIMIT, road_plain, simulation
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.contraflow import contra_id, turn_leftmost
 from tsbench.dataset.placements.lane_users import way_from_standstill
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder

@@ -12,9 +12,9 @@ from simworld import CALM, edge, plain
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet, PlainNode
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.obedient_way import drive_time, sharpest_bend, waits
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.traffic import Router, TrafficRequest, standing_cars
 from tsbench.dataset.scenes.variants import Variant

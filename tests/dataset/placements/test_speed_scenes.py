@@ -13,9 +13,9 @@ from simworld import CALM, FAST, LIMIT, road_plain, simulation
 from tsbench.core.paths import using_city
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.min_speed import task_minimum
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.placements.speed_zone import needed_kmh
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene

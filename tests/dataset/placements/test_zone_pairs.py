@@ -17,7 +17,7 @@ from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.registry import LoadedPlanner
@@ -143,4 +143,4 @@ def test_who_hesitates_does_not_pass_both(built: Built, driver: type[Crawler | D
     for pair in built.pairs:
         results = [runner.run(spec) for spec in pair]
         assert all(r.facts is not None for r in results), results[0].error
-        assert sum(r.facts is not None and passed(r.facts) for r in results) < 2
+        assert sum(r.facts is not None and is_scd(r.facts) for r in results) < 2

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.recipe import load_recipe, recipe_types, recipes_folder
 from tsbench.signs.catalog import load_catalog
 

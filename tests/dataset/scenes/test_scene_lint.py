@@ -17,7 +17,7 @@ from tsbench.dataset.scenes.lint import lint_limits, lint_scene
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import read_network
-from tsbench.roads.sealed import seal
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import SignInstance
@@ -177,8 +177,8 @@ def test_the_limit_that_judges_is_the_one_on_the_map(on_block: SceneMaker) -> No
     classed = replace(network, edges=edges, class_speed={"street": 9.0})
     assert set(classed.shown_limits) == {9.0}
     assert {lane.speed for lane in classed.lanes} != {9.0}
-    assert list(lint_limits(classed, seal(classed))) == []
-    found = list(lint_limits(classed, seal(network)))
+    assert list(lint_limits(classed, build_planner_map(classed))) == []
+    found = list(lint_limits(classed, build_planner_map(network)))
     assert any(line.startswith("lane ta_0 is judged by 9.00 m/s, the map shows ") for line in found)
 
 

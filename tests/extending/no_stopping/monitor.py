@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.base import Monitor
+from tsbench.rules.monitor import Monitor
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec

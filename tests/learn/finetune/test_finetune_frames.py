@@ -20,7 +20,7 @@ from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations
 from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.planners.base import PlannerContext
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft
@@ -81,7 +81,7 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     drive = RecordedDrive(row, recorded)
     driven = drive.run(drivers)
     assert driven is not None
-    assert passed(driven.facts)
+    assert is_scd(driven.facts)
     frames = SOURCE.frames(driven, drivers, np.random.default_rng(0))
     own = frames[::2]
 
@@ -113,7 +113,7 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
 def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Drivers) -> None:
     driven = PlannerDrive(row, "idm").run(drivers)
     assert driven is not None
-    assert not passed(driven.facts)
+    assert not is_scd(driven.facts)
     assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
 
 
@@ -132,7 +132,7 @@ def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Dr
     firsts = []
     for name in HALVES:
         driven = half(drivers, "no_turn_left", name, "idm-e")
-        assert passed(driven.facts)
+        assert is_scd(driven.facts)
         seen, blind = (s.frames(driven, drivers, np.random.default_rng(0)) for s in (SOURCE, masked))
         assert len(seen) == len(blind) > 20
         # Of four fields of a frame a plate decides what is in them.

@@ -15,8 +15,8 @@ from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.junction_paths import JunctionPath, junction_paths
 from tsbench.roads.network import RoadNetwork
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.roads.priority import PriorityVehicle
-from tsbench.roads.sealed import seal
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams
@@ -119,7 +119,7 @@ def test_where_the_main_road_bends_only_the_arm_on_the_right_counts() -> None:
 
 def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], ruled: int) -> Crossing:
     """Where the ego's route from the south to `target` meets ways through the junction."""
-    view, sign = seal(network), target_plate("2.4")
+    view, sign = build_planner_map(network), target_plate("2.4")
     path = view.graph.path(("sc", target), view.map.lane("sc_0").index, 10.0, Destination(target, 50.0))
     assert path is not None
     told = Privilege(sign, load_catalog().sign(sign.code).rule, network, view)

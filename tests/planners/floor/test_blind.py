@@ -120,13 +120,13 @@ def junction(slows: bool) -> World:
 
     def speed(_: float, world: World) -> float:
         to_go = line.length - world.ego.s - HALF_M
-        return max(foe.now - 0.3, 0.0) if slows and to_go < 5.0 else 8.0
+        return max(other.now - 0.3, 0.0) if slows and to_go < 5.0 else 8.0
 
-    foe = Body("w", tuple(ids(network, "wc", "ce")), 43.0, speed, ("wc", "ce"), now=8.0)
+    other = Body("w", tuple(ids(network, "wc", "ce")), 43.0, speed, ("wc", "ce"), now=8.0)
     x, y = line.point_at(line.length - 3.0)
     post = SignView("2.4", None, x + 4.0, y, line.heading_at(0.0), "sc", -1, line.length - 3.0, 50.0)
     start = line.length - 62.0
-    return World(network, "sc_0", start, 8.0, Destination("cn", 60.0), [foe], signs=(post,))
+    return World(network, "sc_0", start, 8.0, Destination("cn", 60.0), [other], signs=(post,))
 
 
 @pytest.mark.parametrize("slows", [True, False])

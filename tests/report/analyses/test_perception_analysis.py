@@ -11,7 +11,7 @@ import pytest
 import run_builders
 
 from tsbench.core.errors import InputError
-from tsbench.episode.perception import Told
+from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace import Trace
 from tsbench.metrics.records import PAIRED
 from tsbench.report.analyses.failures import failures
@@ -21,10 +21,10 @@ from tsbench.report.analyses.perception import perception
 from tsbench.report.analyses.pool import read_pool
 
 POOR, GOOD = {"name": "poor", "right": 0.74}, {"name": "good", "right": 0.98}
-RIGHT = Told(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 10.0)
+RIGHT = SignDetection(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 10.0)
 
 
-def traced(*told: Told, begun: float | None = 5.0) -> Trace:
+def traced(*told: SignDetection, begun: float | None = 5.0) -> Trace:
     events = [] if begun is None else [SimpleNamespace(start_s=begun)]
     snapshots = [SimpleNamespace(time=k * 0.1) for k in range(60)]
     return cast(Trace, SimpleNamespace(told=told, events=events, snapshots=snapshots))
@@ -48,7 +48,7 @@ def traced(*told: Told, begun: float | None = 5.0) -> Trace:
         ((replace(RIGHT, step=51), replace(RIGHT, kind="false", role="")), "late"),
     ],
 )
-def test_cause_of_a_failure(told: tuple[Told, ...], cause: str) -> None:
+def test_cause_of_a_failure(told: tuple[SignDetection, ...], cause: str) -> None:
     assert cause_of_failure(traced(*told)) == cause
 
 

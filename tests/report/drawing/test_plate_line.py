@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsbench.report.drawing.scene import plate_line
-from tsbench.rules.registry import make_monitor
+from tsbench.rules.monitors import make_monitor
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog

@@ -15,7 +15,7 @@ import page_runs
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.episode.perception import Told
+from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace import read_trace, trace_path, write_trace
 from tsbench.metrics.interaction import min_ttc
 from tsbench.metrics.tracks import tracks_of
@@ -137,9 +137,9 @@ def test_an_episode_comes_back_within_its_units(tmp_path: Path) -> None:
 def test_what_was_told_stands_beside_what_stood_there(tmp_path: Path) -> None:
     """A misread limit, a post, a plate that is none; of the scene's one plate, 3.24 with 40."""
     told = (
-        Told(10, "post", "plate", "target", "", None, 90.0, -4.8, 20.0, 10.0),
-        Told(12, "misread", "plate", "target", "3.24", 70.0, 90.0, -4.8, 18.0, 10.0),
-        Told(15, "false", "", "", "2.4", None, 99.0, -4.8, 24.0, 10.0),
+        SignDetection(10, "post", "plate", "target", "", None, 90.0, -4.8, 20.0, 10.0),
+        SignDetection(12, "misread", "plate", "target", "3.24", 70.0, 90.0, -4.8, 18.0, 10.0),
+        SignDetection(15, "false", "", "", "2.4", None, 99.0, -4.8, 24.0, 10.0),
     )
     path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0", told=told)
     header, _ = unpack(page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0")).episode)

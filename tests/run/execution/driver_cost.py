@@ -14,7 +14,7 @@ import ray.cluster_utils
 from run_helpers import HERE
 
 from tsbench.run.contract import contract_hash
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Setup
 from tsbench.run.execution.ray import RayExecutor
 from tsbench.run.execution.task_queue import Task, TaskQueue

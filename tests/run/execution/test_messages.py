@@ -31,7 +31,7 @@ RECORD = Record(
 @pytest.mark.parametrize(
     "message",
     [
-        Start(("/a", "")),
+        Start(("/a", ""), ("tsbench/a.py",)),
         Setup((WHO,), True, "cpu", "all", "out", "test", "c", options={"most": 2}),
         Probe("idm"),
         Task(7, 0, specs()[0]),

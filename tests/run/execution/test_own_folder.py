@@ -1,4 +1,4 @@
-"""A process's folder: gone once a cell stands that was built on it, and gone after its owner was killed."""
+"""A process's folder: gone once a sandbox stands that was built on it, and gone after its owner was killed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hostile import __file__ as hostile_file
 from patience import HANG_S
 
 from tsbench.core.errors import InputError
-from tsbench.run.execution.own_folder import ACTOR, CELL, OwnFolder, remove_abandoned
+from tsbench.run.execution.own_folder import ACTOR, SANDBOX, OwnFolder, remove_abandoned
 from tsbench.run.isolation.process import PlannerProcess
 
 _OWNER = (
@@ -33,7 +33,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_folder_is_gone_while_a_cell_with_files_of_its_own_runs(place: Path) -> None:
     process = PlannerProcess(f"{hostile_file}:Honest")
     try:
-        left = list(place.glob("tsbench-cell-*"))
+        left = list(place.glob("tsbench-sandbox-*"))
         assert bool(left) is not bool(process.effects["files"])
     finally:
         process.close()
@@ -47,7 +47,7 @@ def test_a_planner_that_does_not_come_up_leaves_nothing(place: Path) -> None:
         assert not list(place.iterdir())
 
 
-@pytest.mark.parametrize("prefix", [ACTOR, CELL])
+@pytest.mark.parametrize("prefix", [ACTOR, SANDBOX])
 def test_folders_of_the_killed_are_removed_and_those_of_the_living_are_not(prefix: str, place: Path) -> None:
     owner = subprocess.Popen([sys.executable, "-c", _OWNER, prefix], stdout=subprocess.PIPE, text=True)
     assert owner.stdout is not None
@@ -58,7 +58,7 @@ def test_folders_of_the_killed_are_removed_and_those_of_the_living_are_not(prefi
     owner.send_signal(signal.SIGKILL)
     owner.wait(HANG_S)
     assert (theirs / "x").is_file()
-    own = OwnFolder(CELL)
+    own = OwnFolder(SANDBOX)
     assert list(place.iterdir()) == [own.path]
     own.remove()
     own.remove()

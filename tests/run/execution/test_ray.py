@@ -56,7 +56,7 @@ class OnCluster:
         for place in Path("/proc").glob("[0-9]*"):
             try:
                 command = (place / "cmdline").read_bytes()
-                ours = b"tsbench.run.execution.worker_main" in command and b"warden.py" not in command
+                ours = b"tsbench.run.execution.worker_main" in command and b"reaper.py" not in command
                 if ours and (place / "cwd").readlink() == self.bench.folder:
                     told = (place / "stat").read_text().rpartition(")")[2].split()
                     parents[int(place.name)] = int(told[1])

@@ -15,7 +15,7 @@ from run_helpers import HERE, Bench, specs
 
 from tsbench.core.paths import data_root
 from tsbench.run.contract import contract_hash
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake

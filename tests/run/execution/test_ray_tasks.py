@@ -10,7 +10,7 @@ import pytest
 from run_helpers import specs
 
 from tsbench.episode.outcome import Outcome
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Finished, Setup, decode, encode
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record, error_row, lost_timing

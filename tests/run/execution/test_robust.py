@@ -12,7 +12,7 @@ from patience import HANG_S
 from run_helpers import Bench
 
 from tsbench.core.errors import InputError
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
 
 BAD_SCENARIO = "speed_limit-000-7"

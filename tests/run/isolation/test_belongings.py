@@ -1,4 +1,4 @@
-"""What an episode leaves in a cell's folders is removed, and what it took away comes back."""
+"""What an episode leaves in a sandbox's folders is removed, and what it took away comes back."""
 
 from __future__ import annotations
 

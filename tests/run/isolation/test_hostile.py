@@ -1,4 +1,4 @@
-"""Cheats and attacks of planners in a cell: each comes to nothing, or is named as the planner's own fault."""
+"""Cheats and attacks of planners in a sandbox: each comes to nothing, or is named as the planner's own fault."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rich.console import Console
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.isolation import process
 from tsbench.run.isolation.loading import describe
 from tsbench.run.isolation.protocol import Kind, pack
@@ -118,11 +118,11 @@ def honest() -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def cell() -> str:
-    """The tests are of cells with namespaces of their own; elsewhere there is less to promise."""
+def sandbox() -> str:
+    """The tests are of sandboxes with namespaces of their own; elsewhere there is less to promise."""
     if not describe(f"{FILE}:Honest").effects["namespaces"]:
         pytest.skip("this kernel, or container, lets nobody make namespaces")
-    return "cell"
+    return "sandbox"
 
 
 @pytest.fixture(scope="module")
@@ -141,20 +141,20 @@ def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> No
     assert driven("here", name)[name][0] != honest
 
 
-def test_nothing_comes_of_cheats_and_attacks_in_a_cell(honest: list[object], cell: str) -> None:
+def test_nothing_comes_of_cheats_and_attacks_in_a_cell(honest: list[object], sandbox: str) -> None:
     names = ("Honest", *CHEATS, *CONTAINED)
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = FILE.with_suffix(".port")
         port.write_text(str(server.getsockname()[1]))
         try:
-            found = driven(cell, *names)
+            found = driven(sandbox, *names)
         finally:
             port.unlink()
     assert found == dict.fromkeys(names, (honest, ""))
 
 
-def test_what_is_no_answer_is_named(cell: str) -> None:
-    assert misnamed(driven(cell, *NAMED)) == {}
+def test_what_is_no_answer_is_named(sandbox: str) -> None:
+    assert misnamed(driven(sandbox, *NAMED)) == {}
 
 
 def misnamed(found: Told) -> Told:
@@ -189,10 +189,10 @@ def test_without_namespaces_the_referee_is_out_of_reach_and_the_data_is_not(
         folder.mkdir()
     (victim / "kept").touch()
     names = ("Honest", *CHEATS, *CONTAINED_BARE)
-    found = driven("cell", *names, *NAMED_BARE, before=refused, TMPDIR=str(temporary))
+    found = driven("sandbox", *names, *NAMED_BARE, before=refused, TMPDIR=str(temporary))
     assert {name for name in names if found[name] != (honest, "")} == set(READERS)
     assert misnamed({name: found[name] for name in NAMED_BARE}) == {}
-    # What stood in the cells' folders went, and nothing that a link there pointed to.
+    # What stood in the sandboxes' folders went, and nothing that a link there pointed to.
     assert not list(temporary.iterdir())
     assert (victim / "kept").exists()
 
@@ -221,7 +221,7 @@ def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict
 
 
 def test_who_gives_no_answer_is_late_and_gone(
-    cell: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sandbox: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()
@@ -229,11 +229,11 @@ def test_who_gives_no_answer_is_late_and_gone(
     monkeypatch.setattr(tempfile, "tempdir", None)
     rows = rows_of(tmp_path / "run", LATE, Limits(call=1.0, first_call=4.0, patience=2.0))
     assert {row["outcome"] for row in rows.values()} == {Outcome.PLANNER_TIMEOUT}
-    # Their workers were killed, and have left no folder of a cell.
+    # Their workers were killed, and have left no folder of a sandbox.
     assert not list(temporary.iterdir())
 
 
-def test_who_takes_too_much_is_gone_and_a_flooded_log_costs_nothing(cell: str, tmp_path: Path) -> None:
+def test_who_takes_too_much_is_gone_and_a_flooded_log_costs_nothing(sandbox: str, tmp_path: Path) -> None:
     # Patient: only what they take is to end them, on a busy machine, too.
     limits = Limits(call=60.0, first_call=60.0, patience=5.0, most_memory=1200.0)
     rows = rows_of(tmp_path / "run", (*LARGE, "Floods"), limits)

@@ -70,7 +70,7 @@ def test_the_command_gives_a_container_nothing_but_the_line_and_the_planners_fol
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell")
     command = ["python3", "-m", "client", MINE]
     own = PlannerFiles(MINE)
-    told = run_arguments("docker", "planner:1", "tsbench-cell-1", tmp_path, MINE, command, own.binds)
+    told = run_arguments("docker", "planner:1", "tsbench-sandbox-1", tmp_path, MINE, command, own.binds)
     at = told.index("planner:1")
     assert told[at - 1 :] == ["--entrypoint=python3", "planner:1", "-m", "client", MINE]
     options = told[:at]
@@ -161,12 +161,12 @@ def test_an_image_goes_with_isolation(install: Install, capsys: pytest.CaptureFi
 def test_an_image_drives_as_a_cell_does_and_is_verified_in_it(install: Install, tmp_path: Path) -> None:
     engine = install("docker")
     told = {"split": "dev", "types": ["crosswalk"], "limit": 2, "workers": 1, "isolate": True}
-    tsbench.evaluate(MINE, **told, out=tmp_path / "cell")  # type: ignore[arg-type]
+    tsbench.evaluate(MINE, **told, out=tmp_path / "sandbox")  # type: ignore[arg-type]
     tsbench.evaluate(MINE, **told, out=tmp_path / "image", image="planner:1")  # type: ignore[arg-type]
-    (cell,), (inside,) = claims_of(tmp_path / "cell"), claims_of(tmp_path / "image")
-    assert inside.episodes == cell.episodes
+    (sandbox,), (inside,) = claims_of(tmp_path / "sandbox"), claims_of(tmp_path / "image")
+    assert inside.episodes == sandbox.episodes
     assert inside.planner.spec == f"image:planner:1 {MINE}"
-    assert inside.planner.code_sha256 == cell.planner.code_sha256
+    assert inside.planner.code_sha256 == sandbox.planner.code_sha256
     effects = json.loads((tmp_path / "image" / "run.json").read_text())["isolation"]["Minimal"]
     assert (effects["namespaces"], effects["image"], effects["image_id"]) == (
         "docker",
@@ -174,7 +174,7 @@ def test_an_image_drives_as_a_cell_does_and_is_verified_in_it(install: Install, 
         "ab" * 32,
     )
     found = verify(
-        inside, None, sample=1, seed=1, verifier="", workers=1, told=lambda *_: None
+        inside, None, sample=1, seed=1, verifier="", workers=1, on_progress=lambda *_: None
     )  # fmt: skip
     assert (found.confirmed, found.equal) == (True, 1)
     ran = [one for one in calls(engine) if one[0] == "run"]
@@ -211,9 +211,10 @@ def test_containers_of_workers_that_were_killed_are_removed(
 ) -> None:
     engine = install("docker")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    (tmp_path / "tsbench-cell-lives").mkdir()
+    (tmp_path / "tsbench-sandbox-lives").mkdir()
     (engine / "left").write_text(
-        f"gone {tmp_path}/tsbench-cell-gone\nlives {tmp_path}/tsbench-cell-lives\nothers /elsewhere/tsbench-cell-x\n"
+        f"gone {tmp_path}/tsbench-sandbox-gone\nlives {tmp_path}/tsbench-sandbox-lives\n"
+        "others /elsewhere/tsbench-sandbox-x\n"
     )
     image.remove_abandoned("docker")
     assert [one for one in calls(engine) if one[0] == "rm"] == [["rm", "--force", "gone"]]
@@ -229,12 +230,12 @@ def test_an_engine_that_is_there_runs_a_program_in_an_empty_image(program: str, 
         [engine, "build", "--tag", name, "-"], input=b"FROM scratch\nLABEL of=tsbench\n", check=True
     )
     try:
-        for out, within in (("cell", None), ("image", name)):
+        for out, within in (("sandbox", None), ("image", name)):
             tsbench.evaluate(
                 program, split="dev", limit=2, workers=1, isolate=True, image=within, out=tmp_path / out
             )
-        (cell,), (inside,) = claims_of(tmp_path / "cell"), claims_of(tmp_path / "image")
-        assert inside.episodes == cell.episodes
+        (sandbox,), (inside,) = claims_of(tmp_path / "sandbox"), claims_of(tmp_path / "image")
+        assert inside.episodes == sandbox.episodes
         left = subprocess.run(
             [engine, "ps", "--all", "--quiet", "--filter", f"ancestor={name}"],
             capture_output=True,

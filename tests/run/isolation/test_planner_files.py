@@ -15,14 +15,14 @@ from tsbench.core.errors import InputError
 from tsbench.run.isolation import files
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.loading import check_unchanged_now, describe
-from tsbench.run.isolation.places import is_installed, is_public
 from tsbench.run.isolation.process import PlannerProcess
+from tsbench.run.isolation.sandbox_paths import is_installed, is_public
 
 PLANNER = "class P:\n    floor = False\n    def reset(self, c): pass\n    def act(self, o): pass\n"
 
 
 def shown(spec: str) -> dict[str, str]:
-    """What stands in the cell, by the path there."""
+    """What stands in the sandbox, by the path there."""
     own, found = PlannerFiles(spec), {}
     for copy, place in own.binds:
         for path in [copy] if copy.is_file() else sorted(copy.rglob("*")):

@@ -24,7 +24,7 @@ from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_if_early, drawn_habits
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -47,7 +47,7 @@ class _Drive:
     @property
     def passed(self) -> bool:
         """Did it get SCD?"""
-        return self.result.facts is not None and passed(self.result.facts)
+        return self.result.facts is not None and is_scd(self.result.facts)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.cut import assemble
-from tsbench.dataset.maps.families.registry import REGISTRY
+from tsbench.dataset.maps.families.family import REGISTRY
 from tsbench.dataset.maps.families.roundabout import roundabout_chains
 from tsbench.dataset.maps.merge import merge_chains, part_carriageways
 from tsbench.dataset.maps.plain import PlainNet

@@ -18,7 +18,7 @@ from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.extracts import by_preference, list_extracts
 from tsbench.dataset.maps.families.expectations import expectations
-from tsbench.dataset.maps.families.registry import REGISTRY
+from tsbench.dataset.maps.families.family import REGISTRY
 from tsbench.dataset.maps.lint import lint_crops
 from tsbench.dataset.maps.names import extract_name
 from tsbench.dataset.maps.overlap import Coverage

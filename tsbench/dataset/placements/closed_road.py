@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,
@@ -19,7 +20,6 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     start_speed,
 )
-from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, U_TURN
 from tsbench.roads.destination import Destination

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, Point
-from tsbench.dataset.placements.base import Arrangement, Placement, SceneTask, plate_beside, require
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
+from tsbench.dataset.placements.placement import Arrangement, Placement, SceneTask, plate_beside, require
 from tsbench.dataset.placements.reserved_lane import run_up_room, start_before_plate
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Array, Polyline

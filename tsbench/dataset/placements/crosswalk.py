@@ -12,15 +12,6 @@ import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
-    Arrangement,
-    Placement,
-    SceneTask,
-    keep_clear,
-    passenger_lanes,
-    plate_beside,
-    require,
-)
 from tsbench.dataset.placements.crosswalk_net import (
     SIDES,
     bend_speed,
@@ -28,6 +19,15 @@ from tsbench.dataset.placements.crosswalk_net import (
     path_name,
     to_crossing,
     with_crossing,
+)
+from tsbench.dataset.placements.placement import (
+    Arrangement,
+    Placement,
+    SceneTask,
+    keep_clear,
+    passenger_lanes,
+    plate_beside,
+    require,
 )
 from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes.elements import walker_elements

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.benchmark import SIGN_RANGE_M
-from tsbench.dataset.placements.base import Arrangement, SceneTask, passenger_lanes, plate_beside
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, passenger_lanes, plate_beside
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import ScenarioType, load_catalog
 from tsbench.sim.world import EGO_LENGTH_M

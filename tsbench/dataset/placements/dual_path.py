@@ -8,7 +8,15 @@ from itertools import pairwise
 from typing import ClassVar
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.obedient_way import (
+    check_way,
+    drive_time,
+    main_road,
+    sharpest_bend,
+    turn_between,
+    waits,
+)
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,
@@ -19,14 +27,6 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
     start_speed,
-)
-from tsbench.dataset.placements.obedient_way import (
-    check_way,
-    drive_time,
-    main_road,
-    sharpest_bend,
-    turn_between,
-    waits,
 )
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import Variant

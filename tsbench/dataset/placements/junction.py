@@ -13,7 +13,15 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.junction_arms import (
+    Arms,
+    bending_arms,
+    exchanged_arms,
+    through_arms,
+    with_priorities,
+)
+from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,
@@ -24,14 +32,6 @@ from tsbench.dataset.placements.base import (
     require,
     start_speed,
 )
-from tsbench.dataset.placements.junction_arms import (
-    Arms,
-    bending_arms,
-    exchanged_arms,
-    through_arms,
-    with_priorities,
-)
-from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.seeds import rng_of
@@ -139,7 +139,7 @@ class GiveWayPlacement(Placement):
         """The target first, on the convoy's arm where it faces the main road; the others speak to other traffic."""
         network, recipe = task.network, task.recipe
         if self._faces == "main_arms":
-            met = network.lanes[chosen.foe.from_lane].edge
+            met = network.lanes[chosen.priority.from_lane].edge
             first = sorted(arms.prior_in, key=lambda e: (e != met, e))
             wanted = [(e, _crossing_plate(network, e, arms.ego_in, task)) for e in first]
         else:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import require
+from tsbench.dataset.placements.placement import require
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.seeds import seed_of
 from tsbench.geometry.angles import STRAIGHT_DEG

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.junction_arms import Arms
+from tsbench.dataset.placements.placement import (
     ConvoySetup,
     SceneTask,
     UnfitMapError,
     passenger_lanes,
     start_speed,
 )
-from tsbench.dataset.placements.junction_arms import Arms
 from tsbench.geometry.angles import U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
 from tsbench.geometry.polyline import Polyline, bend_speed
@@ -32,7 +32,7 @@ class Conflict:
     """A pair of paths that meet: the ego's connection, the other's, and their zone (a = ego, b = the other)."""
 
     ego: Connection
-    foe: Connection
+    priority: Connection
     zone: ConflictZone
 
 
@@ -41,10 +41,10 @@ def swept_line(network: RoadNetwork, c: Connection) -> Polyline:
     return junction_path(network, c).onto_exit(_ONTO_EXIT_M)
 
 
-def meeting(network: RoadNetwork, ego: Connection, foe: Connection) -> ConflictZone | None:
+def meeting(network: RoadNetwork, ego: Connection, priority: Connection) -> ConflictZone | None:
     """Where the ego's body on its path (a) is in the other's lane (b)."""
-    width = junction_path(network, foe).width
-    return conflict_zone(swept_line(network, ego), EGO_WIDTH_M, swept_line(network, foe), width)
+    width = junction_path(network, priority).width
+    return conflict_zone(swept_line(network, ego), EGO_WIDTH_M, swept_line(network, priority), width)
 
 
 def turn_speed(network: RoadNetwork, c: Connection) -> float:
@@ -76,18 +76,18 @@ def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: 
     """
     own = _links(network, graph, arms.ego_in)
     egos = [c for c in own if c.state in "ms" and turn_speed(network, c) >= slowest_turn]
-    foes = [c for e in arms.prior_in for c in _links(network, graph, e) if c.state == "M"]
+    with_priority = [c for e in arms.prior_in for c in _links(network, graph, e) if c.state == "M"]
     # One pair per pair of edges: lanes of the same roads are no different scene.
     unique: dict[tuple[str, str, str], Conflict] = {}
     for ego in egos:
-        for foe in foes:
-            zone = meeting(network, ego, foe)
+        for priority in with_priority:
+            zone = meeting(network, ego, priority)
             if zone is None:
                 continue
             lanes = network.lanes
-            key = (lanes[ego.to_lane].edge, lanes[foe.from_lane].edge, lanes[foe.to_lane].edge)
+            key = (lanes[ego.to_lane].edge, lanes[priority.from_lane].edge, lanes[priority.to_lane].edge)
             if key not in unique or zone.a_in > unique[key].zone.a_in:
-                unique[key] = Conflict(ego, foe, zone)
+                unique[key] = Conflict(ego, priority, zone)
     return [unique[k] for k in sorted(unique)]
 
 
@@ -108,7 +108,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     Raises UnfitMapError.
     """
     network, recipe, rng = task.network, task.recipe, task.rng
-    foe_lane, ego_lane = network.lanes[chosen.foe.from_lane], network.lanes[chosen.ego.from_lane]
+    priority_lane, ego_lane = network.lanes[chosen.priority.from_lane], network.lanes[chosen.ego.from_lane]
     turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
     v0 = start_speed(task, ego_lane)
@@ -124,19 +124,19 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     reach = _reach(recipe.number("convoy_time_share") * eta + after, speed, 0.8 * accel)
     back = min(
         max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
-        foe_lane.line.length - body.length - 1.0,
+        priority_lane.line.length - body.length - 1.0,
         recipe.number("convoy_farthest_m"),
     )
-    lead = foe_lane.line.length - back
+    lead = priority_lane.line.length - back
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     step = body.length + recipe.number("convoy_gap_m")
     places = tuple(lead - k * step for k in range(count) if lead - k * step > body.length + 0.5)
     if not places:
-        raise UnfitMapError(f"the main arm of {foe_lane.line.length:.0f} m has no room for a convoy")
+        raise UnfitMapError(f"the main arm of {priority_lane.line.length:.0f} m has no room for a convoy")
     return ConvoySetup(
-        drivers=tuple(body for _ in places), places=places, lane=foe_lane.id,
-        edges=(foe_lane.edge, network.lanes[chosen.foe.to_lane].edge),
-        zone_m=foe_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
+        drivers=tuple(body for _ in places), places=places, lane=priority_lane.id,
+        edges=(priority_lane.edge, network.lanes[chosen.priority.to_lane].edge),
+        zone_m=priority_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
         ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, abrupt=True,
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ Source: docs/spec/scenes.md, "Reserved lane". Units: m, s, m/s.
 
 from __future__ import annotations
 
-from tsbench.dataset.placements.base import ConvoySetup, SceneTask, require
+from tsbench.dataset.placements.placement import ConvoySetup, SceneTask, require
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.network import Lane

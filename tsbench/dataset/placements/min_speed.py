@@ -8,7 +8,7 @@ import numpy as np
 from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,

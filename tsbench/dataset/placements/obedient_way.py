@@ -14,7 +14,7 @@ import numpy as np
 
 from tsbench.dataset.maps.lines import heading_away, heading_towards
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet
-from tsbench.dataset.placements.base import require
+from tsbench.dataset.placements.placement import require
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import STRAIGHT, turn_class
 from tsbench.geometry.polyline import Polyline

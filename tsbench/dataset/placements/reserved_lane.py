@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tsbench.dataset.maps.plain import PlainLane, PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.placements.lane_users import lane_users
+from tsbench.dataset.placements.placement import (
     Arrangement,
     ConvoySetup,
     Placement,
@@ -17,8 +19,6 @@ from tsbench.dataset.placements.base import (
     require,
     start_speed,
 )
-from tsbench.dataset.placements.corridor import split_edge
-from tsbench.dataset.placements.lane_users import lane_users
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.map_pool import PoolRow

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from tsbench.dataset.placements.base import ConvoySetup, SceneTask, passenger_lanes, require
 from tsbench.dataset.placements.junction_convoy import Conflict, turn_speed
 from tsbench.dataset.placements.lane_users import way_from_standstill
+from tsbench.dataset.placements.placement import ConvoySetup, SceneTask, passenger_lanes, require
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.convoy import predicted_arrival
@@ -110,8 +110,8 @@ def _on(stretch: _Stretch, body: Driver, wanted: float) -> Iterator[_Stand]:
 
 def _upstream(network: RoadNetwork, ring: tuple[str, ...], chosen: Conflict) -> Iterator[_Stretch]:
     """The ring's lanes that lead to the conflict, from the ego's junction upstream, but for the one behind it."""
-    lane, gone = network.lanes[chosen.foe.from_lane], 0.0
-    after = network.lanes[chosen.foe.to_lane].edge
+    lane, gone = network.lanes[chosen.priority.from_lane], 0.0
+    after = network.lanes[chosen.priority.to_lane].edge
     while True:
         yield _Stretch(lane, gone)
         gone += lane.line.length
@@ -142,10 +142,10 @@ def _arms(
 def _way(task: SceneTask, chosen: Conflict, first: str) -> tuple[str, ...]:
     """The convoy's edges: to the ego's junction, past it, and out at an exit that its lane leads to (the layouts)."""
     network, graph, ring = task.network, task.graph, task.row.fields["ring"]
-    foe, before, after = (
-        chosen.foe,
-        network.lanes[chosen.foe.from_lane].edge,
-        network.lanes[chosen.foe.to_lane].edge,
+    priority, before, after = (
+        chosen.priority,
+        network.lanes[chosen.priority.from_lane].edge,
+        network.lanes[chosen.priority.to_lane].edge,
     )
     to_junction = graph.route(first, before)
     require(to_junction is not None, "the convoy does not come to the ego's entry")
@@ -159,7 +159,7 @@ def _way(task: SceneTask, chosen: Conflict, first: str) -> tuple[str, ...]:
         stay = tuple(ring[(turned + j) % len(ring)] for j in range(k + 1))
         onward += [(*stay, out) for out in graph.successors(edge) if out not in ring]
     require(bool(onward), "the convoy finds no exit behind the ego's entry")
-    straight = [way for way in onward if _keeps_lane(network, foe.to_lane, way)]
+    straight = [way for way in onward if _keeps_lane(network, priority.to_lane, way)]
     ways = straight or onward
     return (*to_junction, *ways[task.variant.layout % len(ways)])
 

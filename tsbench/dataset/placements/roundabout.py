@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.dataset.maps.plain import PlainNet
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.junction_convoy import Conflict, meeting
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,
@@ -22,7 +23,6 @@ from tsbench.dataset.placements.base import (
     require,
     start_speed,
 )
-from tsbench.dataset.placements.junction_convoy import Conflict, meeting
 from tsbench.dataset.placements.ring_convoy import ring_convoy
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
@@ -145,11 +145,11 @@ def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]
     found = []
     target = network.lanes[ego.to_lane].edge
     for lane in passenger_lanes(network, upstream):
-        for foe in network.outgoing[lane.index]:
-            if network.lanes[foe.to_lane].edge != target or ego.yields_to.isdisjoint(foe.via):
+        for priority in network.outgoing[lane.index]:
+            if network.lanes[priority.to_lane].edge != target or ego.yields_to.isdisjoint(priority.via):
                 continue
-            zone = meeting(network, ego, foe)
-            if zone is not None and (ego.state, foe.state) == ("m", "M"):
-                found.append(Conflict(ego, foe, zone))
+            zone = meeting(network, ego, priority)
+            if zone is not None and (ego.state, priority.state) == ("m", "M"):
+                found.append(Conflict(ego, priority, zone))
     # Those who will share the ego's lane first: what is beside it only brushes its way.
-    return sorted(found, key=lambda c: (c.foe.to_lane != ego.to_lane, c.foe.from_lane))
+    return sorted(found, key=lambda c: (c.priority.to_lane != ego.to_lane, c.priority.from_lane))

@@ -11,7 +11,8 @@ import numpy as np
 from tsbench.dataset.maps.paths import types_file
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.plain_xml import class_speeds
-from tsbench.dataset.placements.base import (
+from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.placements.placement import (
     Arrangement,
     Placement,
     SceneTask,
@@ -19,7 +20,6 @@ from tsbench.dataset.placements.base import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import bend_speed, join

@@ -24,7 +24,7 @@ from tsbench.core.parallel import CachedResult, Workers, worker_processes
 from tsbench.core.provenance import closure, digest, versions
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
@@ -123,7 +123,7 @@ def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
 # What makes scenes; it imports every placement, of which a type uses one. Certificates are what a build writes.
 _MAKER = "tsbench.dataset.scenes.map_scenarios"
 _LEFT_OUT = (
-    "tsbench/dataset/placements/registry.py",
+    "tsbench/dataset/placements/by_name.py",
     "tsbench/scenarios/certificates.py: scenarios/certificates.parquet",
 )
 

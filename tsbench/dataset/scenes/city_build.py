@@ -26,11 +26,11 @@ def build_city(
     osm: Path,
     workers: int,
     progress: Progress,
-    told: Callable[[str], None] = lambda _: None,
+    on_progress: Callable[[str], None] = lambda _: None,
 ) -> list[TypeReport]:
     """Build the data set of the city in use, of some types or () = all. Interrupted, it goes on where it was.
 
-    told: gets a line for each thing in the extracts that was not taken as it is.
+    on_progress: gets a line for each thing in the extracts that was not taken as it is.
 
     Raises InputError: an extract that is missing or another than the city's, or lies in another zone; no scenario.
     """
@@ -41,7 +41,7 @@ def build_city(
         )
     pool = made_pool()
     for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
-        told(note)
+        on_progress(note)
     reports = build_scenarios(BuildRequest(types, osm, dataset_root() / "scenarios", workers), progress)
     if not any(read_table(table_path(split)) for split in splits_there()):
         why = dict.fromkeys(c.why for c in carried(city, read_pool(pool), _recipes(types), build_report()))

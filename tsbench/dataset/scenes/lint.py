@@ -11,7 +11,7 @@ from tsbench.geometry.angles import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
-from tsbench.roads.sealed import SealedRoads
+from tsbench.roads.planner_map import PlannerMap
 from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import read_additional
@@ -46,7 +46,7 @@ def lint_scene(scene: Scene, graph: LaneGraph) -> Iterator[str]:
     yield from _lint_bodies(scene)
 
 
-def lint_limits(network: RoadNetwork, view: SealedRoads) -> Iterator[str]:
+def lint_limits(network: RoadNetwork, view: PlannerMap) -> Iterator[str]:
     """Lanes whose limit on the planners' map is not the one by which they are judged, in words."""
     for lane, judged in zip(network.lanes, network.shown_limits, strict=True):
         at = view.places[lane.index].lane

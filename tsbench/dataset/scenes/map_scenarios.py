@@ -13,9 +13,9 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
-from tsbench.dataset.placements.base import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.distractors import distractors, with_same_plates
-from tsbench.dataset.placements.registry import placement_of
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.scene_files import Others, SceneFiles, UnluckyDrawError

@@ -9,7 +9,7 @@ from lxml import etree
 
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.dataset.placements.base import Arrangement, ConvoySetup, UnfitMapError
+from tsbench.dataset.placements.placement import Arrangement, ConvoySetup, UnfitMapError
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time, load_files

@@ -17,7 +17,7 @@ from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
 from tsbench.learn.imitation.frames import frames_of
 from tsbench.learn.oracle.trajectories import Recorded, Replayer
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
@@ -60,7 +60,7 @@ class FinetuneSource:
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
-        if not passed(driven.facts):
+        if not is_scd(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
         catalog = load_catalog()
         sign = catalog.sign(driven.facts.scene.target_sign.code)

@@ -16,7 +16,7 @@ import numpy as np
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.perception_level import PerceptionLevel
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.planners.base import Observation
@@ -77,8 +77,8 @@ class Imitated:
     """Every few ticks, with what the driver did next: targets of `plant2`."""
 
     def __init__(self, driven: DriveResult, sampling: Sampling) -> None:
-        facts, witness = driven.facts, Witness(driven.facts.scene.network, driven.roads.view)
-        self._seen, self._sampling = [witness.see(w.actors, w.ego) for w in facts.snapshots], sampling
+        facts, traffic_view = driven.facts, TrafficView(driven.facts.scene.network, driven.roads.view)
+        self._seen, self._sampling = [traffic_view.see(w.actors, w.ego) for w in facts.snapshots], sampling
         self._track = Track(facts.snapshots)
 
     def ticks(self) -> list[int]:

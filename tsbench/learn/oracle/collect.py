@@ -13,7 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.seeds import seed_of
 from tsbench.learn.oracle.store import KIND, Collection, basis, check_folder
 from tsbench.planners.registry import entry, names
-from tsbench.run.execution.base import Executor, Limits
+from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import Setup
 from tsbench.run.log.manifest import new_manifest

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import Commands, Intents, QuantisedPlanner, fingerprints, steps_of
 from tsbench.metrics.comfort import comfort
-from tsbench.metrics.episode import passed
+from tsbench.metrics.episode import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row
@@ -50,7 +50,7 @@ class OracleRunner:
     ) -> None:
         self._quantised = QuantisedPlanner(planner.factory)
         self._runner = EpisodeRunner(replace(planner, factory=lambda: self._quantised), **options)
-        self._most, self._probe = most, from_plain(ScenarioSpec, probe)
+        self._most, self._probe = most, dataclass_from_json(ScenarioSpec, probe)
         self._draws: bool | None = None
 
     def prepare(self, spec: ScenarioSpec) -> None:
@@ -98,7 +98,7 @@ def _figures(facts: EpisodeFacts) -> Row:
     tracks = tracks_of(facts.snapshots)
     ego, others = fingerprints(facts.snapshots)
     return {
-        "scd": passed(facts),
+        "scd": is_scd(facts),
         "compliant": facts.target.compliant,
         "engaged": facts.target.engaged,
         "steps": facts.snapshots[-1].step,

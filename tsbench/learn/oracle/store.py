@@ -81,7 +81,7 @@ def basis() -> str:
     Not the code that made them: a drive is its commands, and replaying them proves it (`tsbench oracle verify`).
     """
     catalog = load_catalog()
-    return digest({"signs": catalog.judged(catalog.signs), "versions": versions(["libsumo"])})
+    return digest({"signs": catalog.contract_entries(catalog.signs), "versions": versions(["libsumo"])})
 
 
 def kind_of(planner: PlannerInfo) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.planners.common.fixed_point import BITS, Linear, magic, tree_sum
+from tsbench.planners.common.fixed_point import BITS, Linear, rounding_offset, tree_sum
 
 # Measured activations are below 20.
 LARGEST = 64.0
@@ -76,7 +76,7 @@ class GroupNorm:
         self._count = area * len(weight) // self.groups
         if self._count & (self._count - 1):
             raise ValueError("a group's size is no power of two")
-        self._weight, self._lift = weight.astype(np.float64), float(magic(BITS))
+        self._weight, self._lift = weight.astype(np.float64), float(rounding_offset(BITS))
         self._bias = bias.astype(np.float64) + self._lift
 
     def __call__(self, x: Array) -> Array:

@@ -31,7 +31,7 @@ _FAINTEST, _FLAT = -24.0, 16
 _LEAST_BITS = 6
 
 
-def magic(bits: float | Array) -> float | Array:
+def rounding_offset(bits: float | Array) -> float | Array:
     """Added to a number below 2**(51 - bits) and taken away again, it leaves the nearest multiple of 2**-bits."""
     found: float | Array = 1.5 * 2.0 ** (SUM_BITS - bits)
     return found
@@ -39,8 +39,8 @@ def magic(bits: float | Array) -> float | Array:
 
 def snap(x: Array, bits: int = BITS) -> Array:
     """Round to multiples of 2**-bits, in place."""
-    x += magic(bits)
-    x -= magic(bits)
+    x += rounding_offset(bits)
+    x -= rounding_offset(bits)
     return x
 
 
@@ -95,7 +95,7 @@ class Linear:
         self.weight: Array = snap(w, fine)
         b = bias.astype(np.float64)
         self.bound = float((sizes + np.abs(b)).max())
-        self.lift: float | Array = 0.0 if snapped is None else magic(snapped)
+        self.lift: float | Array = 0.0 if snapped is None else rounding_offset(snapped)
         self.bias: Array = b + self.lift
         self._snaps = snapped is not None
 
@@ -151,10 +151,10 @@ class Curve:
         bits: int = BITS,
     ) -> None:
         at = np.arange(low << piece_bits, (high << piece_bits) + 1) / (1 << piece_bits)
-        self._lift = float(magic(bits))
+        self._lift = float(rounding_offset(bits))
         # With what rounds to the grid added already.
         self._values, self._slopes = values(at) + self._lift, slopes(at)
-        self._to_piece = float(magic(piece_bits))
+        self._to_piece = float(rounding_offset(piece_bits))
         self._first = int(np.float64(self._to_piece + low).view(np.int64))
 
     def __call__(self, x: Array) -> Array:
@@ -225,7 +225,7 @@ class LayerNorm:
             raise ValueError("a layer's width is no power of two, or does not fit")
         self._weight, self._lift, self._epsilon = (
             weight.astype(np.float64)[:, None],
-            float(magic(BITS)),
+            float(rounding_offset(BITS)),
             epsilon,
         )
         self._bias = bias.astype(np.float64)[:, None] + self._lift

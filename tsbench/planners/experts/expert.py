@@ -21,12 +21,12 @@ from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
-from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
 
 # By kind of rule: the constraint in the file of its name.
-CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = class_of_every_kind(
+CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = load_rule_classes(
     import_all("tsbench.planners.experts.rules"), RuleConstraint
 )
 

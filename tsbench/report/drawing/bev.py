@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from tsbench.episode.trace import Trace
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image, camera_over
@@ -35,8 +35,8 @@ from tsbench.report.drawing.strip import Strip
 from tsbench.report.drawing.style import STYLE
 from tsbench.report.drawing.text import stamp, tile
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.sealed import seal
-from tsbench.rules.base import Violation
+from tsbench.roads.planner_map import build_planner_map
+from tsbench.rules.monitor import Violation
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -63,8 +63,8 @@ class BirdsEye:
     ) -> None:  # fmt: skip
         self._under_way = under_way
         self.trace, self.scene, self.size, self._country = trace, scene, size, country
-        view = seal(scene.network)
-        self._views, self._witness = trace.routes(view, scene), Witness(scene.network, view)
+        view = build_planner_map(scene.network)
+        self._views, self._traffic_view = trace.routes(view, scene), TrafficView(scene.network, view)
         others = (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
         self._named = named_from(trace.events, others) if named else {}
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
@@ -140,7 +140,7 @@ class BirdsEye:
         self._draw_plan(view, tick, camera)
         before = self.trace.snapshots[tick - 1] if tick else None
         # Obstacles once more: they are what a way is to lead around.
-        bodies = [*self._obstacles, *tick_shapes(self.trace.snapshots[tick], before, self._witness)]
+        bodies = [*self._obstacles, *tick_shapes(self.trace.snapshots[tick], before, self._traffic_view)]
         paint(view, camera, bodies)
         self._name(view, camera, bodies, tick)
         draw_scale_bar(view, camera.scale)

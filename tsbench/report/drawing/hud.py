@@ -23,7 +23,7 @@ from tsbench.report.drawing.text import (
     wrap,
     write,
 )
-from tsbench.rules.base import Violation
+from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.countries import Country
 from tsbench.signs.plates import plate_rgba

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from types import MappingProxyType
 
-from tsbench.episode.witness import Witness
-from tsbench.rules.base import Violation
+from tsbench.episode.traffic_view import TrafficView
+from tsbench.rules.monitor import Violation
 from tsbench.sim.world import DT_S, Indicator, WorldSnapshot
 
 # Who slows down by more has a foot on the brake.
@@ -15,10 +15,10 @@ _BRAKES_MPS2 = 0.8
 _SIDES = MappingProxyType({Indicator.NONE: 0, Indicator.LEFT: 1, Indicator.RIGHT: -1})
 
 
-def indicators(witness: Witness, snapshot: WorldSnapshot) -> list[int]:
+def indicators(traffic_view: TrafficView, snapshot: WorldSnapshot) -> list[int]:
     """(n,) of others in their order: 1 = the left side flashes, -1 = the right side. Ticks must come in order."""
-    seen = witness.see(snapshot.actors, snapshot.ego)
-    # A witness has an order of its own; where somebody is tells who it is.
+    seen = traffic_view.see(snapshot.actors, snapshot.ego)
+    # A traffic_view has an order of its own; where somebody is tells who it is.
     sides = {
         (x, y): _SIDES[i] for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)
     }

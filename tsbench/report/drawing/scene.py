@@ -11,7 +11,7 @@ import shapely
 from lxml import etree
 
 from tsbench.core.benchmark import ARRIVAL_M
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.curves import rounded
@@ -215,13 +215,13 @@ def scene_shapes(scene: Scene, graph: LaneGraph, start: bool = False) -> Iterato
 
 
 def tick_shapes(
-    snapshot: WorldSnapshot, before: WorldSnapshot | None = None, witness: Witness | None = None
+    snapshot: WorldSnapshot, before: WorldSnapshot | None = None, traffic_view: TrafficView | None = None
 ) -> list[Body]:
-    """Who is there at a tick. before: the tick before, by which it is seen who brakes; witness: sees indicators."""
+    """Road users at a tick. before: the tick before, which shows who brakes; traffic_view: shows indicators."""
     actors, table = snapshot.actors, snapshot.actors.table
     rows = actors.index
     sizes = np.column_stack((table.length[rows], table.width[rows])).tolist()
-    sides = [0] * len(actors) if witness is None else indicators(witness, snapshot)
+    sides = [0] * len(actors) if traffic_view is None else indicators(traffic_view, snapshot)
     bodies = [
         Body(body_kind(table, row), table.ids[row], x, y, heading, length, width, side, brakes)
         for row, (x, y, heading), (length, width), side, brakes in zip(

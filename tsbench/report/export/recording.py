@@ -33,7 +33,7 @@ from tsbench.report.drawing.scene import scene_shapes, tick_shapes
 from tsbench.report.drawing.style import ATTRIBUTION
 from tsbench.report.export.shapes import FRAME, entities, turned
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.rules.base import Violation
+from tsbench.rules.monitor import Violation
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot

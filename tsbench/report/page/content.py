@@ -7,10 +7,10 @@ from typing import Any
 
 from tsbench.metrics.compare import compare, shared_scenarios
 from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
+from tsbench.report.analyses.by_name import OF_POOL
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import Pool
-from tsbench.report.analyses.registry import OF_POOL
 from tsbench.report.analyses.shown import lines_of
 from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.report.page.packing import pack_table

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import Trace, read_trace, verdict_to_dict
-from tsbench.episode.witness import Witness
+from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import episode_subtitle, episode_title, readable, unit_words
 from tsbench.report.drawing.ground import ground_shapes
@@ -28,7 +28,7 @@ from tsbench.report.export.tracks import actor_tracks, ego_rows
 from tsbench.report.page.conflict import FARTHEST_S, times_to_collision, times_to_conflict
 from tsbench.report.page.drawing import drawing, plate_key, plate_keys, plate_of
 from tsbench.report.page.packing import deltas, pack
-from tsbench.roads.sealed import seal
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.catalog import load_catalog
@@ -204,11 +204,11 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
 
 def _lights(trace: Trace, scene: Scene) -> tuple[npt.NDArray[np.int8], npt.NDArray[np.int8]]:
     """Of road users in the order of the arrays of their motion, and of the ego: 1 left, 2 right indicator, 4 brakes."""
-    witness, before, tables = Witness(scene.network, seal(scene.network)), None, []
+    traffic_view, before, tables = TrafficView(scene.network, build_planner_map(scene.network)), None, []
     ego = np.zeros(len(trace.snapshots), dtype=np.int8)
     for tick, snapshot in enumerate(trace.snapshots):
         ego[tick] = _BRAKES * ego_brakes(snapshot, before)
-        sides, brakes = indicators(witness, snapshot), braking(snapshot, before)
+        sides, brakes = indicators(traffic_view, snapshot), braking(snapshot, before)
         lamps = [_SIDES[side] + _BRAKES * on for side, on in zip(sides, brakes, strict=True)]
         tables.append(dict(zip(snapshot.actors.index.tolist(), lamps, strict=True)))
         before = snapshot

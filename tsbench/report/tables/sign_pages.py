@@ -36,7 +36,7 @@ from tsbench.report.tables.rule_words import (
 )
 from tsbench.report.video.encode import render_gif
 from tsbench.report.video.render import moment
-from tsbench.rules.base import Violation
+from tsbench.rules.monitor import Violation
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

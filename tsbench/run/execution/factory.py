@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsbench.core.extras import load
 from tsbench.core.machine import own_cores
-from tsbench.run.execution.base import Executor, Limits
+from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.local import Pool
 
 EXECUTORS = ("local", "ray")

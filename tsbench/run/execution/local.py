@@ -14,8 +14,8 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors
-from tsbench.run.execution.base import Limits
 from tsbench.run.execution.child import cause_of_end
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.execution.memory import MemoryUse, resident_mb
 from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
@@ -197,7 +197,7 @@ class Pool:
                 continue
             self._receive(worker, keep)
             worker.closed = worker.closed or event == "death"
-            if worker.hung_up is not None:
+            if worker.closed_at is not None:
                 # Its end follows, or it is given up.
                 self._forget(worker.connection)
             if worker.closed:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
@@ -50,9 +50,13 @@ class Setup:
 
 @dataclass(frozen=True)
 class Start:
-    """The first thing that a worker is told. sys_path: the run's, on which its planners are."""
+    """The first thing that a worker is told. sys_path: the run's, on which its planners are.
+
+    contract_files: names of the contract's files, which do not count with a planner's code.
+    """
 
     sys_path: tuple[str, ...]
+    contract_files: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -116,5 +120,5 @@ def decode(line: bytes | str, kinds: tuple[type[M], ...]) -> M:
         raise ValueError("no message of a worker")
     for kind in kinds:
         if kind.__name__ == told[0]:
-            return from_plain(kind, told[1])
+            return dataclass_from_json(kind, told[1])
     raise ValueError(f"no message of a worker: {told[0]!r:.80}")

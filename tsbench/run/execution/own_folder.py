@@ -10,15 +10,15 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import gettempdir, mkdtemp
 
-_PREFIXES = ("tsbench-actor-", "tsbench-cell-", "tsbench-files-")
-ACTOR, CELL, FILES = _PREFIXES
+_PREFIXES = ("tsbench-actor-", "tsbench-sandbox-", "tsbench-files-")
+ACTOR, SANDBOX, FILES = _PREFIXES
 
 
 class OwnFolder:
     """path: the folder. Locked as long as this process lives: what is not locked belongs to nobody."""
 
     def __init__(self, prefix: str) -> None:
-        """prefix: ACTOR, CELL or FILES. Raises OSError where the folder for temporary files takes nothing."""
+        """prefix: ACTOR, SANDBOX or FILES. Raises OSError where the folder for temporary files takes nothing."""
         remove_abandoned()
         self.path, lock = _locked_folder(prefix)
         self._release = weakref.finalize(self, _released, self.path, lock)

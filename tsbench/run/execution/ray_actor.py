@@ -16,7 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use
 from tsbench.episode.trace import trace_path
 from tsbench.run.contract import contract_hash
-from tsbench.run.execution.base import Limits
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.own_folder import ACTOR, OwnFolder

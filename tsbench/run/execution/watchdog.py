@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.phase import Phase
-from tsbench.run.execution.base import Limits
 from tsbench.run.execution.child import cause_of_end
+from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.memory import processor_s, resident_below_mb, resident_mb
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.execution.worker_process import WorkerProcess

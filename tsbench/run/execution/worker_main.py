@@ -1,6 +1,6 @@
 """The worker process: takes episodes from its parent, sends records back. Started by `worker_process` only.
 
-python -m tsbench.run.execution.worker_main CONNECTION_FD HEARTBEAT_FD WARDEN_PID
+python -m tsbench.run.execution.worker_main CONNECTION_FD HEARTBEAT_FD REAPER_PID
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import pyarrow as pa
+
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.machine import die_with
 from tsbench.episode.outcome import Outcome
@@ -24,6 +26,7 @@ from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
+from tsbench.run.contract import use_file_names
 from tsbench.run.execution import messages
 from tsbench.run.execution.fresh_episode import end_as, run_in_child
 from tsbench.run.execution.heartbeat import Heartbeat
@@ -61,7 +64,9 @@ class Worker:
 
     def serve(self) -> None:
         """Answer messages until the parent closes the connection."""
-        sys.path[:] = messages.decode(self._lines.readline(), (messages.Start,)).sys_path
+        start = messages.decode(self._lines.readline(), (messages.Start,))
+        sys.path[:] = start.sys_path
+        use_file_names(start.contract_files)
         self._say(messages.Ready(self._pid))
         for line in self._lines:
             message: Any = messages.decode(line, messages.TO_WORKER)
@@ -103,6 +108,9 @@ class Worker:
         # Whatever it is, the planner raised it.
         with suppress(BaseException):
             runner = self._runner_of(task.planner)
+            if self._setup.trace != "none":
+                # PyArrow imports pandas with its first array: here, or in each child anew.
+                pa.array([0.0])
             self._heartbeat.beat(Phase.PLANNING)
             runner.prepare(task.spec)
         self._exit_if_forked()

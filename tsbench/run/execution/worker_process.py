@@ -11,6 +11,7 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
+from tsbench.run.contract import file_names
 from tsbench.run.execution.child import ONE_THREAD
 from tsbench.run.execution.heartbeat import Heartbeat, heartbeat_file
 from tsbench.run.execution.memory import MemoryUse
@@ -24,7 +25,7 @@ _MOST_BYTES = 1 << 27
 _LAST_READS = 8
 _LAST_GASP_S = 5.0
 _SHUTDOWN_TIMEOUT_S = 10.0
-_WARDEN = Path(__file__).with_name("warden.py")
+_REAPER = Path(__file__).with_name("reaper.py")
 # A hard bound on what a process may ask for at once, so that it cannot outrun the memory watchdog.
 _DATA_BYTES_PER_MB = 2_000_000
 
@@ -32,11 +33,11 @@ _DATA_BYTES_PER_MB = 2_000_000
 class WorkerProcess:
     """A worker: its process, the line to it, its heartbeat, what it printed last, and the tasks that it holds.
 
-    process: its warden, which ends as it does and takes along all that it has started; pid: its own, 0 until it has
+    process: its reaper, which ends as it does and takes along all that it has started; pid: its own, 0 until it has
     come up. planner: spec of the only planner that it has met, "" = none yet. held: tasks sent and not answered,
     oldest first. changed: monotonic time at which its heartbeat was last seen to move; stamp: what it was then; spent:
-    processor time that it had used soon after, None = not looked at yet. ready: it has come up. hung_up: when its line
-    was closed. closed: nothing more will come from it; broken: though it had not ended. answer: to the last probe.
+    processor time that it had used soon after, None = not looked at yet. ready: it has come up. closed_at: when its
+    line was closed. closed: nothing more will come from it; broken: though it had not ended. answer: to the last probe.
     outgrown: it is too large to get another task.
     """
 
@@ -49,7 +50,7 @@ class WorkerProcess:
         self.pid = 0
         self.changed = now
         self.spent: float | None = None
-        self.hung_up: float | None = None
+        self.closed_at: float | None = None
         self.stamp = 0
         self.tail = bytearray()
         self.printed = 0
@@ -60,11 +61,11 @@ class WorkerProcess:
         self.log_fd, log_write = os.pipe()
         os.set_blocking(self.log_fd, False)
         fds = (far_end.fileno(), heartbeat_fd)
-        warden = [sys.executable, "-I", "-S", str(_WARDEN), str(os.getpid())]
-        warden.append(str(int(most_mb * _DATA_BYTES_PER_MB)))
+        reaper = [sys.executable, "-I", "-S", str(_REAPER), str(os.getpid())]
+        reaper.append(str(int(most_mb * _DATA_BYTES_PER_MB)))
         self.process = subprocess.Popen(
             # -P: no working directory in front of sys.path, where a stray json.py would be imported for ours.
-            [*warden, sys.executable, "-P", "-u", "-m", "tsbench.run.execution.worker_main", *map(str, fds)],
+            [*reaper, sys.executable, "-P", "-u", "-m", "tsbench.run.execution.worker_main", *map(str, fds)],
             stdin=subprocess.DEVNULL,
             stdout=log_write,
             stderr=log_write,
@@ -77,7 +78,7 @@ class WorkerProcess:
         os.close(heartbeat_fd)
         far_end.close()
         self.death_fd = os.pidfd_open(self.process.pid)
-        self._send(Start(tuple(sys.path)))
+        self._send(Start(tuple(sys.path), tuple(sorted(file_names()))))
 
     def configure(self, setup: Setup) -> None:
         self._send(setup)
@@ -112,11 +113,11 @@ class WorkerProcess:
                 self._heard += rest
                 if len(self._heard) > _MOST_BYTES:
                     raise ValueError("no message of a worker")
-            self.hung_up = self.hung_up or time.monotonic()
+            self.closed_at = self.closed_at or time.monotonic()
         except BlockingIOError:
             pass
         except ConnectionResetError:
-            self.hung_up = self.hung_up or time.monotonic()
+            self.closed_at = self.closed_at or time.monotonic()
         except (ValueError, RecursionError):
             # A planner wrote there.
             self.closed = self.broken = True
@@ -124,7 +125,7 @@ class WorkerProcess:
 
     def give_up(self, now: float) -> None:
         """Its line was closed, and it has not ended: a planner closed what was not its own."""
-        if self.hung_up is not None and now - self.hung_up > _LAST_GASP_S:
+        if self.closed_at is not None and now - self.closed_at > _LAST_GASP_S:
             self.closed = self.broken = True
 
     def read_log(self) -> bool:

@@ -1,4 +1,4 @@
-"""What an episode may leave in a planner's cell besides processes: files, and System V's shared memory."""
+"""What an episode may leave in a planner's sandbox besides processes: files, and System V's shared memory."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _State = tuple[tuple[str, int, int, int], ...]
 
 
 class Belongings:
-    """The files in a cell's writable places, to go back to after each episode.
+    """The files in a sandbox's writable places, to go back to after each episode.
 
-    places: folders that are the cell's own. Raises OSError for more than 64 MB, or for files that cannot be read.
+    places: folders that are the sandbox's own. Raises OSError for more than 64 MB, or for files that cannot be read.
     """
 
     def __init__(self, places: tuple[Path, ...]) -> None:
@@ -67,7 +67,7 @@ class Belongings:
 
 
 def own_places() -> tuple[Path, ...]:
-    """The folders of this process's cell that it may write to. Without namespaces only its home is the cell's own."""
+    """The folders that this process may write to in its sandbox. Without namespaces only its home is its own."""
     home = Path(os.environ["HOME"])
     return tuple(dict.fromkeys((home, *_PUBLIC))) if os.getpid() == 1 else (home,)
 

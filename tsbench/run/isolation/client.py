@@ -1,4 +1,4 @@
-"""A Python planner at the far end of the line. Started by `process` only, in its cell.
+"""A Python planner at the far end of the line. Started by `process` only, in its sandbox.
 
 python -P -m tsbench.run.isolation.client SPEC
 
@@ -23,10 +23,10 @@ from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run import opened_files
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
 from tsbench.run.isolation.belongings import Belongings, own_places
-from tsbench.run.isolation.cell import LINE
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
 from tsbench.run.isolation.protocol import HEAD, VERSION, Kind, pack
+from tsbench.run.isolation.sandbox import LINE
 from tsbench.run.planner_info import source_file
 
 _ROOM_BYTES = 1 << 16
@@ -60,9 +60,9 @@ class Client:
                 self._hear(*message)
 
     def _hear(self, kind: Kind, body: bytes) -> None:
-        moment = self._decoder.hear(kind, body)
-        if moment is not None:
-            self._line.sendall(self._answer(moment))
+        asked = self._decoder.hear(kind, body)
+        if asked is not None:
+            self._line.sendall(self._answer(asked))
 
     def _episode_in_child(self, context: tuple[Kind, bytes], belongings: Belongings) -> None:
         """One episode, up to its END, which is answered once nothing of it is left."""
@@ -80,16 +80,16 @@ class Client:
             self._hear(*message)
             message = self._message()
 
-    def _answer(self, moment: Any) -> bytes:
+    def _answer(self, asked: Any) -> bytes:
         try:
             # One that could not begin an episode is made anew, as in a process with the referee.
-            if isinstance(moment, PlannerContext):
+            if isinstance(asked, PlannerContext):
                 if self._planner is None:
                     self._planner = self._loaded.factory()
-                self._planner.reset(moment)
+                self._planner.reset(asked)
                 return pack(Kind.DONE)
             assert self._planner is not None
-            output = self._planner.act(moment)
+            output = self._planner.act(asked)
         except BaseException as problem:
             return pack(Kind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
         return command_message(output)

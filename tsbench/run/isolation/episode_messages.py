@@ -14,8 +14,8 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege, SignVi
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.network import RoadNetwork
+from tsbench.roads.planner_map import PlannerMap, build_planner_map
 from tsbench.roads.road_map import RoadMap
-from tsbench.roads.sealed import SealedRoads, seal
 from tsbench.run.isolation.maps import map_message, read_map, read_route, route_message
 from tsbench.run.isolation.protocol import Kind, ProtocolError, lines, names, pack, unpack
 from tsbench.run.isolation.ticks import read_tick, tick_message
@@ -96,7 +96,7 @@ class Decoder:
     def __init__(self) -> None:
         self._map: RoadMap | None = None
         self._graph: MapGraph | None = None
-        self._view: SealedRoads | None = None
+        self._view: PlannerMap | None = None
         self._forget()
 
     def _forget(self) -> None:
@@ -128,7 +128,7 @@ class Decoder:
             return self._context(body)
         elif kind is Kind.MAP:
             self._map = read_map(body)
-            self._view = seal(self._map) if isinstance(self._map, RoadNetwork) else None
+            self._view = build_planner_map(self._map) if isinstance(self._map, RoadNetwork) else None
             self._graph = MapGraph(self._map) if self._view is None else self._view.graph
         else:
             raise ProtocolError(f"{kind.name} is not for a planner")

@@ -1,6 +1,6 @@
-"""The files of its own that a planner's process is shown: copies of the regular ones, made once for many cells.
+"""The files of its own that a planner's process is shown: copies of the regular ones, made once for many sandboxes.
 
-A planner that writes, swaps or links its files while it is driven changes nothing in its next cell, and reading
+A planner that writes, swaps or links its files while it is driven changes nothing in its next sandbox, and reading
 the copies needs no right of the user who starts the run.
 """
 
@@ -16,9 +16,9 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded
 from tsbench.core.provenance import closure_paths
-from tsbench.run.contract import code_files
+from tsbench.run.contract import file_names
 from tsbench.run.execution.own_folder import FILES, OwnFolder
-from tsbench.run.isolation.places import (
+from tsbench.run.isolation.sandbox_paths import (
     covered,
     is_installed,
     is_public,
@@ -33,9 +33,9 @@ _ENVIRONMENT = "pyvenv.cfg"
 
 
 class PlannerFiles:
-    """binds: (copy, place) of each file or folder: what is shown in the cell at `place` lies at `copy`.
+    """binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`.
 
-    Nothing is copied of what is installed: a cell has it anyway. The copies go with this object.
+    Nothing is copied of what is installed: a sandbox has it anyway. The copies go with this object.
     """
 
     def __init__(self, spec: str, hidden: Sequence[Path] = ()) -> None:
@@ -44,7 +44,7 @@ class PlannerFiles:
         Raises InputError for a file that cannot be read, and for a folder with too much in it.
         """
         apart = {path.resolve() for path in (*shown_to_all(), *covered(hidden))}
-        # Any user in the cell may read the copies; the folder around them keeps all others out.
+        # Any user in the sandbox may read the copies; the folder around them keeps all others out.
         self._folder = OwnFolder(FILES)
         self.binds: list[tuple[Path, Path]] = []
         try:
@@ -62,7 +62,7 @@ class PlannerFiles:
                         _copy(path, copy)
         except OSError as problem:
             raise InputError(
-                f"planner {spec!r}: {problem.filename}: cannot be copied into its cell: {problem.strerror}"
+                f"planner {spec!r}: {problem.filename}: cannot be copied into its sandbox: {problem.strerror}"
             ) from None
 
     def _new_place(self, name: str) -> Path:
@@ -78,7 +78,8 @@ class PlannerFiles:
 def _check_public(spec: str, place: Path) -> None:
     if os.geteuid() == 0 and not is_public(place):
         raise InputError(
-            f"planner {spec!r}: only its owner may read {place}, and nobody is root in a cell: chmod -R go+rX {place}"
+            f"planner {spec!r}: only its owner may read {place}, and nobody is root in a sandbox: "
+            f"chmod -R go+rX {place}"
         )
 
 
@@ -114,7 +115,7 @@ def _named(spec: str, place: Path) -> Iterator[Path]:
     """Of a folder the files that count with the planner's code: its modules, and the data that they name."""
     source = source_of(spec)
     start = Path(source).resolve() if source.endswith(".py") else place / "__init__.py"
-    for path in closure_paths([start], code_files()).values():
+    for path in closure_paths([start], file_names()).values():
         if path.resolve().is_relative_to(place):
             yield path.resolve()
 

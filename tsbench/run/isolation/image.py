@@ -15,9 +15,9 @@ from typing import Any, Final
 
 from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
-from tsbench.run.execution.own_folder import CELL, OwnFolder
+from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
 from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.places import (
+from tsbench.run.isolation.sandbox_paths import (
     EXECUTABLE,
     LIMITS,
     MEMORY_BYTES,
@@ -69,7 +69,7 @@ class Container:
             "limits": sorted({*LIMITS, "MEMORY"}), "image": image, "image_id": image_id(self._engine, image),
         }  # fmt: skip
         command = command_of(spec, python="python3")
-        self.folder = OwnFolder(CELL)
+        self.folder = OwnFolder(SANDBOX)
         self._name = self.folder.path.name
         remove_abandoned(self._engine)
         line = self.folder.path / "line"
@@ -154,7 +154,7 @@ def run_arguments(
 ) -> list[str]:  # fmt: skip
     """The arguments of `docker run` or `podman run`.
 
-    folder: of the cell, with the line's folder in it. mounts: copies of the planner's files, and where they are to
+    folder: of the sandbox, with the line's folder in it. mounts: copies of the planner's files, and where they are to
     stand; what is installed has to be in the image. Raises InputError for a path that a mount cannot name.
     """
     for place in (folder, *(path for mount in mounts for path in mount)):
@@ -171,7 +171,7 @@ def run_arguments(
         environment["PYTHONPATH"] = os.pathsep.join(str(place.parent) for _, place in mounts)
     return [
         "run", "--rm", "--pull=never", f"--name={name}", f"--label={_LABEL}={folder}", "--network=none", "--read-only",
-        "--cap-drop=ALL", "--security-opt=no-new-privileges", "--hostname=cell", "--log-driver=none",
+        "--cap-drop=ALL", "--security-opt=no-new-privileges", "--hostname=sandbox", "--log-driver=none",
         f"--memory={MEMORY_BYTES}", f"--memory-swap={MEMORY_BYTES}", f"--pids-limit={LIMITS['NPROC']}",
         f"--ulimit=cpu={LIMITS['CPU']}", f"--ulimit=nofile={LIMITS['NOFILE']}", f"--ulimit=fsize={LIMITS['FSIZE']}",
         "--ulimit=core=0", f"--shm-size={SCRATCH}", f"--tmpfs=/tmp:rw,nosuid,nodev,size={SCRATCH},mode=1777",

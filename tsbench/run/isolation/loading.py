@@ -15,11 +15,11 @@ from tsbench.core.provenance import closure, digest
 from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry, is_own
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
-from tsbench.run.contract import code_files
+from tsbench.run.contract import file_names
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
-from tsbench.run.isolation.places import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
+from tsbench.run.isolation.sandbox_paths import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.planner_info import PlannerInfo, check_unchanged
 
 # Of its name, characters; of lists of names, items.
@@ -28,7 +28,7 @@ _LONGEST, _MOST_NAMES = 100, 1000
 
 @dataclass(frozen=True)
 class Probed:
-    """A planner, and what of its cell took effect (for the run's manifest)."""
+    """A planner, and what of its sandbox took effect (for the run's manifest)."""
 
     planner: PlannerInfo
     effects: Mapping[str, Any]
@@ -94,7 +94,7 @@ def code_hash(spec: str) -> str | None:
     sources = [source, *([EXPERT_MODULE] if spec.endswith(EXPERT) else [])]
     files = [Path(one) if one.endswith(".py") else module_file(one) for one in sources]
     found = [path for path in files if path is not None and path.is_file()]
-    return digest(closure(found, code_files())) if found else None
+    return digest(closure(found, file_names())) if found else None
 
 
 def weights_hash(spec: str, file: str | None) -> str | None:
@@ -120,12 +120,12 @@ def begins_afresh(spec: str) -> bool:
 
 
 def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False) -> LoadedPlanner:
-    """A planner for a worker of a run, whose own code runs in cells only. alone: each episode has a new one."""
+    """A planner for a worker of a run, whose own code runs in sandboxes only. alone: each episode has a new one."""
     places = [Path(place) for place in hidden]
 
     @cache
     def files() -> PlannerFiles:
-        """The planner's files as they were when the run began: one copy for all of a worker's cells."""
+        """The planner's files as they were when the run began: one copy for all of a worker's sandboxes."""
         copied = PlannerFiles(image_of(planner.spec)[1], places)
         check_unchanged_now(planner)
         return copied
@@ -147,7 +147,7 @@ def check_unchanged_now(planner: PlannerInfo) -> None:
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
-    """As `load`, with a new cell for each episode."""
+    """As `load`, with a new sandbox for each episode."""
     return load(planner, hidden, alone=True)
 
 

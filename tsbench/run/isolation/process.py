@@ -16,21 +16,21 @@ from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.text import fault_in_texts, one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
-from tsbench.run.execution.own_folder import CELL, OwnFolder
+from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
-from tsbench.run.isolation.places import command_of, settings_of
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
+from tsbench.run.isolation.sandbox_paths import command_of, settings_of
 
-_CELL = Path(__file__).with_name("cell.py")
+_CELL = Path(__file__).with_name("sandbox.py")
 _READ_BYTES = 1 << 16
 _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
 _MOST_EPISODES = 500
 _TEXT_BYTES = 500
-# By the clock on the wall: a worker of a run is ended long before (`execution.base.Limits`); nobody watches the others.
+# Wall-clock limits. A worker of a run is ended long before (`execution.executor.Limits`); nobody watches the others.
 _START_S, _ANSWER_S = 600.0, 300.0
 
 
@@ -38,13 +38,13 @@ class IsolatedPlannerError(Exception):
     """What an isolated planner raised, or how its process ended."""
 
 
-class Cell:
-    """A planner's program in a cell. line: the socket to it; folder: where its file system is built."""
+class Sandbox:
+    """A planner's program in a sandbox. line: the socket to it; folder: where its file system is built."""
 
     def __init__(self, spec: str, hidden: Sequence[Path], files: PlannerFiles) -> None:
         """Raises InputError for a program that is none."""
         command = command_of(spec, sys.executable)
-        self.folder = OwnFolder(CELL)
+        self.folder = OwnFolder(SANDBOX)
         # An empty folder to build a file system on; where a planner works that has no such system.
         root, home = self.folder.path / "root", self.folder.path / "home"
         root.mkdir()
@@ -65,7 +65,7 @@ class Cell:
 
 
 class PlannerProcess:
-    """A planner's process in its cell. effects: what of the cell took effect; facts: what the planner says it is."""
+    """A planner's process in its sandbox. effects: what the sandbox restricts; facts: what the planner says it is."""
 
     def __init__(self, spec: str, hidden: Sequence[Path] = (), files: PlannerFiles | None = None) -> None:
         """files: copies that other processes of the planner have, too; None: copies of its own.
@@ -73,11 +73,11 @@ class PlannerProcess:
         Raises InputError where it does not come up, with the planner's own reason.
         """
         image, inner = image_of(spec)
-        # A cell shows the copies for as long as they are there.
+        # A sandbox shows the copies for as long as they are there.
         self._shown = shown = files or PlannerFiles(inner, hidden)
         self._own_files = files is None
-        self._held: Cell | Container = (
-            Cell(spec, hidden, shown) if image is None else Container(image, inner, shown)
+        self._held: Sandbox | Container = (
+            Sandbox(spec, hidden, shown) if image is None else Container(image, inner, shown)
         )
         self._line = self._held.line
         self._patience = _START_S
@@ -85,10 +85,10 @@ class PlannerProcess:
         self._heard = b""
         try:
             self.effects: Mapping[str, Any] = (
-                self._held.effects if isinstance(self._held, Container) else self._json(Kind.CELL)
+                self._held.effects if isinstance(self._held, Container) else self._json(Kind.SANDBOX)
             )
             if "problem" in self.effects:
-                raise InputError(f"planner {spec!r}: no cell could be made: {self.effects['problem']}")
+                raise InputError(f"planner {spec!r}: no sandbox could be made: {self.effects['problem']}")
             if self.effects.get("files") and image is None:
                 # Its root is in memory: the folder that it was built on is not needed any more.
                 self._held.folder.remove()

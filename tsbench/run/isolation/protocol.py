@@ -28,9 +28,9 @@ _LETTERS: Mapping[str, str] = {F8: "d", I4: "i", I1: "b"}
 
 
 class Kind(IntEnum):
-    """What a message is. From the planner's side come CELL, HELLO, DONE, CONTROL, TRAJECTORY, INVALID and FAILED."""
+    """What a message is. From the planner's side come SANDBOX, HELLO, DONE, CONTROL, TRAJECTORY, INVALID and FAILED."""
 
-    CELL = 1
+    SANDBOX = 1
     HELLO = 2
     MAP = 3
     CONTEXT = 4
@@ -52,7 +52,7 @@ Field = tuple[str, str, str]
 
 # (name, items, what it holds). m, s, m/s, rad; a number that is not there is NaN; -1 = no lane.
 MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
-    Kind.CELL: (("effects", TEXT, "JSON: what of the cell took effect"),),
+    Kind.SANDBOX: (("effects", TEXT, "JSON: what of the sandbox took effect"),),
     Kind.HELLO: (
         (
             "facts",

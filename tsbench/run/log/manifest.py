@@ -17,7 +17,7 @@ import tsbench
 from tsbench.core import provenance
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
-from tsbench.core.plain import from_plain
+from tsbench.core.plain import dataclass_from_json
 from tsbench.core.textfile import read_json
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
@@ -98,7 +98,7 @@ def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
 
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     """The planners of a manifest, in the order of the command."""
-    return [from_plain(PlannerInfo, planner) for planner in manifest["planners"]]
+    return [dataclass_from_json(PlannerInfo, planner) for planner in manifest["planners"]]
 
 
 def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -183,7 +183,7 @@ def _fault(value: Any, shape: Any, where: str) -> str:
         return next(filter(None, faults), "")
     if is_dataclass(shape) and isinstance(shape, type):
         try:
-            from_plain(shape, value)
+            dataclass_from_json(shape, value)
         except ValueError:
             return where
         return ""

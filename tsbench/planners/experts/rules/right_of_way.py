@@ -15,7 +15,7 @@ from tsbench.planners.experts.rules.constraint import FREE
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY, Yielding
 from tsbench.planners.experts.rules.junction import paths_through
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.sealed import SealedRoads
+from tsbench.roads.planner_map import PlannerMap
 from tsbench.sim.navigation import RouteView
 
 # SUMO's states of a connection that gives way: "m", or "s" after a stop.
@@ -69,7 +69,7 @@ class RightOfWay:
         return max(least for least, _ in asked), min(most for _, most in asked)
 
 
-def _minor(view: SealedRoads, path: RoutePath, but: str, alert_edges: AbstractSet[str]) -> list[_Junction]:
+def _minor(view: PlannerMap, path: RoutePath, but: str, alert_edges: AbstractSet[str]) -> list[_Junction]:
     """The junctions of a path where its connection gives way, and those at the end of `alert_edges` edges, in order."""
     found = []
     for piece, after in zip(path.pieces, path.pieces[1:], strict=False):

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.placements.base import Placement
 from tsbench.dataset.placements.closed_road import ClosedRoadPlacement
 from tsbench.dataset.placements.contraflow import ContraflowPlacement
 from tsbench.dataset.placements.crosswalk import CrosswalkPlacement
@@ -14,6 +13,7 @@ from tsbench.dataset.placements.detour import DetourPlacement
 from tsbench.dataset.placements.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.dataset.placements.junction import GiveWayPlacement
 from tsbench.dataset.placements.min_speed import MinSpeedPlacement
+from tsbench.dataset.placements.placement import Placement
 from tsbench.dataset.placements.reserved_lane import ReservedLanePlacement
 from tsbench.dataset.placements.roundabout import RoundaboutPlacement
 from tsbench.dataset.placements.speed_zone import SpeedZonePlacement

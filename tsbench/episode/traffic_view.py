@@ -15,7 +15,7 @@ import numpy.typing as npt
 from tsbench.geometry.angles import RIGHT, STRAIGHT, U_TURN, turn_class
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
-from tsbench.roads.sealed import SealedRoads
+from tsbench.roads.planner_map import PlannerMap
 from tsbench.sim.world import Actors, Agents, EgoState, Indicator
 
 # Drivers signal so far before they turn, and while they turn.
@@ -26,10 +26,10 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 _Signals = dict[int, tuple[Indicator, float]]
 
 
-class Witness:
+class TrafficView:
     """Turns the road users of one episode's ticks into what is seen of them; to be shown every tick, in order."""
 
-    def __init__(self, network: RoadNetwork, view: SealedRoads) -> None:
+    def __init__(self, network: RoadNetwork, view: PlannerMap) -> None:
         self._network, self._lane_of = network, view.lane_of
         self._ids: dict[int, int] = {}
         self._signals: dict[int, _Signals] = {}

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.roads.reserved_lanes import open_lanes, turned_lanes
+from tsbench.roads.reserved_lanes import contraflow_lanes, open_lanes
 from tsbench.roads.road_map import (
     Crossing,
     MapConnection,
@@ -45,7 +45,7 @@ _NOWHERE = Place(-1, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class SealedRoads:
+class PlannerMap:
     """A network as planners see it.
 
     map, graph: theirs. places: by SUMO's lane. edges: for each of SUMO's edges that is on it, where its kerbside lane
@@ -76,17 +76,17 @@ class SealedRoads:
         return tuple(one for edge in edges for one in self.chains.get(edge, (edge,)))
 
 
-def seal(network: RoadNetwork) -> SealedRoads:
+def build_planner_map(network: RoadNetwork) -> PlannerMap:
     """The map of a network."""
-    return _Sealing(network).result()
+    return _MapBuilder(network).result()
 
 
-class _Sealing:
-    """The work of `seal`, step by step: lanes of edges, chains of edges, then lanes, paths and the rest."""
+class _MapBuilder:
+    """The steps of `build_planner_map`: lanes of edges, chains of edges, then lanes, paths and the rest."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self.network = network
-        self.turned = turned_lanes(network, _CAR)
+        self.turned = contraflow_lanes(network, _CAR)
         opened = open_lanes(network, _CAR)
         self.parts: dict[str, list[int]] = {}
         for edge in network.edges.values():
@@ -112,7 +112,7 @@ class _Sealing:
         self.places = [_NOWHERE] * len(network.lanes)
         self.crossed: dict[int, Connection] = {}
 
-    def result(self) -> SealedRoads:
+    def result(self) -> PlannerMap:
         for name in sorted(self.chains):
             self._edge(name, self.chains[name])
         connections = self._paths()
@@ -127,7 +127,7 @@ class _Sealing:
         )  # fmt: skip
         lane_of = np.array([place.lane for place in (*self.places, _NOWHERE)], dtype=np.int32)
         lane_of.setflags(write=False)
-        return SealedRoads(
+        return PlannerMap(
             roads, MapGraph(roads), tuple(self.places),
             MappingProxyType({edge: self.places[lanes[0]] for edge, lanes in self.parts.items()}),
             MappingProxyType(self.chains), MappingProxyType(self.crossed), lane_of,

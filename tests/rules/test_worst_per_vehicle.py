@@ -4,7 +4,7 @@ import pytest
 from labelled import CASES, play
 
 from tsbench.rules.events import EventLog
-from tsbench.rules.gravest import GravestOnly
+from tsbench.rules.worst_per_vehicle import WorstPerVehicle
 from tsbench.signs.catalog import load_catalog
 
 PLAYED = play(CASES / "give_way" / "two_vehicles_at_once.yaml")
@@ -13,7 +13,7 @@ TICKS = PLAYED.ticks
 
 def test_of_each_road_user_the_gravest_clause_is_an_event_with_its_own_ticks_and_worst_value() -> None:
     log = EventLog(PLAYED.scene.target_sign, load_catalog().rule("give_way"))
-    found = GravestOnly(log, ("contact", "forced_braking", "entered_while_blocked"))
+    found = WorstPerVehicle(log, ("contact", "forced_braking", "entered_while_blocked"))
     found.note(0, "entered_while_blocked", TICKS[3], 2.0, 4.0)
     for step, value in ((5, 3.0), (6, 4.5), (8, 2.6)):
         found.note(0, "forced_braking", TICKS[step], value, 2.5)

@@ -1,4 +1,4 @@
-"""What a cell is made of: which files a planner's process finds, and under which limits it runs."""
+"""What a sandbox is made of: which files a planner's process finds, and under which limits it runs."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ SCRATCH = "256m"
 def settings_of(
     files: Sequence[tuple[Path, Path]], command: Sequence[str], root: Path, home: Path, hidden: Sequence[Path]
 ) -> dict[str, Any]:
-    """The settings of `cell`.
+    """The settings of `sandbox`.
 
     files: copies of the planner's own files, and where they are to stand. hidden: what it is not to see, such as the
     run. parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has
@@ -79,7 +79,7 @@ def arithmetic() -> dict[str, str]:
 
 
 def command_of(spec: str, python: str) -> list[str]:
-    """What is to run in a cell. python: its name there. Raises InputError for a program that is none."""
+    """What is to run in a sandbox. python: its name there. Raises InputError for a program that is none."""
     if spec.startswith(EXECUTABLE):
         path = Path(spec.removeprefix(EXECUTABLE)).resolve()
         if not (path.is_file() and os.access(path, os.X_OK)):
@@ -130,7 +130,7 @@ def module_file(name: str) -> Path | None:
 
 
 def shown_to_all() -> list[Path]:
-    """What a cell has for all planners."""
+    """What a sandbox has for all planners."""
     return [Path(one) for one in (*_SYSTEM, *_PYTHON, str(_PACKAGE), str(data_file("sign_catalog")))]
 
 
@@ -146,7 +146,7 @@ def is_installed(place: Path) -> bool:
 
 
 def covered(hidden: Sequence[Path]) -> list[Path]:
-    """What nobody finds in a cell, wherever it lies: the data that tell of scenes, and `hidden`."""
+    """What nobody finds in a sandbox, wherever it lies: the data that tell of scenes, and `hidden`."""
     data = {place / name for place in roots() if place != _PACKAGE for name in _DATA}
     return sorted(data | {path.resolve() for path in hidden})
 

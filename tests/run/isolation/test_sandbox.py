@@ -1,4 +1,4 @@
-"""What a planner's process may do in its cell."""
+"""What a planner's process may do in its sandbox."""
 
 from __future__ import annotations
 

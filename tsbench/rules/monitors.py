@@ -8,18 +8,18 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from tsbench.core.modules import import_all
-from tsbench.rules.base import Monitor, Verdict, Violation
+from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.rules.needless_detour import NeedlessDetour
 from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
 from tsbench.rules.needless_slow import NeedlessSlow
 from tsbench.rules.wrong_way import WrongWay
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
-from tsbench.signs.rule_kinds import RULE_KINDS, class_of_every_kind
+from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 
-MONITORS: Mapping[str, type[Monitor]] = class_of_every_kind(
+MONITORS: Mapping[str, type[Monitor]] = load_rule_classes(
     import_all("tsbench.rules"),
     Monitor,  # type: ignore[type-abstract]
 )
@@ -36,7 +36,7 @@ NEEDLESS: Mapping[str, Callable[[Any, SignInstance, Catalog, Scene], Monitor]] =
 )
 
 
-class Unbound(Monitor):
+class NullMonitor(Monitor):
     """Of a contrast scene's plate that binds others: it never engages."""
 
     def step(self, snapshot: WorldSnapshot) -> None:
@@ -47,7 +47,7 @@ def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
     """The monitor of a plate's rule. Only a contrast scene's plate may lack the params that its rule reads."""
     rule = catalog.sign(sign.code).rule
     unbound = scene.contrast and not RULE_KINDS[rule.name].binds(sign.params)
-    return (Unbound if unbound else MONITORS[rule.name])(sign, rule, scene)
+    return (NullMonitor if unbound else MONITORS[rule.name])(sign, rule, scene)
 
 
 class Verdicts(NamedTuple):

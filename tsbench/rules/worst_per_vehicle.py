@@ -23,7 +23,7 @@ class _Offence:
             self.value = value
 
 
-class GravestOnly:
+class WorstPerVehicle:
     """Collects the ticks at which clauses were broken. clauses: the gravest first."""
 
     def __init__(self, log: EventLog, clauses: Sequence[str]) -> None:

@@ -1,10 +1,10 @@
-"""Makes a cell and starts a planner's program in it; whatever that starts ends with it, and it ends with the worker.
+"""Makes a sandbox and starts a planner's program in it; whatever that starts ends with it, and it ends with the worker.
 
-python -I -S cell.py LINE_FD SETTINGS
+python -I -S sandbox.py LINE_FD SETTINGS
 
 SETTINGS is JSON: `settings_of` in `places` says what stands in it. Nothing of ours is imported, so that this starts in
 an instant. The line to the referee becomes descriptor 3, here and in the program. The first message on it (kind 1) says
-what of the cell took effect: the program cannot say that for itself, as it does not run yet.
+what of the sandbox took effect: the program cannot say that for itself, as it does not run yet.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _ALLOW, _REFUSE, _MISSING = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x00050000 | e
 # Calls of the x86_64 kernel under other numbers.
 _X32 = 0x40000000
 _MOST_CAPABILITIES = 64
-# Ids of nobody: one for each cell, so that the limit of processes counts its own only.
+# Ids of nobody: one for each sandbox, so that the limit of processes counts its own only.
 _HOME = "/scratch"
 _FIRST_UID = 0x40000000
 
@@ -159,7 +159,7 @@ def limit(limits: dict[str, int], processes: bool) -> None:
 
 
 def give_up_rights(nobody: bool) -> None:
-    """Drops all rights that made the cell. nobody: becomes a user that does not exist."""
+    """Drops all rights that made the sandbox. nobody: becomes a user that does not exist."""
     for one in range(_MOST_CAPABILITIES):
         _system.prctl(_PR_CAPBSET_DROP, one, 0, 0, 0)
     if nobody:
@@ -219,7 +219,7 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
     effects: dict[str, Any] = {"namespaces": "", "files": False, "proc": False}
     if made_by:
         effects |= {"namespaces": made_by, "files": True, "proc": build_root(settings)}
-        _call("sethostname", b"cell", ctypes.c_size_t(4))
+        _call("sethostname", b"sandbox", ctypes.c_size_t(4))
         home = _HOME
     else:
         home = settings["home"]

@@ -1,8 +1,8 @@
 """Stands between a run and one worker process: whatever that starts ends with it, and both end with the run.
 
-python -I -S warden.py PARENT_PID DATA_BYTES WORKER_COMMAND...
+python -I -S reaper.py PARENT_PID DATA_BYTES WORKER_COMMAND...
 
-The worker's command gets the warden's process id as its last argument. Nothing of ours is imported, so that this starts
+The worker's command gets the reaper's process id as its last argument. Nothing of ours is imported, so that this starts
 in an instant. What loses its parent below it becomes its own child, in whatever session or group it is: after the
 worker's end all of these are killed. It ends as the worker did, by signal or exit code.
 """
