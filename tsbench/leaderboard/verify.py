@@ -133,8 +133,8 @@ def verify(
 ) -> Verification:  # fmt: skip
     """Drive `sample` episodes of a claim again and compare.
 
-    planner: what to drive, as for `tsbench run`; None: as the claim names it. on_progress: gets episodes done, and of how
-    many.
+    planner: what to drive, as for `tsbench run`; None: as the claim names it. on_progress: gets how many are done, and
+    of how many.
     On a CPU it is driven isolated, however the claim's was: the bytes are the same, but for a planner that changes its
     referee. shared_process: for one that nobody suspects, beside the referee, if the claim's was, too.
     Raises InputError: another contract here, or no such planner.

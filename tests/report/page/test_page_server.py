@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import socket
 import struct
 import threading
@@ -11,8 +12,11 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import page_runs
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from page_runs import HOSTILE, TRACED
 from patience import HANG_S
@@ -23,6 +27,8 @@ from tsbench.core.errors import InputError
 from tsbench.episode.trace import trace_path
 from tsbench.report.page import server as serving
 from tsbench.report.page.server import make_server, runs_below
+from tsbench.run.log.journal import JOURNAL, encode
+from tsbench.run.log.schema import TABLES, TIMING
 
 
 @pytest.fixture
@@ -105,6 +111,52 @@ def test_pages_and_data(one_port: int) -> None:
     assert unpack(body)[0]["svg"].startswith("<svg")
     status, _, body = ask(one_port, "/run/0/", method="HEAD")
     assert (status, body) == (200, b"")
+
+
+def test_a_run_that_is_driven_shows_what_is_finished(run: Path) -> None:
+    lines = under_way(run)
+    journal = run / JOURNAL
+    with served(run) as port:
+        status, _, body = ask(port, "/run/0/")
+        assert (status, b"no episode is finished yet" in body) == (422, True)
+        journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:1]))
+        assert b"1 of 96" in ask(port, "/")[2]
+        assert ask(port, "/run/0/")[0] == 200
+        assert unpack(ask(port, "/run/0/data/episode/0")[2])[0]["scenario"] == TRACED[0]
+        assert players(port) == 1
+        # A torn line is no episode. What the page shows stays what it was until it is loaded again.
+        journal.write_bytes(encode({"run": "this"}) + b"".join(lines) + lines[0][:-9])
+        assert players(port) == 1
+        assert b"96 of 96" in ask(port, "/")[2]
+        assert ask(port, "/run/0/")[0] == 200
+        assert players(port) == 4
+        # The run ends while its page is open.
+        journal.unlink()
+        assert players(port) == 4
+
+
+def players(port: int) -> int:
+    """How many episodes of the page that was loaded last can be played."""
+    return sum(ask(port, f"/run/0/data/episode/{row}")[0] == 200 for row in range(96))
+
+
+def under_way(run: Path) -> list[bytes]:
+    """Make a finished run one that has only begun; the lines that its journal would have, those with traces first."""
+    episodes, events, _ = (pq.read_table(run / name).to_pylist() for name in TABLES)
+    for name in TABLES:
+        (run / name).unlink()
+    manifest = json.loads((run / "run.json").read_text())
+    manifest |= {"status": "running", "files": None, "counts": None, "finished": None}
+    (run / "run.json").write_text(json.dumps(manifest))
+    (run / JOURNAL).write_bytes(encode({"run": "this"}))
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in sorted(episodes, key=lambda row: (row["scenario_id"] not in TRACED, row["scenario_id"])):
+        key = {name: row[name] for name in ("planner", "scenario_id")}
+        timing = {field.name: "" if field.type == pa.string() else 0 for field in TIMING} | key
+        found[*key.values()] = {"row": row, "events": [], "timing": timing, "trace": ""}
+    for event in events:
+        found[event["planner"], event["scenario_id"]]["events"].append(event)
+    return [encode(line) for line in found.values()]
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from tsbench.report.analyses.published import in_published_order
 from tsbench.report.tables.compare import SELECTION, differing
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
-from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH
 from tsbench.scenarios.spec import CONTRAST
 from tsbench.signs.rule_kinds import NEEDLESS
@@ -67,7 +66,7 @@ class Pool:
         """By planner and scenario: the clauses of needless obedience that its episode has events of."""
         found: dict[tuple[str, str], set[str]] = {}
         for run in self.runs:
-            events = read_table(run.path / "violations.parquet")
+            events = run.violations
             mask = pc.is_in(events["clause"], pa.array(NEEDLESS.clauses.split()))
             for event in events.filter(mask).select(["planner", "scenario_id", "clause"]).to_pylist():
                 found.setdefault((event["planner"], event["scenario_id"]), set()).add(event["clause"])
@@ -117,9 +116,12 @@ class Pool:
         return pa.concat_tables([run.episodes for run in self.runs])
 
 
-def read_pool(paths: Sequence[Path], allow_partial: bool) -> Pool:
-    """Read and check runs. Raises InputError: unreadable runs, and all that `make_pool` refuses."""
-    return make_pool([read_run(path) for path in paths], allow_partial)
+def read_pool(paths: Sequence[Path], allow_partial: bool, *, under_way: bool = False) -> Pool:
+    """Read and check runs. Raises InputError: unreadable runs, and all that `make_pool` refuses.
+
+    under_way: as for `read_run`.
+    """
+    return make_pool([read_run(path, under_way=under_way) for path in paths], allow_partial)
 
 
 def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:

@@ -10,7 +10,6 @@ from typing import Any
 
 from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.pool import Pool
-from tsbench.run.log.tables import read_table
 from tsbench.scenarios.spec import HALVES
 
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
@@ -47,7 +46,7 @@ def index_episodes(pool: Pool) -> EpisodeIndex:
     rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
     stories: dict[Key, Row] = {}
     for run in pool.runs:
-        for event in read_table(run.path / "violations.parquet").to_pylist():
+        for event in run.violations.to_pylist():
             if event["target"]:
                 stories.setdefault((event["planner"], event["scenario_id"]), event)
     expected = {

@@ -26,6 +26,7 @@ from tsbench.report.page.episode import EpisodePacker, pack_plate
 from tsbench.report.page.episode_index import EpisodeIndex, index_episodes
 from tsbench.report.page.report import served_page
 from tsbench.report.page.shell import render_page
+from tsbench.run.log.journal import JOURNAL, lines_so_far
 from tsbench.run.log.manifest import NAME, read_manifest
 from tsbench.run.log.read import is_run
 
@@ -43,10 +44,11 @@ class NotThere(Exception):
 class Opened:
     """A run that somebody has looked at; its page is made when it is asked for.
 
-    mark: of its manifest, so that a run that goes on is read again.
+    mark: of its manifest and journal. A run that goes on is read again for its next page; the data that a page asks for
+    are of what it shows.
     """
 
-    mark: tuple[int, int]
+    mark: tuple[tuple[int, int], ...]
     pool: Pool
     index: EpisodeIndex
     page: bytes = b""
@@ -69,7 +71,7 @@ class Library:
     def page(self, number: int) -> bytes:
         """A run's report. Raises NotThere, and InputError for a run that cannot be read."""
         with self._lock(number):
-            run = self._open(number)
+            run = self._open(number, again=True)
             run.page = run.page or served_page(run.pool, run.index, f"/run/{number}/data/").encode()
             return run.page
 
@@ -105,18 +107,26 @@ class Library:
         run.roads[packed.net] = packed.roads
         return packed.episode
 
-    def _open(self, number: int) -> Opened:
+    def _open(self, number: int, again: bool = False) -> Opened:
+        """again: what was opened before counts only if nothing was added to the run."""
         path = self.runs[number]
-        try:
-            state = (path / NAME).stat()
-        except OSError:
-            raise NotThere(f"{path}: no run folder any more") from None
-        mark = (state.st_mtime_ns, state.st_size)
+        if not is_run(path):
+            raise NotThere(f"{path}: no run folder any more")
+        mark = tuple(_state(file) for file in (path / NAME, path / JOURNAL))
         opened = self._opened.get(number)
-        if opened is None or opened.mark != mark:
-            pool = read_pool([path], allow_partial=True)
+        if opened is None or (again and opened.mark != mark):
+            pool = read_pool([path], allow_partial=True, under_way=True)
             opened = self._opened[number] = Opened(mark, pool, index_episodes(pool))
         return opened
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What changes where a file is written to; a journal goes when its run ends."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
 
 
 def _told(path: Path) -> dict[str, Any]:
@@ -126,6 +136,9 @@ def _told(path: Path) -> dict[str, Any]:
         if manifest is None:
             return {"problem": "no run folder any more"}
         counts = manifest.get("counts") or {}
+        if manifest["status"] == "running":
+            asked = len(manifest["planners"]) * manifest["effective"].get("scenarios", 0)
+            counts = {"asked": asked, "finished": len(lines_so_far(path / JOURNAL))}
         return {
             "problem": "", "planners": ", ".join(p["name"] for p in manifest["planners"]),
             "status": manifest["status"], "started": manifest.get("started", ""),

@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.memory import MemoryUse
-from tsbench.run.log.journal import Content, Journal, Key, belongs, open_locked
+from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
 from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
 from tsbench.run.log.quarantine import FOLDER as ASIDE
 from tsbench.run.log.quarantine import Quarantine
@@ -26,7 +26,7 @@ from tsbench.run.log.tables import file_hashes
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
-JOURNAL, SUMMARY, TABLES_TEXT = "journal.jsonl", "summary.json", "summary.md"
+SUMMARY, TABLES_TEXT = "summary.json", "summary.md"
 TRACES, ERRORS = "traces", "errors"
 # What tsbench itself puts into a run folder; pictures and reports come from other commands.
 _FILES = frozenset((NAME, JOURNAL, SUMMARY, TABLES_TEXT, "report.html", RESCORED, *TABLES))

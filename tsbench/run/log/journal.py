@@ -18,6 +18,7 @@ from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record
 from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
 
+JOURNAL = "journal.jsonl"
 Key = tuple[str, str]
 Content = dict[str, Any]
 
@@ -147,6 +148,18 @@ class Journal:
         # The name now stands for the new file: append to that one, and lock it too.
         os.close(self._fd)
         self._fd = open_locked(self.path)
+
+
+def lines_so_far(path: Path) -> list[Content]:
+    """The episodes in a journal that another process may be writing to; [] where there is none. Nothing is locked.
+
+    Raises InputError where it cannot be read. A line that is torn is left out.
+    """
+    if not path.is_file():
+        return []
+    with io_errors_as_input_errors(path):
+        lines = path.read_bytes().splitlines(keepends=True)[1:]
+    return [content for line in lines if (content := decode(line)) is not None and _has_all(content)]
 
 
 def belongs(path: Path, run: str) -> bool:

@@ -11,9 +11,10 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
 from tsbench.run.edition import edition_of, standing_contract
+from tsbench.run.log.journal import JOURNAL, lines_so_far
 from tsbench.run.log.manifest import NAME, Manifest, planners_of, read_manifest
 from tsbench.run.log.rescored import tell_rescored
-from tsbench.run.log.tables import file_hashes, read_table
+from tsbench.run.log.tables import file_hashes, read_table, tables_of
 
 EPISODES = "episodes.parquet"
 _ENDED = ("complete", "interrupted")
@@ -21,12 +22,21 @@ _ENDED = ("complete", "interrupted")
 
 @dataclass(frozen=True)
 class StoredRun:
-    """A run. asked: scenarios asked of each planner, by its name in the records, in the order of the command."""
+    """A run. asked: scenarios asked of each planner, by its name in the records, in the order of the command.
+
+    events: of a run that is under way its violations so far; None: the run's table has them.
+    """
 
     path: Path
     manifest: Manifest
     episodes: pa.Table
     asked: dict[str, int]
+    events: pa.Table | None = None
+
+    @cached_property
+    def violations(self) -> pa.Table:
+        """Each event. Raises InputError where the table cannot be read."""
+        return read_table(self.path / "violations.parquet") if self.events is None else self.events
 
     @cached_property
     def contract(self) -> str:
@@ -53,8 +63,11 @@ def is_run(path: Path) -> bool:
     return (path / NAME).is_file()
 
 
-def read_run(path: Path) -> StoredRun:
-    """Read a run. Raises InputError: no run, another schema version, torn or exchanged tables."""
+def read_run(path: Path, *, under_way: bool = False) -> StoredRun:
+    """Read a run. Raises InputError: no run, another schema version, torn or exchanged tables.
+
+    under_way: one that is being driven, or was killed, has the episodes that its journal has.
+    """
     manifest = read_manifest(path)
     if manifest is None:
         raise InputError(f"{path}: no run folder (it has no {NAME})")
@@ -62,6 +75,9 @@ def read_run(path: Path) -> StoredRun:
         raise InputError(f"{path / NAME}: not the manifest of a tsbench run, but of a collection")
     asked = dict.fromkeys((p.name for p in planners_of(manifest)), manifest["effective"]["scenarios"])
     status, recorded = manifest["status"], manifest["files"] or {}
+    if under_way and status not in _ENDED and (path / JOURNAL).is_file():
+        tables = tables_of(lines_so_far(path / JOURNAL))
+        return StoredRun(path, manifest, tables[EPISODES], asked, tables["violations.parquet"])
     episodes = read_table(path / EPISODES)
     # While a session is under way the tables of the one before may already have been replaced.
     if status in _ENDED:

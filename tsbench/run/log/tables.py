@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,9 @@ _LATER = (*LATER, *(metric.column for metric in EPISODE_METRICS if metric.failur
 _GROUP = 4096
 
 
+Lines = Sequence[Mapping[str, Any]]
+
+
 def write_tables(folder: Path, journal: Journal, contract: str) -> None:
     """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
     keys = sorted(journal.done)
@@ -34,14 +38,19 @@ def write_tables(folder: Path, journal: Journal, contract: str) -> None:
                 pq.ParquetWriter(path, schema.with_metadata(metadata), **options)
             )
         for start in range(0, len(keys), _GROUP):
-            lines = [journal.read(key) for key in keys[start : start + _GROUP]]
-            rows = {
-                "episodes.parquet": [line["row"] for line in lines],
-                "violations.parquet": [event for line in lines for event in line["events"]],
-                "timing.parquet": [line["timing"] for line in lines],
-            }
+            tables = tables_of([journal.read(key) for key in keys[start : start + _GROUP]])
             for name, writer in writers.items():
-                writer.write_table(_table(name, rows[name]), row_group_size=max(len(rows[name]), 1))
+                writer.write_table(tables[name], row_group_size=max(len(tables[name]), 1))
+
+
+def tables_of(lines: Lines) -> dict[str, pa.Table]:
+    """The three tables of lines of a journal, in the order of the lines."""
+    rows = {
+        "episodes.parquet": [line["row"] for line in lines],
+        "violations.parquet": [event for line in lines for event in line["events"]],
+        "timing.parquet": [line["timing"] for line in lines],
+    }
+    return {name: _table(name, rows[name]) for name in TABLES}
 
 
 def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
