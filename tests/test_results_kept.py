@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 import tsbench
 from tsbench.core.paths import OWN_CITY, using_city
+from tsbench.report.analyses.perceived import CAUSES
 from tsbench.run.edition import contract_now, edition_now, edition_of, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
 
@@ -75,6 +77,32 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
         (tmp_path / "page.md").write_text(text, encoding="utf-8")
         command("analyse", "pages", str(tmp_path / "page.md"), "--from", str(tmp_path / "made"))
         assert (tmp_path / "page.md").read_text(encoding="utf-8") == text, page
+
+
+@pytest.mark.slow
+def test_imperfect_eyes_are_told_as_they_were_found(tmp_path: Path) -> None:
+    """Causes of failures come from traces, which are not kept; all else is made again."""
+    make = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (levels,) = re.findall(r"^LEVELS := (.*)$", make, re.MULTILINE)
+    runs = [f"{who}-{level}" for level in levels.split() for who in ("ft", "readers")]
+    kept = [str(ROOT / "results" / run) for run in ("plant2-ft", "readers", *runs)]
+    command("analyse", "perception", *kept, "--out", str(tmp_path))
+    made, told = (
+        list(csv.DictReader((folder / "perception.csv").open(encoding="utf-8")))
+        for folder in (tmp_path, ROOT / "results" / "analyses")
+    )
+    assert [row | dict.fromkeys(CAUSES, "") for row in told] == made
+    for row in told:
+        causes = [int(row[cause]) for cause in CAUSES if row[cause]]
+        assert bool(causes) is (row["level"] != "exact")
+        assert sum(causes) <= int(row["failed"])
+    page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    (block,) = (found[0] for found in re.finditer(_BLOCK, page, re.DOTALL) if found[1] == "perception")
+    (tmp_path / "page.md").write_text(block, encoding="utf-8")
+    command("analyse", "pages", str(tmp_path / "page.md"), "--from", str(ROOT / "results" / "analyses"))
+    assert (tmp_path / "page.md").read_text(encoding="utf-8") == block
+    image = ROOT / "docs" / "images" / "results-perception.png"
+    assert image.read_bytes() == (ROOT / "results" / "analyses" / "perception.png").read_bytes()
 
 
 def command(*words: str) -> None:

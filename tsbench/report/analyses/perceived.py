@@ -27,8 +27,11 @@ def causes_of(pool: Pool, planner: str) -> list[str] | None:
     effective = run.manifest["effective"]
     if "perception" not in effective or effective["trace"] == "none":
         return None
-    causes = []
-    for scenario in pool.failed_signed(planner):
+    failed, causes = pool.failed_signed(planner), []
+    # Where a run is kept without its traces.
+    if failed and not (run.path / "traces").is_dir():
+        return None
+    for scenario in failed:
         path = trace_path(run.path, planner, scenario)
         try:
             causes.append(cause_of_failure(read_trace(path)))
