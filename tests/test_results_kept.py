@@ -7,12 +7,13 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 import tsbench
-from tsbench.core.paths import OWN_CITY, using_city
+from tsbench.core.paths import OWN_CITY, city_in_use, using_city
 from tsbench.report.analyses.perceived import CAUSES
 from tsbench.run.edition import contract_now, edition_now, edition_of, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
@@ -39,6 +40,13 @@ def runs() -> list[StoredRun]:
     return [read_run(folder) for folder in FOLDERS]
 
 
+@cache
+def contract_of_test(city: str) -> str:
+    """Today's, under which results are compared."""
+    with using_city(city):
+        return standing_contract(contract_now("test"))
+
+
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:
     assert set(TABLES) <= {run.path.name for run in runs}
     for run in runs:
@@ -47,7 +55,7 @@ def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> Non
         assert run.manifest["effective"]["variants"] == "one-per-map"
         with using_city(run.manifest["effective"].get("city", OWN_CITY)):
             assert run.manifest["edition"] == edition_of(run.contract) == edition_now()
-            assert standing_contract(run.contract) == standing_contract(contract_now("test"))
+            assert standing_contract(run.contract) == contract_of_test(city_in_use())
 
 
 def test_none_tells_of_the_folders_of_who_drove_it() -> None:
@@ -74,9 +82,7 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
         shutil.copy(tmp_path / name / f"{analysis}.md", tmp_path / "made" / f"{name}.md")
     for page, said_there in blocks.items():
         text = "\n".join(said_there)
-        (tmp_path / "page.md").write_text(text, encoding="utf-8")
-        command("analyse", "pages", str(tmp_path / "page.md"), "--from", str(tmp_path / "made"))
-        assert (tmp_path / "page.md").read_text(encoding="utf-8") == text, page
+        assert filled(text, tmp_path / "made", tmp_path / "page.md") == text, page
 
 
 @pytest.mark.slow
@@ -98,11 +104,16 @@ def test_imperfect_eyes_are_told_as_they_were_found(tmp_path: Path) -> None:
         assert sum(causes) <= int(row["failed"])
     page = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
     (block,) = (found[0] for found in re.finditer(_BLOCK, page, re.DOTALL) if found[1] == "perception")
-    (tmp_path / "page.md").write_text(block, encoding="utf-8")
-    command("analyse", "pages", str(tmp_path / "page.md"), "--from", str(ROOT / "results" / "analyses"))
-    assert (tmp_path / "page.md").read_text(encoding="utf-8") == block
+    assert filled(block, ROOT / "results" / "analyses", tmp_path / "page.md") == block
     image = ROOT / "docs" / "images" / "results-perception.png"
     assert image.read_bytes() == (ROOT / "results" / "analyses" / "perception.png").read_bytes()
+
+
+def filled(text: str, analyses: Path, page: Path) -> str:
+    """A page with this text, once its tables are made of the analyses in a folder."""
+    page.write_text(text, encoding="utf-8")
+    command("analyse", "pages", str(page), "--from", str(analyses))
+    return page.read_text(encoding="utf-8")
 
 
 def command(*words: str) -> None:

@@ -88,7 +88,7 @@ class Run:
     @cached_property
     def violations(self) -> pd.DataFrame:
         """One row for each event of every sign; `target`: of the sign that the scenario is about."""
-        return frame_of(read_table(self.path / "violations.parquet"))
+        return frame_of(self._stored.violations)
 
     @cached_property
     def timing(self) -> pd.DataFrame:

@@ -14,7 +14,6 @@ from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, read_submission
 from tsbench.run.log.manifest import city_of, planners_of
 from tsbench.run.log.read import StoredRun, read_run
-from tsbench.run.log.tables import read_table
 from tsbench.run.planner_info import PlannerInfo
 
 
@@ -64,7 +63,7 @@ def claims_of(folder: Path) -> list[Claim]:
     """What a run says of each of its planners, in its order, as far as it has got. Raises InputError for no run."""
     run = read_run(folder)
     path = folder / "episodes.parquet"
-    told = events_of(folder)
+    told = events_of(run)
     m, effective = run.manifest, run.manifest["effective"]
     return [
         Claim(
@@ -91,10 +90,10 @@ def level_of(run: StoredRun) -> PerceptionLevel | None:
 Events = Mapping[tuple[str, str], list[dict[str, object]]]
 
 
-def events_of(folder: Path) -> Events:
+def events_of(run: StoredRun) -> Events:
     """The violations of a run, by planner and scenario_id."""
     events: dict[tuple[str, str], list[dict[str, object]]] = {}
-    for event in read_table(folder / "violations.parquet").to_pylist():
+    for event in run.violations.to_pylist():
         events.setdefault((event["planner"], event["scenario_id"]), []).append(event)
     return events
 

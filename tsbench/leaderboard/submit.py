@@ -52,7 +52,7 @@ def make_submission(
     if judged.disagreements:
         shown = "; ".join(judged.disagreements[:_SHOWN])
         raise InputError(f"{folder}: {len(judged.disagreements)} disagreements with its own traces: {shown}")
-    episodes = episodes_of(run, info, events_of(folder))
+    episodes = episodes_of(run, info, events_of(run))
     m = run.manifest
     return Submission(
         title=title or info.name, authors=authors, url=url, note=note, third_party=third_party,

@@ -70,7 +70,7 @@ def test_the_mark_is_the_same_isolated(drivers: str, name: str) -> None:
     assert describe_isolated(f"{drivers}:{name}").planner.may_remember is remembers
 
 
-def test_a_file_outside_a_cell_is_not_wiped(drivers: str, tmp_path: Path) -> None:
+def test_a_file_outside_a_sandbox_is_not_wiped(drivers: str, tmp_path: Path) -> None:
     """docs/planners.md says so: only `--isolate` and `verify` hold it off."""
     (commands,) = driven(drivers, ("InFile",), tmp_path / "run").values()
     assert SECOND in commands

@@ -30,7 +30,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_folder_is_gone_while_a_cell_with_files_of_its_own_runs(place: Path) -> None:
+def test_the_folder_is_gone_while_a_sandbox_with_files_of_its_own_runs(place: Path) -> None:
     process = PlannerProcess(f"{hostile_file}:Honest")
     try:
         left = list(place.glob("tsbench-sandbox-*"))

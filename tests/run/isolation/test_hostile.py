@@ -141,7 +141,7 @@ def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> No
     assert driven("here", name)[name][0] != honest
 
 
-def test_nothing_comes_of_cheats_and_attacks_in_a_cell(honest: list[object], sandbox: str) -> None:
+def test_nothing_comes_of_cheats_and_attacks_in_a_sandbox(honest: list[object], sandbox: str) -> None:
     names = ("Honest", *CHEATS, *CONTAINED)
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = FILE.with_suffix(".port")
@@ -167,7 +167,7 @@ def misnamed(found: Told) -> Told:
     return wrong
 
 
-def test_a_cell_without_namespaces_says_so(refused: tuple[str, ...]) -> None:
+def test_a_sandbox_without_namespaces_says_so(refused: tuple[str, ...]) -> None:
     code = (
         "import json; from tsbench.run.isolation.loading import describe; "
         "print(json.dumps(describe('idm').effects))"

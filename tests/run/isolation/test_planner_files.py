@@ -104,7 +104,7 @@ def test_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
                 PlannerFiles(f"{tmp_path}/0.py:P")
 
 
-def test_whoever_the_planner_is_in_its_cell_can_read_the_copies(tmp_path: Path) -> None:
+def test_whoever_the_planner_is_in_its_sandbox_can_read_the_copies(tmp_path: Path) -> None:
     (tmp_path / "planner" / "deep").mkdir(parents=True)
     (tmp_path / "planner" / "mine.py").write_text(PLANNER)
     (tmp_path / "planner" / "deep" / "data.txt").touch()
@@ -136,7 +136,7 @@ def test_what_is_installed_for_root_alone_is_refused(tmp_path: Path, monkeypatch
         PlannerFiles(f"{tmp_path}/mine.py:P")
 
 
-def test_all_cells_of_a_worker_have_the_same_files(tmp_path: Path) -> None:
+def test_all_sandboxes_of_a_worker_have_the_same_files(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(PLANNER)
     spec = f"{file}:P"

@@ -20,7 +20,7 @@ from pathlib import Path
 
 class P:
     def __init__(self):
-        told = [str(os.getuid() != 0), *sorted(p.name for p in Path(__file__).parent.iterdir())]
+        told = [str(os.getuid() != 0), os.uname().nodename, *sorted(p.name for p in Path(__file__).parent.iterdir())]
         for change in (lambda: os.chmod("/dev/null", 0o600), lambda: os.chmod(__file__, 0o600)):
             try:
                 change()
@@ -66,7 +66,7 @@ if __name__ == "__main__":
 """
 
 
-def test_nobody_is_root_in_a_cell(tmp_path: Path) -> None:
+def test_nobody_is_root_in_a_sandbox(tmp_path: Path) -> None:
     """A folder that only root may read: neither the planner's own files nor devices can be changed, and the name is
     nobody's."""
     place = tmp_path / "own"
@@ -77,12 +77,12 @@ def test_nobody_is_root_in_a_cell(tmp_path: Path) -> None:
     if not describe("idm").effects["namespaces"]:
         pytest.skip("this kernel, or container, lets nobody make namespaces")
     refused = "Read-only file system"
-    with pytest.raises(InputError, match=f"True; mine.py; weights; {refused}; {refused}"):
+    with pytest.raises(InputError, match=f"True; sandbox; mine.py; weights; {refused}; {refused}"):
         describe(f"{place}/mine.py:P")
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "aarch64"), reason="the filter is for these two")
-def test_no_keys_and_no_namespaces_are_made_in_a_cell(tmp_path: Path) -> None:
+def test_no_keys_and_no_namespaces_are_made_in_a_sandbox(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(CALLS)
     if not describe("idm").effects["refused_calls"]:

@@ -18,7 +18,7 @@ _SIDES = MappingProxyType({Indicator.NONE: 0, Indicator.LEFT: 1, Indicator.RIGHT
 def indicators(traffic_view: TrafficView, snapshot: WorldSnapshot) -> list[int]:
     """(n,) of others in their order: 1 = the left side flashes, -1 = the right side. Ticks must come in order."""
     seen = traffic_view.see(snapshot.actors, snapshot.ego)
-    # A traffic_view has an order of its own; where somebody is tells who it is.
+    # The view has an order of its own: its road users are found again by where they are.
     sides = {
         (x, y): _SIDES[i] for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)
     }

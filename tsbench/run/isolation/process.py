@@ -24,7 +24,7 @@ from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
 from tsbench.run.isolation.sandbox_paths import command_of, settings_of
 
-_CELL = Path(__file__).with_name("sandbox.py")
+_SANDBOX = Path(__file__).with_name("sandbox.py")
 _READ_BYTES = 1 << 16
 _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
@@ -53,7 +53,7 @@ class Sandbox:
         self.line, far_end = socket.socketpair()
         with far_end:
             self.process = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(_CELL), str(far_end.fileno()), json.dumps(settings)],
+                [sys.executable, "-I", "-S", str(_SANDBOX), str(far_end.fileno()), json.dumps(settings)],
                 stdin=subprocess.DEVNULL, pass_fds=(far_end.fileno(),), env={"LANG": "C.UTF-8"},
             )  # fmt: skip
 

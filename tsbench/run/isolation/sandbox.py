@@ -61,6 +61,7 @@ _X32 = 0x40000000
 _MOST_CAPABILITIES = 64
 # Ids of nobody: one for each sandbox, so that the limit of processes counts its own only.
 _HOME = "/scratch"
+_HOST_NAME = b"sandbox"
 _FIRST_UID = 0x40000000
 
 _system = ctypes.CDLL(None, use_errno=True)
@@ -163,7 +164,7 @@ def give_up_rights(nobody: bool) -> None:
     for one in range(_MOST_CAPABILITIES):
         _system.prctl(_PR_CAPBSET_DROP, one, 0, 0, 0)
     if nobody:
-        own = _FIRST_UID + int(os.environ["TSBENCH_CELL"])
+        own = _FIRST_UID + int(os.environ["TSBENCH_SANDBOX"])
         os.setgroups([])
         os.setresgid(own, own, own)
         os.setresuid(own, own, own)
@@ -219,7 +220,7 @@ def inside(settings: dict[str, Any], made_by: str) -> None:
     effects: dict[str, Any] = {"namespaces": "", "files": False, "proc": False}
     if made_by:
         effects |= {"namespaces": made_by, "files": True, "proc": build_root(settings)}
-        _call("sethostname", b"sandbox", ctypes.c_size_t(4))
+        _call("sethostname", _HOST_NAME, ctypes.c_size_t(len(_HOST_NAME)))
         home = _HOME
     else:
         home = settings["home"]
@@ -247,7 +248,7 @@ def main(settings: dict[str, Any]) -> None:
     _system.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != settings["parent"]:
         return
-    os.environ["TSBENCH_CELL"] = str(os.getpid())
+    os.environ["TSBENCH_SANDBOX"] = str(os.getpid())
     made_by = separate()
     child = os.fork()
     if child == 0:

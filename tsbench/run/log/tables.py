@@ -21,9 +21,6 @@ _LATER = (*LATER, *(metric.column for metric in EPISODE_METRICS if metric.failur
 _GROUP = 4096
 
 
-Lines = Sequence[Mapping[str, Any]]
-
-
 def write_tables(folder: Path, journal: Journal, contract: str) -> None:
     """Write episodes, violations and timing, sorted by (planner, scenario_id), in bounded memory."""
     keys = sorted(journal.done)
@@ -43,7 +40,7 @@ def write_tables(folder: Path, journal: Journal, contract: str) -> None:
                 writer.write_table(tables[name], row_group_size=max(len(tables[name]), 1))
 
 
-def tables_of(lines: Lines) -> dict[str, pa.Table]:
+def tables_of(lines: Sequence[Mapping[str, Any]]) -> dict[str, pa.Table]:
     """The three tables of lines of a journal, in the order of the lines."""
     rows = {
         "episodes.parquet": [line["row"] for line in lines],
