@@ -246,8 +246,8 @@ class LiftsLimits(Honest):
 
 
 def strangers():
-    """Processes other than this one and the one that it is a fork of."""
-    own = {str(os.getpid()), str(os.getppid())}
+    """Processes other than this one, the one that it is a fork of, and the first of its namespace, bubblewrap's."""
+    own = {str(os.getpid()), str(os.getppid()), "1"}
     return [one for one in Path("/proc").glob("[0-9]*") if one.name not in own]
 
 
@@ -263,16 +263,15 @@ class KillsAll(Honest):
 
 class StopsParent(Honest):
     def attack(self, context):
-        # The first process of a namespace is the planner's own.
-        if os.getppid() > 1:
-            os.kill(os.getppid(), signal.SIGSTOP)
-        return os.getppid() > 1
+        # Bubblewrap's, which waits for all others: it cannot be stopped from within.
+        with suppress(PermissionError):
+            os.kill(1, signal.SIGSTOP)
 
 
 class Ptraces(Honest):
     def attack(self, context):
         attach = 16
-        return any(ctypes.CDLL(None).ptrace(attach, pid, 0, 0) == 0 for pid in range(2, 40_000))
+        return any(ctypes.CDLL(None).ptrace(attach, pid, 0, 0) == 0 for pid in range(1, 40_000))
 
 
 class ReadsParent(Honest):

@@ -104,20 +104,31 @@ INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
 @pytest.mark.parametrize(
     ("info", "effects", "topic", "level", "words"),
     [
-        (INFO, {"namespaces": "root"}, "isolation", Level.OK, "namespaces of its own"),
-        (INFO, {"namespaces": ""}, "isolation", Level.NOTE, "without namespaces"),
-        (INFO, {"namespaces": "root"}, "privilege", Level.NOTE, "flagged as privileged"),
-        (replace(INFO, may_remember=True), {"namespaces": "root"}, "memory", Level.NOTE, "may remember"),
-        (INFO, {"namespaces": "root"}, "code", Level.OK, "cdcdcdcdcdcd, weights abababababab"),
-        (INFO, {"namespaces": "root"}, "files", Level.OK, "hashed: none"),
+        (INFO, {"namespaces": "docker"}, "isolation", Level.OK, "in a sandbox (docker)"),
+        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "privilege", Level.NOTE, "flagged as privileged"),
+        (
+            replace(INFO, may_remember=True),
+            {"namespaces": "bubblewrap 0.8.0"},
+            "memory",
+            Level.NOTE,
+            "may remember",
+        ),
+        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "code", Level.OK, "cdcdcdcdcdcd, weights abababababab"),
+        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "files", Level.OK, "hashed: none"),
         (
             replace(INFO, opened=("ab" * 32 + "  net.npz",), unseen=("torch",)),
-            {"namespaces": "root"},
+            {"namespaces": "bubblewrap 0.8.0"},
             "files",
             Level.OK,
             "hashed: net.npz; files not seen: what torch may open without Python",
         ),
-        (replace(INFO, code_sha256=None), {"namespaces": "root"}, "code", Level.PROBLEM, "in no file"),
+        (
+            replace(INFO, code_sha256=None),
+            {"namespaces": "bubblewrap 0.8.0"},
+            "code",
+            Level.PROBLEM,
+            "in no file",
+        ),
     ],
 )
 def test_what_of_cell_and_hashes_is_said(

@@ -95,8 +95,8 @@ class Answers:
 class Submission:
     """title, authors, url, note: as the submitter gave them. third_party: of people other than tsbench's.
 
-    arithmetic, versions, machine, git: of the run. isolation: what of the planner's cell took effect in it, None where
-    it shared the referee's process. rescored: episodes that were judged again from their traces.
+    arithmetic, versions, machine, git: of the run. isolation: what made the planner's sandbox, and its limits; None
+    where it shared the referee's process. rescored: episodes that were judged again from their traces.
     episodes: sorted by scenario_id. perception: how plates reached the planner; None: exactly.
     """
 

@@ -58,7 +58,7 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
         probed = describe(spec)
     except InputError as problem:
         return [*found, Finding(Level.PROBLEM, "start", str(problem))], None
-    return [*found, _sandbox(bool(probed.effects["namespaces"])), *_about(probed.planner)], probed.planner
+    return [*found, _sandbox(probed.effects["namespaces"]), *_about(probed.planner)], probed.planner
 
 
 def _contract(split: str) -> Finding:
@@ -70,11 +70,8 @@ def _contract(split: str) -> Finding:
     return Finding(Level.OK, "contract", f"{name} ({split}), contract {contract[:12]}")
 
 
-def _sandbox(apart: bool) -> Finding:
-    if apart:
-        return Finding(Level.OK, "isolation", "comes up in a sandbox with namespaces of its own")
-    text = "comes up in a process of its own, without namespaces: this kernel lets nobody make them"
-    return Finding(Level.NOTE, "isolation", text)
+def _sandbox(made_by: str) -> Finding:
+    return Finding(Level.OK, "isolation", f"comes up in a sandbox ({made_by})")
 
 
 def _about(info: PlannerInfo) -> list[Finding]:

@@ -51,7 +51,7 @@ def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
     assert len({episode.digest for episode in together.values()}) > 20
     assert apart == together
     for told in json.loads((tmp_path / "apart" / "run.json").read_text())["isolation"].values():
-        assert told["no_new_privs"]
+        assert told["namespaces"].startswith("bubblewrap ")
 
 
 @pytest.mark.parametrize("spec", [*PLANNERS, f"{ROOT}/examples/minimal_planner.py:Minimal"])

@@ -34,19 +34,16 @@ CHEATS = (
 )  # fmt: skip
 # Nothing comes of them.
 CONTAINED = (
-    "ForkBomb", "Threads", "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "SeesProcesses", "KillsAll",
-    "StopsParent", "SignalsParent", "Ptraces", "ReadsParent", "Inherits", "WritesRun", "Links", "LinksAway", "FillsShm",
+    "ForkBomb", "Threads", "MemoryHog", "DiskHog", "OpensFiles", "LiftsLimits", "SeesProcesses",
+    "StopsParent", "Ptraces", "ReadsParent", "Inherits", "WritesRun", "Links", "LinksAway", "FillsShm",
     "Hoards", "Floods", "Connects", "BecomesRoot", "Uncovers", "Environment",
 )  # fmt: skip
-# Without namespaces: what a process of its own, its limits and its environment hold off.
-CONTAINED_BARE = (
-    "MemoryHog", "DiskHog", "Hoards", "OpensFiles", "LiftsLimits", "Inherits", "Environment", "LinksAway", "Floods"
-)  # fmt: skip
-# What reads the data is held off by a file system of its own only.
-READERS = ("ByTable", "ByFile")
 # The planner's fault, and what is said of it.
 NAMED = {
     "Exits": "planner_error: the planner's process ended: exit code 3",
+    # All are its own.
+    "KillsAll": "planner_error: the planner's process ended: SIGKILL",
+    "SignalsParent": "planner_error: the planner's process ended: SIG",
     "Crashes": "planner_error: the planner's process ended: SIGSEGV",
     "Raises": "planner_error: KeyboardInterrupt",
     "Garbage": "invalid_output: a message of 4294967295 bytes",
@@ -80,30 +77,15 @@ NAMED = {
     "fake_planners.py:Hostile@112": "planner_error: MemoryError",
     "fake_planners.py:Hostile@115": "planner_error: SystemExit: reset",
 }
-NAMED_BARE = (
-    "Exits",
-    "Crashes",
-    "Garbage",
-    "Twice",
-    "HangsUp",
-    "NaN",
-    "NoCommand",
-    "fake_planners.py:Hostile@109",
-)
 Told = dict[str, tuple[list[object], str]]
-# In a namespace of users where nobody may make another of any kind: as on a kernel that has none.
-_REFUSED = (
-    "for kind in user mnt pid net ipc uts; do echo 0 > /proc/sys/user/max_${kind}_namespaces || exit 9; done; "
-    'exec "$@"'
-)
 
 
-def driven(place: str, *names: str, before: tuple[str, ...] = (), **environment: str) -> Told:
+def driven(place: str, *names: str) -> Told:
     """Of each planner what came of an episode, and the error that was noted."""
     done = subprocess.run(
-        [*before, sys.executable, str(FILE), place, SCENE, *names],
+        [sys.executable, str(FILE), place, SCENE, *names],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, timeout=HANG_S, check=False,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TSBENCH_TEST_SECRET": "1", **environment},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TSBENCH_TEST_SECRET": "1"},
     )  # fmt: skip
     # Planners print, too.
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('{"name": ')]
@@ -117,44 +99,25 @@ def honest() -> list[object]:
     return driven("here", "Honest")["Honest"][0]
 
 
-@pytest.fixture(scope="module")
-def sandbox() -> str:
-    """The tests are of sandboxes with namespaces of their own; elsewhere there is less to promise."""
-    if not describe(f"{FILE}:Honest").effects["namespaces"]:
-        pytest.skip("this kernel, or container, lets nobody make namespaces")
-    return "sandbox"
-
-
-@pytest.fixture(scope="module")
-def refused() -> tuple[str, ...]:
-    """What to put before a command that is to find no namespaces; nothing where there are none anyway."""
-    if not describe(f"{FILE}:Honest").effects["namespaces"]:
-        return ()
-    before = ("unshare", "--user", "--map-root-user", "sh", "-c", _REFUSED, "sh")
-    if subprocess.run([*before, "true"], capture_output=True, check=False).returncode != 0:
-        pytest.skip("unshare(1) or /proc/sys/user is missing: namespaces cannot be taken away for a test")
-    return before
-
-
 @pytest.mark.parametrize("name", [*CHEATS, "Hoards"])
 def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> None:
     assert driven("here", name)[name][0] != honest
 
 
-def test_nothing_comes_of_cheats_and_attacks_in_a_sandbox(honest: list[object], sandbox: str) -> None:
+def test_nothing_comes_of_cheats_and_attacks_in_a_sandbox(honest: list[object]) -> None:
     names = ("Honest", *CHEATS, *CONTAINED)
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = FILE.with_suffix(".port")
         port.write_text(str(server.getsockname()[1]))
         try:
-            found = driven(sandbox, *names)
+            found = driven("sandbox", *names)
         finally:
             port.unlink()
     assert found == dict.fromkeys(names, (honest, ""))
 
 
-def test_what_is_no_answer_is_named(sandbox: str) -> None:
-    assert misnamed(driven(sandbox, *NAMED)) == {}
+def test_what_is_no_answer_is_named() -> None:
+    assert misnamed(driven("sandbox", *NAMED)) == {}
 
 
 def misnamed(found: Told) -> Told:
@@ -165,36 +128,6 @@ def misnamed(found: Told) -> Told:
         if told[0] != outcome or words not in error:
             wrong[name] = (told, error)
     return wrong
-
-
-def test_a_sandbox_without_namespaces_says_so(refused: tuple[str, ...]) -> None:
-    code = (
-        "import json; from tsbench.run.isolation.loading import describe; "
-        "print(json.dumps(describe('idm').effects))"
-    )
-    done = subprocess.run(
-        [*refused, sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG_S, check=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
-    told = json.loads(done.stdout)
-    assert (told["namespaces"], told["files"], told["no_new_privs"]) == ("", False, True)
-    assert told["limits"] == ["CPU", "DATA", "FSIZE", "MSGQUEUE", "NOFILE"]
-
-
-def test_without_namespaces_the_referee_is_out_of_reach_and_the_data_is_not(
-    honest: list[object], refused: tuple[str, ...], tmp_path: Path
-) -> None:
-    temporary, victim = tmp_path / "temporary", tmp_path / "victim"
-    for folder in (temporary, victim):
-        folder.mkdir()
-    (victim / "kept").touch()
-    names = ("Honest", *CHEATS, *CONTAINED_BARE)
-    found = driven("sandbox", *names, *NAMED_BARE, before=refused, TMPDIR=str(temporary))
-    assert {name for name in names if found[name] != (honest, "")} == set(READERS)
-    assert misnamed({name: found[name] for name in NAMED_BARE}) == {}
-    # What stood in the sandboxes' folders went, and nothing that a link there pointed to.
-    assert not list(temporary.iterdir())
-    assert (victim / "kept").exists()
 
 
 LATE = ("Hangs", "Spins", "Drips")
@@ -220,9 +153,7 @@ def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict
     return rows
 
 
-def test_who_gives_no_answer_is_late_and_gone(
-    sandbox: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_gives_no_answer_is_late_and_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
@@ -233,7 +164,7 @@ def test_who_gives_no_answer_is_late_and_gone(
     assert not list(temporary.iterdir())
 
 
-def test_who_takes_too_much_is_gone_and_a_flooded_log_costs_nothing(sandbox: str, tmp_path: Path) -> None:
+def test_who_takes_too_much_is_gone_and_a_flooded_log_costs_nothing(tmp_path: Path) -> None:
     # Patient: only what they take is to end them, on a busy machine, too.
     limits = Limits(call=60.0, first_call=60.0, patience=5.0, most_memory=1200.0)
     rows = rows_of(tmp_path / "run", (*LARGE, "Floods"), limits)

@@ -159,9 +159,9 @@ def test_an_image_goes_with_isolation(install: Install, capsys: pytest.CaptureFi
 
 
 def test_an_image_drives_as_a_sandbox_does_and_is_verified_in_it(install: Install, tmp_path: Path) -> None:
-    engine = install("docker")
     told = {"split": "dev", "types": ["crosswalk"], "limit": 2, "workers": 1, "isolate": True}
     tsbench.evaluate(MINE, **told, out=tmp_path / "sandbox")  # type: ignore[arg-type]
+    engine = install("docker")
     tsbench.evaluate(MINE, **told, out=tmp_path / "image", image="planner:1")  # type: ignore[arg-type]
     (sandbox,), (inside,) = claims_of(tmp_path / "sandbox"), claims_of(tmp_path / "image")
     assert inside.episodes == sandbox.episodes

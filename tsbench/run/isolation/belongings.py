@@ -33,7 +33,7 @@ class Belongings:
 
     def restore(self) -> None:
         """Remove what is new, and write what was there before; removes System V's objects in a namespace of its own."""
-        if os.getpid() == 1:
+        if _has_namespace():
             _remove_ipc()
         if self._look() == self._state:
             return
@@ -67,9 +67,14 @@ class Belongings:
 
 
 def own_places() -> tuple[Path, ...]:
-    """The folders that this process may write to in its sandbox. Without namespaces only its home is its own."""
+    """The folders that this process may write to in its sandbox; outside of one, only its home."""
     home = Path(os.environ["HOME"])
-    return tuple(dict.fromkeys((home, *_PUBLIC))) if os.getpid() == 1 else (home,)
+    return tuple(dict.fromkeys((home, *_PUBLIC))) if _has_namespace() else (home,)
+
+
+def _has_namespace() -> bool:
+    """Is this process the first of a namespace, as in a container, or the one that bubblewrap's first has started?"""
+    return os.getpid() <= 2
 
 
 def _content(path: Path) -> bytes | Path | None:

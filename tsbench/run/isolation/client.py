@@ -25,8 +25,7 @@ from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_wit
 from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
-from tsbench.run.isolation.protocol import HEAD, VERSION, Kind, pack
-from tsbench.run.isolation.sandbox import LINE
+from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, Kind, pack
 from tsbench.run.planner_info import source_file
 
 _ROOM_BYTES = 1 << 16

@@ -21,7 +21,7 @@ from tsbench.run.isolation.sandbox_paths import (
     EXECUTABLE,
     LIMITS,
     MEMORY_BYTES,
-    SCRATCH,
+    SCRATCH_MB,
     arithmetic,
     command_of,
     source_of,
@@ -65,8 +65,8 @@ class Container:
         """Raises InputError: no engine, one that does not answer, no such image, or a program that does not come up."""
         self._engine = find_engine()
         self.effects: Mapping[str, Any] = {
-            "namespaces": self._engine, "files": True, "proc": True, "no_new_privs": True,
-            "limits": sorted({*LIMITS, "MEMORY"}), "image": image, "image_id": image_id(self._engine, image),
+            "namespaces": self._engine, "limits": sorted({*LIMITS, "MEMORY"}), "image": image,
+            "image_id": image_id(self._engine, image),
         }  # fmt: skip
         command = command_of(spec, python="python3")
         self.folder = OwnFolder(SANDBOX)
@@ -174,7 +174,7 @@ def run_arguments(
         "--cap-drop=ALL", "--security-opt=no-new-privileges", "--hostname=sandbox", "--log-driver=none",
         f"--memory={MEMORY_BYTES}", f"--memory-swap={MEMORY_BYTES}", f"--pids-limit={LIMITS['NPROC']}",
         f"--ulimit=cpu={LIMITS['CPU']}", f"--ulimit=nofile={LIMITS['NOFILE']}", f"--ulimit=fsize={LIMITS['FSIZE']}",
-        "--ulimit=core=0", f"--shm-size={SCRATCH}", f"--tmpfs=/tmp:rw,nosuid,nodev,size={SCRATCH},mode=1777",
+        "--ulimit=core=0", f"--shm-size={SCRATCH_MB}m", f"--tmpfs=/tmp:rw,nosuid,nodev,size={SCRATCH_MB}m,mode=1777",
         "--workdir=/tmp", f"--user={uid}:{gid}",
         # Without root Podman's own root is the user: who runs in there is to be the one whose files are mounted.
         *(["--userns=keep-id"] if engine == "podman" and os.geteuid() != 0 else []),

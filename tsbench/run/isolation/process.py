@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -16,15 +14,13 @@ from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.text import fault_in_texts, one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
-from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
-from tsbench.run.isolation.sandbox_paths import command_of, settings_of
+from tsbench.run.isolation.sandbox import Sandbox
 
-_SANDBOX = Path(__file__).with_name("sandbox.py")
 _READ_BYTES = 1 << 16
 _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
@@ -36,32 +32,6 @@ _START_S, _ANSWER_S = 600.0, 300.0
 
 class IsolatedPlannerError(Exception):
     """What an isolated planner raised, or how its process ended."""
-
-
-class Sandbox:
-    """A planner's program in a sandbox. line: the socket to it; folder: where its file system is built."""
-
-    def __init__(self, spec: str, hidden: Sequence[Path], files: PlannerFiles) -> None:
-        """Raises InputError for a program that is none."""
-        command = command_of(spec, sys.executable)
-        self.folder = OwnFolder(SANDBOX)
-        # An empty folder to build a file system on; where a planner works that has no such system.
-        root, home = self.folder.path / "root", self.folder.path / "home"
-        root.mkdir()
-        home.mkdir()
-        settings = settings_of(files.binds, command, root, home, hidden)
-        self.line, far_end = socket.socketpair()
-        with far_end:
-            self.process = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(_SANDBOX), str(far_end.fileno()), json.dumps(settings)],
-                stdin=subprocess.DEVNULL, pass_fds=(far_end.fileno(),), env={"LANG": "C.UTF-8"},
-            )  # fmt: skip
-
-    def close(self) -> None:
-        """End it and all that it has started."""
-        self.process.kill()
-        self.process.wait()
-        self.folder.remove()
 
 
 class PlannerProcess:
@@ -79,19 +49,12 @@ class PlannerProcess:
         self._held: Sandbox | Container = (
             Sandbox(spec, hidden, shown) if image is None else Container(image, inner, shown)
         )
+        self.effects: Mapping[str, Any] = self._held.effects
         self._line = self._held.line
         self._patience = _START_S
         self._line.settimeout(self._patience)
         self._heard = b""
         try:
-            self.effects: Mapping[str, Any] = (
-                self._held.effects if isinstance(self._held, Container) else self._json(Kind.SANDBOX)
-            )
-            if "problem" in self.effects:
-                raise InputError(f"planner {spec!r}: no sandbox could be made: {self.effects['problem']}")
-            if self.effects.get("files") and image is None:
-                # Its root is in memory: the folder that it was built on is not needed any more.
-                self._held.folder.remove()
             self.facts: dict[str, Any] = self._json(Kind.HELLO)
             if self.facts.get("protocol") != VERSION:
                 told = self.facts.get("protocol")

@@ -16,6 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 VERSION: Final = 2
+# The descriptor that a planner's program finds it on.
+LINE: Final = 3
 HEAD = struct.Struct("<II")
 # More than any command has; an observation or a map may be larger, and comes from the referee.
 MOST_BYTES: Final = 1 << 20
@@ -28,9 +30,8 @@ _LETTERS: Mapping[str, str] = {F8: "d", I4: "i", I1: "b"}
 
 
 class Kind(IntEnum):
-    """What a message is. From the planner's side come SANDBOX, HELLO, DONE, CONTROL, TRAJECTORY, INVALID and FAILED."""
+    """What a message is. From the planner's side come HELLO, DONE, CONTROL, TRAJECTORY, INVALID and FAILED."""
 
-    SANDBOX = 1
     HELLO = 2
     MAP = 3
     CONTEXT = 4
@@ -52,7 +53,6 @@ Field = tuple[str, str, str]
 
 # (name, items, what it holds). m, s, m/s, rad; a number that is not there is NaN; -1 = no lane.
 MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
-    Kind.SANDBOX: (("effects", TEXT, "JSON: what of the sandbox took effect"),),
     Kind.HELLO: (
         (
             "facts",

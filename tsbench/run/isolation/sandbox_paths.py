@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 from site import getsitepackages
-from typing import Any
 
 import tsbench
 from tsbench.core.errors import InputError
@@ -46,28 +45,16 @@ MEMORY_BYTES = 4 << 30
 # All the processor time of one process of a planner; it is replaced long before, between two episodes.
 CPU_S = 6 * 3600
 LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20, "MSGQUEUE": 0}
-SCRATCH = "256m"
+SCRATCH_MB = 256
 
 
-def settings_of(
-    files: Sequence[tuple[Path, Path]], command: Sequence[str], root: Path, home: Path, hidden: Sequence[Path]
-) -> dict[str, Any]:
-    """The settings of `sandbox`.
-
-    files: copies of the planner's own files, and where they are to stand. hidden: what it is not to see, such as the
-    run. parent: who it ends with. root: an empty folder to build its file system on. home: where it works where it has
-    none. binds: what it may read, and where that stands, parents first. covers: what is empty in them.
-    """
+def environment_of() -> dict[str, str]:
+    """The environment of a program in a sandbox, but for its home."""
     path = [entry for entry in sys.path if entry]
     own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **arithmetic()}
     if "TSBENCH_DATA" in os.environ:
         own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
-    return {
-        "parent": os.getpid(), "root": str(root), "home": str(home), "binds": _binds(files),
-        "covers": [str(place) for place in covered(hidden)],
-        "limits": LIMITS, "scratch": SCRATCH, "command": list(command),
-        "environment": {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"},
-    }  # fmt: skip
+    return {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"}
 
 
 def arithmetic() -> dict[str, str]:
@@ -151,8 +138,12 @@ def covered(hidden: Sequence[Path]) -> list[Path]:
     return sorted(data | {path.resolve() for path in hidden})
 
 
-def _binds(own: Sequence[tuple[Path, Path]]) -> list[tuple[str, str]]:
-    """(source, place), parents first; what lies in something that is installed, too, comes with that."""
+def binds_of(own: Sequence[tuple[Path, Path]]) -> list[tuple[str, str]]:
+    """What a sandbox shows: (source, place), parents first.
+
+    own: copies of the planner's own files, and where they are to stand. What lies in something that is installed, too,
+    comes with that.
+    """
     found = {str(place): str(copy) for copy, place in own}
     for place in sorted({str(path.absolute()) for path in shown_to_all()}, key=_depth):
         inside = any(place.startswith(f"{outer}/") for outer in found if not Path(outer).is_symlink())

@@ -1,0 +1,68 @@
+"""Which calls of the kernel a sandbox refuses: a filter (seccomp) for bubblewrap."""
+
+from __future__ import annotations
+
+import errno
+import platform
+import struct
+from collections.abc import Mapping
+from typing import Final
+
+from tsbench.core.errors import InputError
+
+# Of a kind of machine: its number in seccomp's data, and the numbers of system calls. Refused are those on the kernel's
+# keys, which outlive an episode, on namespaces and mounts, those that watch the kernel or reach into another process
+# (bubblewrap's own has no filter), and those that take memory which no limit counts: System V's, and files that lie in
+# no folder. /dev/shm stays, which is limited.
+_MACHINES: Final[Mapping[str, tuple[int, Mapping[str, int]]]] = {
+    "x86_64": (0xC000003E, {
+        "shmget": 29, "clone": 56, "ptrace": 101, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166,
+        "add_key": 248, "request_key": 249, "keyctl": 250, "unshare": 272, "perf_event_open": 298, "setns": 308,
+        "memfd_create": 319, "process_vm_readv": 310, "process_vm_writev": 311, "bpf": 321, "userfaultfd": 323,
+    }),
+    "aarch64": (0xC00000B7, {
+        "shmget": 194, "clone": 220, "ptrace": 117, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39,
+        "add_key": 217, "request_key": 218, "keyctl": 219, "unshare": 97, "perf_event_open": 241, "setns": 268,
+        "memfd_create": 279, "process_vm_readv": 270, "process_vm_writev": 271, "bpf": 280, "userfaultfd": 282,
+    }),
+}  # fmt: skip
+# The same on all kinds: of newer calls.
+_NEWER: Final[Mapping[str, int]] = {
+    "io_uring_setup": 425, "open_tree": 428, "move_mount": 429, "fsopen": 430, "fsconfig": 431, "fsmount": 432,
+    "clone3": 435, "pidfd_getfd": 438, "mount_setattr": 442, "memfd_secret": 447,
+}  # fmt: skip
+# Flags of clone that make namespaces.
+_NAMESPACES: Final = 0x7E020000
+# Calls of the x86_64 kernel under other numbers.
+_X32: Final = 0x40000000
+_LOAD, _IS, _HAS, _AT_LEAST, _RETURN = 0x20, 0x15, 0x45, 0x35, 0x06
+_ALLOW, _REFUSE, _MISSING = 0x7FFF0000, 0x00050000 | errno.EPERM, 0x00050000 | errno.ENOSYS
+
+
+def call_filter() -> bytes:
+    """A program for the kernel's filter of system calls (`struct sock_filter`, one after the other).
+
+    Raises InputError on a kind of machine whose numbers of calls are not known here.
+    """
+    machine = platform.machine().lower().replace("arm64", "aarch64")
+    if machine not in _MACHINES:
+        raise InputError(
+            f"--isolate: the sandbox's filter of system calls is for {' and '.join(_MACHINES)}, and this is {machine}: "
+            "use --image, or leave out --isolate"
+        )
+    arch, found = _MACHINES[machine]
+    numbers = {**found, **_NEWER}
+    clone, clone3 = numbers.pop("clone"), numbers.pop("clone3")
+    # (operation, steps to skip if it holds, steps to skip if not, value)
+    steps = [(_LOAD, 0, 0, 4), (_IS, 1, 0, arch), (_RETURN, 0, 0, _REFUSE), (_LOAD, 0, 0, 0)]
+    steps += [(_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE)]
+    # Its flags lie where no filter sees them: who misses it uses clone.
+    steps += [(_IS, 0, 1, clone3), (_RETURN, 0, 0, _MISSING)]
+    steps += [
+        step
+        for number in sorted(numbers.values())
+        for step in ((_IS, 0, 1, number), (_RETURN, 0, 0, _REFUSE))
+    ]
+    steps += [(_IS, 0, 3, clone), (_LOAD, 0, 0, 16), (_HAS, 0, 1, _NAMESPACES), (_RETURN, 0, 0, _REFUSE)]
+    steps += [(_RETURN, 0, 0, _ALLOW)]
+    return b"".join(struct.pack("=HBBI", *step) for step in steps)
