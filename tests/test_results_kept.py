@@ -28,6 +28,7 @@ MADE = {
     "main": ("main", TABLES),
     "ablation": ("ablation", ("plant2-ft", "masked")),
     "bare": ("floor", ("bare", "plant2-ft")),
+    "north-bayreuth": ("floor", ("north-bayreuth", "north-bayreuth-ft")),
     "mirrored-moscow": ("floor", ("mirrored-moscow",)),
 }
 PAGES = ("README.md", "docs/floor.md", "docs/results.md")

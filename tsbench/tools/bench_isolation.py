@@ -57,7 +57,7 @@ def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[P
         for name in planners:
             here = None if name.startswith(EXECUTABLE) else runner_of(resolve(name))
             info = describe(name).planner
-            beside, free = runner_of(load(info)), runner_of(load(info))
+            beside, free = runner_of(load(info, show=True)), runner_of(load(info, show=True))
             together, isolated, apart = [], [], []
             for _ in range(rounds):
                 if here is not None:

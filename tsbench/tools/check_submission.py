@@ -39,7 +39,7 @@ def check_submission(spec: str, count: int, split: str, on_progress: Callable[[s
     with closing(simulation):
 
         def drive(rows: Sequence[ScenarioSpec]) -> list[EpisodeResult]:
-            runner = EpisodeRunner(load(info), simulation=simulation, loader=loader)
+            runner = EpisodeRunner(load(info, show=True), simulation=simulation, loader=loader)
             results = []
             for number, row in enumerate(rows, start=1):
                 on_progress(f"scene {number} of {len(rows)}")

@@ -61,8 +61,11 @@ def image_of(spec: str) -> tuple[str | None, str]:
 class Container:
     """A planner's program in a container. line: the socket to it; effects: what holds it, for the run's manifest."""
 
-    def __init__(self, image: str, spec: str, files: PlannerFiles) -> None:
-        """Raises InputError: no engine, one that does not answer, no such image, or a program that does not come up."""
+    def __init__(self, image: str, spec: str, files: PlannerFiles, output: int | None = None) -> None:
+        """output: a descriptor for what it prints; None: this process's.
+
+        Raises InputError: no engine, one that does not answer, no such image, or a program that does not come up.
+        """
         self._engine = find_engine()
         self.effects: Mapping[str, Any] = {
             "namespaces": self._engine, "limits": sorted({*LIMITS, "MEMORY"}), "image": image,
@@ -85,7 +88,7 @@ class Container:
                     self._engine,
                     *run_arguments(self._engine, image, self._name, self.folder.path, spec, command, files.binds),
                 ],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.DEVNULL, stdout=output, stderr=output,
             )  # fmt: skip
             # A worker that ends as it should, without a word to its planner, ends the container, too.
             self._release = weakref.finalize(self, _ended, self._engine, self._name, self.process)

@@ -119,8 +119,13 @@ def begins_afresh(spec: str) -> bool:
     return image is None and not inner.startswith(EXECUTABLE) and is_own(source_of(inner))
 
 
-def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False) -> LoadedPlanner:
-    """A planner for a worker of a run, whose own code runs in sandboxes only. alone: each episode has a new one."""
+def load(
+    planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False, show: bool = False
+) -> LoadedPlanner:
+    """A planner for a worker of a run, whose own code runs in sandboxes only.
+
+    alone: each episode has a new one. show: as for `PlannerProcess`, for who is no worker.
+    """
     places = [Path(place) for place in hidden]
 
     @cache
@@ -132,7 +137,9 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
 
     def made() -> IsolatedPlanner:
         own = begins_afresh(planner.spec)
-        return IsolatedPlanner(lambda: PlannerProcess(planner.spec, places, files()), own=own, alone=alone)
+        return IsolatedPlanner(
+            lambda: PlannerProcess(planner.spec, places, files(), show=show), own=own, alone=alone
+        )
 
     return LoadedPlanner(
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,

@@ -18,6 +18,7 @@ from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
+from tsbench.run.isolation.printed import Printed
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
 from tsbench.run.isolation.sandbox import Sandbox
 
@@ -37,8 +38,12 @@ class IsolatedPlannerError(Exception):
 class PlannerProcess:
     """A planner's process in its sandbox. effects: what the sandbox restricts; facts: what the planner says it is."""
 
-    def __init__(self, spec: str, hidden: Sequence[Path] = (), files: PlannerFiles | None = None) -> None:
+    def __init__(
+        self, spec: str, hidden: Sequence[Path] = (), files: PlannerFiles | None = None, *, show: bool = True
+    ) -> None:
         """files: copies that other processes of the planner have, too; None: copies of its own.
+
+        show: what it prints as text on standard error. A worker, whose log takes what it prints, does not.
 
         Raises InputError where it does not come up, with the planner's own reason.
         """
@@ -46,9 +51,17 @@ class PlannerProcess:
         # A sandbox shows the copies for as long as they are there.
         self._shown = shown = files or PlannerFiles(inner, hidden)
         self._own_files = files is None
-        self._held: Sandbox | Container = (
-            Sandbox(spec, hidden, shown) if image is None else Container(image, inner, shown)
-        )
+        self._printed = Printed() if show else None
+        output = self._printed.end if self._printed else None
+        try:
+            self._held: Sandbox | Container = (
+                Sandbox(spec, hidden, shown, output)
+                if image is None
+                else Container(image, inner, shown, output)
+            )
+        finally:
+            if self._printed:
+                self._printed.close_end()
         self.effects: Mapping[str, Any] = self._held.effects
         self._line = self._held.line
         self._patience = _START_S
@@ -141,6 +154,8 @@ class PlannerProcess:
         """End it and all that it has started."""
         self._line.close()
         self._held.close()
+        if self._printed:
+            self._printed.wait()
         if self._own_files:
             self._shown.remove()
 

@@ -68,8 +68,12 @@ class _Maker(NamedTuple):
 class Sandbox:
     """A planner's program in a sandbox. line: the socket to it; effects: what holds it, for the run's manifest."""
 
-    def __init__(self, spec: str, hidden: Sequence[Path], files: PlannerFiles) -> None:
+    def __init__(
+        self, spec: str, hidden: Sequence[Path], files: PlannerFiles, output: int | None = None
+    ) -> None:
         """files: copies of the planner's own files. hidden: what it is not to see, such as the run.
+
+        output: a descriptor for what it prints; None: this process's.
 
         Raises InputError for a program that is none, and where no sandbox can be made.
         """
@@ -92,7 +96,8 @@ class Sandbox:
             self.process = subprocess.Popen(
                 ["/bin/sh", "-c", _BEGIN, "sh", *groups, "--", *arguments, "--seccomp", str(rules), "--",
                  *_confined(maker), *command],
-                stdin=far_end.fileno(), pass_fds=(rules,), env={**environment_of(), "HOME": _HOME, "TMPDIR": _HOME},
+                stdin=far_end.fileno(), stdout=output, stderr=output, pass_fds=(rules,),
+                env={**environment_of(), "HOME": _HOME, "TMPDIR": _HOME},
             )  # fmt: skip
         finally:
             far_end.close()
