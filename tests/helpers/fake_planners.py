@@ -68,7 +68,7 @@ class Prints(Bad):
 
 class PrintsAndRaises(Bad):
     def misbehave(self):
-        print("noise " * 100_000, "last words")
+        print("noise " * 100_000, "last \x1b[2J words")
         raise ValueError("enough")
 
 

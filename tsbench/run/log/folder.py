@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
+from tsbench.core.text import written_out
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
@@ -213,11 +214,11 @@ def error_path(run: Path, planner: str, scenario_id: str) -> Path:
 
 
 def write_error(run: Path, record: Record, head: str = "") -> None:
-    """Write the story of a failed episode down, below its head."""
+    """Write the story of a failed episode down, below its head, with control characters written out."""
     path = error_path(run, record.row["planner"], record.row["scenario_id"])
     with io_errors_as_input_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, f"{head}{record.detail.rstrip()}\n".encode(errors="replace"))
+        write_atomic(path, f"{head}{written_out(record.detail.rstrip())}\n".encode())
 
 
 def _foreign(folder: Path) -> list[Path]:
