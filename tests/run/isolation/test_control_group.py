@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 from patience import HANG_S
 
-from tsbench.run.isolation import control_group
+from tsbench.run.isolation import control_group, sandbox
 from tsbench.run.isolation.control_group import ControlGroup
 from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.process import PlannerProcess
 
 MIB = 1 << 20
 Kernel = Callable[..., Path]
@@ -103,14 +104,13 @@ for child in children:
     os.kill(child, signal.SIGKILL)
 print(held)
 """
-JOIN = 'for member in "$@"; do echo $$ >"$member" || exit; done; exec "$PYTHON" -c "$TAKES"'
 
 
 def held_in(members: list[Path]) -> str:
-    environment = {**os.environ, "PYTHON": sys.executable, "TAKES": TAKES}
+    """What a program says that is started in a group as a sandbox's is."""
     done = subprocess.run(
-        ["sh", "-c", JOIN, "sh", *map(str, members)], env=environment, stdout=subprocess.PIPE, text=True,
-        timeout=HANG_S, check=False,
+        ["sh", "-c", sandbox._BEGIN, "sh", *map(str, members), "--", sys.executable, "-c", TAKES],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, timeout=HANG_S, check=False,
     )  # fmt: skip
     return done.stdout.strip()
 
@@ -127,6 +127,25 @@ def test_what_all_its_processes_hold_together_is_limited() -> None:
     assert not any(member.parent.exists() for member in group.members)
 
 
+def test_a_sandbox_is_in_the_group_that_it_has_and_takes_it_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[ControlGroup] = []
+
+    def noted(memory_bytes: int, processes: int) -> ControlGroup:
+        made.append(ControlGroup(memory_bytes, processes))
+        return made[-1]
+
+    monkeypatch.setattr(sandbox, "ControlGroup", noted)
+    process = PlannerProcess("idm")
+    if not process.effects["control_group"]:
+        process.close()
+        pytest.skip("no control group can be made here")
+    (group,) = made
+    # bubblewrap twice, and the planner.
+    assert [len(member.read_text().split()) for member in group.members] == [3] * len(group.members)
+    process.close()
+    assert not any(member.parent.exists() for member in group.members)
+
+
 def test_a_run_says_whether_it_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
     def forbidden(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
@@ -139,6 +158,6 @@ def test_a_run_says_whether_it_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
     effects = describe("idm").effects
     assert effects["control_group"] is possible
     assert ("MEMORY" in effects["limits"]) is possible
-    monkeypatch.setattr("tsbench.run.isolation.sandbox.ControlGroup", forbidden)
+    monkeypatch.setattr(sandbox, "ControlGroup", forbidden)
     effects = describe("idm").effects
     assert (effects["control_group"], "MEMORY" in effects["limits"]) == (False, False)

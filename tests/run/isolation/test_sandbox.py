@@ -32,6 +32,14 @@ class P:
             except OSError as refused:
                 told.append(refused.strerror)
         Path("/dev/null").write_text("x")
+        for place in ("/new", "/dev/new", "/work/new"):
+            try:
+                Path(place).mkdir()
+                told.append(place)
+            except OSError:
+                pass
+        status = Path("/proc/self/status").read_text().splitlines()
+        told += [line for line in status if line.startswith(("CapEff", "NoNewPrivs", "Seccomp:"))]
         raise ValueError("; ".join(told))
 
     def reset(self, context): pass
@@ -106,6 +114,8 @@ def test_nobody_is_root_in_a_sandbox(started: str, tmp_path: Path) -> None:
     # The user of this test owns the devices, being root for the machine.
     device = "changed" if started == "by a user" and os.geteuid() == 0 else "Operation not permitted"
     assert f"True; sandbox; mine.py; weights; {device}; Read-only file system" in told
+    assert "/new" not in told
+    assert "CapEff: 0000000000000000; NoNewPrivs: 1; Seccomp: 2" in told
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "aarch64"), reason="the filter is for these two")

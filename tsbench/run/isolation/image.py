@@ -14,9 +14,9 @@ from tempfile import gettempdir
 from typing import Any, Final
 
 from tsbench.core.errors import InputError
-from tsbench.core.text import one_line
 from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
 from tsbench.run.isolation.files import PlannerFiles
+from tsbench.run.isolation.programs import asked
 from tsbench.run.isolation.sandbox_paths import (
     EXECUTABLE,
     LIMITS,
@@ -36,7 +36,6 @@ _LABEL: Final = "tsbench.folder"
 _NOBODY: Final = 65534
 # Images are large: the first container of one may take long to come up.
 _START_S: Final = 120.0
-_ANSWER_S: Final = 60.0
 
 
 def in_image(spec: str, image: str | None) -> str:
@@ -121,7 +120,7 @@ class Container:
 
 
 def _ended(engine: str, name: str, process: subprocess.Popen[bytes]) -> None:
-    _asked(engine, "rm", "--force", name)
+    asked(engine, "rm", "--force", name)
     process.kill()
     process.wait()
 
@@ -132,7 +131,7 @@ def find_engine() -> str:
     for engine in _ENGINES:
         if shutil.which(engine) is None:
             continue
-        status, _, problem = _asked(engine, "info")
+        status, _, problem = asked(engine, "info")
         if status == 0:
             return engine
         reasons.append(f"{engine} does not answer ({problem})")
@@ -143,7 +142,7 @@ def find_engine() -> str:
 
 def image_id(engine: str, image: str) -> str:
     """The hash of an image's content. Raises InputError where it is not on this machine."""
-    status, told, problem = _asked(engine, "image", "inspect", "--format", "{{.Id}}", image)
+    status, told, problem = asked(engine, "image", "inspect", "--format", "{{.Id}}", image)
     if status != 0:
         raise InputError(
             f"--image {image}: {engine} has no such image here ({problem}): {engine} pull {image}, or build it"
@@ -190,7 +189,7 @@ def run_arguments(
 
 def remove_abandoned(engine: str) -> None:
     """Remove containers whose worker was killed: the folder that they were started with is gone, or nobody's."""
-    _, told, _ = _asked(
+    _, told, _ = asked(
         engine,
         "ps",
         "--all",
@@ -203,23 +202,4 @@ def remove_abandoned(engine: str) -> None:
         name, _, folder = line.partition(" ")
         # Of another user's, or another place for temporary files, nothing can be said.
         if Path(folder).parent == Path(gettempdir()) and not Path(folder).exists():
-            _asked(engine, "rm", "--force", name)
-
-
-def _asked(engine: str, *arguments: str) -> tuple[int, str, str]:
-    """Exit status, output, and the last line of what went wrong."""
-    try:
-        done = subprocess.run(
-            [engine, *arguments],
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_ANSWER_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return 1, "", f"no answer within {_ANSWER_S:.0f} s"
-    except OSError as problem:
-        return 1, "", str(problem.strerror)
-    lines = [one_line(line) for line in done.stderr.splitlines() if line.strip()]
-    return done.returncode, done.stdout, (lines[-1] if lines else f"exit code {done.returncode}")[:200]
+            asked(engine, "rm", "--force", name)

@@ -22,6 +22,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
 from tsbench.run.isolation.control_group import ControlGroup
 from tsbench.run.isolation.files import PlannerFiles
+from tsbench.run.isolation.programs import asked
 from tsbench.run.isolation.sandbox_paths import (
     LIMITS,
     MEMORY_BYTES,
@@ -34,7 +35,7 @@ from tsbench.run.isolation.sandbox_paths import (
 from tsbench.run.isolation.system_calls import call_filter
 
 _HOME: Final = "/scratch"
-# Where a sandbox's processes may write, in memory: (place, how much).
+# Where a sandbox's processes may write, in memory.
 _WRITABLE: Final = ("/tmp", "/dev/shm", _HOME)
 _APART: Final = ("--unshare-ipc", "--unshare-pid", "--unshare-net", "--unshare-uts", "--unshare-cgroup-try")
 # Where root makes the namespaces, the rights that setpriv needs to become nobody. It gives them up.
@@ -51,7 +52,6 @@ _BEGIN: Final = (
 )
 # Above the line's.
 _FIRST_DESCRIPTOR: Final = 20
-_PROBE_S: Final = 60.0
 _counter = itertools.count()
 
 
@@ -79,6 +79,10 @@ class Sandbox:
         """
         command = command_of(spec, sys.executable)
         maker = _maker()
+        arguments = sandbox_arguments(maker, binds_of(files.binds), [str(place) for place in covered(hidden)])
+        rules = _readable(call_filter())
+        self.line, far_end = socket.socketpair()
+        # After all that can fail: nobody would remove it.
         try:
             self._group: ControlGroup | None = ControlGroup(MEMORY_BYTES, LIMITS["NPROC"])
         except OSError:
@@ -89,9 +93,6 @@ class Sandbox:
             "namespaces": maker.version, "control_group": self._group is not None, "limits": limits,
         }  # fmt: skip
         groups = [str(file) for file in self._group.members] if self._group else []
-        arguments = sandbox_arguments(maker, binds_of(files.binds), [str(place) for place in covered(hidden)])
-        rules = _readable(call_filter())
-        self.line, far_end = socket.socketpair()
         try:
             self.process = subprocess.Popen(
                 ["/bin/sh", "-c", _BEGIN, "sh", *groups, "--", *arguments, "--seccomp", str(rules), "--",
@@ -167,17 +168,8 @@ def _confined(maker: _Maker) -> list[str]:
     if not maker.as_root:
         return [*found, "--"]
     own = str(_FIRST_UID + os.getpid() * _UIDS_OF_A_PROCESS + next(_counter) % _UIDS_OF_A_PROCESS)
-    nobody = ["--reuid", own, "--regid", own, "--clear-groups"]
-    return [
-        maker.setpriv,
-        *nobody,
-        "--bounding-set=-all",
-        "--inh-caps=-all",
-        "--no-new-privs",
-        "--",
-        *found,
-        "--",
-    ]
+    nobody = ["--reuid", own, "--regid", own, "--clear-groups", "--bounding-set=-all", "--inh-caps=-all"]
+    return [maker.setpriv, *nobody, "--", *found, "--"]
 
 
 def _readable(content: bytes) -> int:
@@ -201,26 +193,13 @@ def _maker() -> _Maker:
             "example by apt-get install bubblewrap util-linux; or use --image, or leave out --isolate"
         )
     bwrap, setpriv, prlimit = (str(path) for path in programs.values())
-    told = subprocess.run([bwrap, "--version"], capture_output=True, text=True, check=False).stdout
-    maker = _Maker(bwrap, one_line(told.strip()), setpriv, prlimit, as_root=os.geteuid() == 0)
+    _, version, _ = asked(bwrap, "--version")
+    maker = _Maker(bwrap, one_line(version), setpriv, prlimit, as_root=os.geteuid() == 0)
     binds = [(place, place) for place in ("/usr", "/bin", "/lib", "/lib64")]
-    problem = _problem([*sandbox_arguments(maker, binds, ()), "--", *_confined(maker), "true"])
-    if problem:
+    status, _, problem = asked(*sandbox_arguments(maker, binds, ()), "--", *_confined(maker), "true")
+    if status != 0:
         raise InputError(
             f"--isolate: bubblewrap makes no sandbox here ({problem}): docs/isolation.md says what may forbid it; use "
             "--image, or leave out --isolate"
         )
     return maker
-
-
-def _problem(command: Sequence[str]) -> str:
-    """The last line of what went wrong with a command; empty where nothing did."""
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_PROBE_S, check=False,
-            env={"PATH": "/usr/bin:/bin"},
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        return f"no answer within {_PROBE_S:.0f} s"
-    lines = [one_line(line) for line in done.stderr.splitlines() if line.strip()]
-    return "" if done.returncode == 0 else (lines[-1] if lines else f"exit code {done.returncode}")[:200]

@@ -218,7 +218,7 @@ def write_error(run: Path, record: Record, head: str = "") -> None:
     path = error_path(run, record.row["planner"], record.row["scenario_id"])
     with io_errors_as_input_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, f"{head}{written_out(record.detail.rstrip())}\n".encode())
+        write_atomic(path, written_out(f"{head}{record.detail.rstrip()}\n").encode())
 
 
 def _foreign(folder: Path) -> list[Path]:
