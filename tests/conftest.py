@@ -20,7 +20,7 @@ settings.load_profile("tsbench")
 
 
 def pytest_collection_finish() -> None:
-    """Take all that collecting has made out of the garbage collector's sight: it lasts, and each search goes through it."""
+    """Take all that collecting has made out of the garbage collector's sight: it lasts as long as the tests do."""
     gc.collect()
     gc.freeze()
 

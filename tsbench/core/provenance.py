@@ -15,8 +15,8 @@ import json
 import sys
 import sysconfig
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass, fields
+from functools import cache, lru_cache
 from importlib.machinery import all_suffixes
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -59,8 +59,13 @@ def data_hash(rows: Iterable[Any], signs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _told(row: Any) -> dict[str, Any]:
-    default = {f.name: f.default for f in fields(row)}
-    return {name: value for name, value in asdict(row).items() if value != default[name]}
+    told = ((name, getattr(row, name), default) for name, default in _defaults(type(row)))
+    return {name: value for name, value, default in told if value != default}
+
+
+@cache
+def _defaults(row: type) -> tuple[tuple[str, Any], ...]:
+    return tuple((field.name, field.default) for field in fields(row))
 
 
 def versions(packages: Iterable[str] = DECIDING) -> dict[str, str | None]:

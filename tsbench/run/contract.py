@@ -47,8 +47,12 @@ def mirrored_contract(contract: str) -> str:
 
 
 @cache
+def _own_files() -> Files:
+    return code_files()
+
+
 def code_hash() -> str:
-    return digest(code_files())
+    return digest(_own_files())
 
 
 _from_run: list[str] = []
@@ -57,7 +61,7 @@ _from_run: list[str] = []
 @cache
 def file_names() -> frozenset[str]:
     """Names of the contract's files, as in `code_files`. A worker has them of its run: see `use_file_names`."""
-    return frozenset(_from_run or code_files())
+    return frozenset(_from_run or _own_files())
 
 
 def use_file_names(names: Iterable[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from sys import intern
@@ -51,41 +51,48 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     if not own and path.stem in SPLITS and path.stem not in there and there:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
     table = open_table(path, SCHEMA, hint, later=_LATER)
-    # In parts: all rows as dictionaries take more room than all else.
-    rows = (row for part in table.to_batches(_PART_ROWS) for row in part.to_pylist())
-    specs = [_spec(row) for row in rows]
+    # In parts: all values as objects of Python take more room than all else.
+    specs = [spec for part in table.to_batches(_PART_ROWS) for spec in _specs(part)]
     _check(specs, path)
     return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else specs
 
 
-def _spec(row: dict[str, Any]) -> ScenarioSpec:
+def _specs(part: pa.RecordBatch) -> Iterator[ScenarioSpec]:
+    names = part.schema.names
+    later = [name for name in names if name in _LATER]
+    for values in zip(*(_values(part.column(name)) for name in names), strict=True):
+        row = dict(zip(names, values, strict=True))
+        for name in later:
+            if row[name] is None:
+                del row[name]
+        yield ScenarioSpec(**row)
+
+
+def _values(column: pa.Array) -> list[Any]:
     # Most words stand in many rows.
-    told: dict[str, Any] = {
-        key: intern(value) if isinstance(value, str) else value for key, value in row.items()
-    }
-    return ScenarioSpec(
-        **{key: value for key, value in told.items() if value is not None or key not in _LATER}
-    )
+    values = column.to_pylist()
+    return [v if v is None else intern(v) for v in values] if pa.types.is_string(column.type) else values
 
 
 def _check(specs: list[ScenarioSpec], path: Path) -> None:
     seen: set[str] = set()
     for number, spec in enumerate(specs):
-        where = f"{path}: row {number} ({spec.scenario_id})"
-        if spec.scenario_id in seen:
-            raise InputError(f"{where}: the id occurs twice")
+        problem = "the id occurs twice" if spec.scenario_id in seen else _problem(spec)
+        if problem:
+            raise InputError(f"{path}: row {number} ({spec.scenario_id}): {problem}")
         seen.add(spec.scenario_id)
-        if spec.split not in SPLITS:
-            raise InputError(f"{where}: unknown split {spec.split!r}")
-        if not 0 < spec.horizon <= 10_000 or not 0.0 <= spec.initial_speed < math.inf:
-            raise InputError(
-                f"{where}: horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
-            )
-        if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) != (
-            spec.scenario_id != spec.pair_name
-        ):
-            raise InputError(f"{where}: half {spec.half!r} of pair {spec.pair_id!r} is impossible")
-        # The type names the store that the other two are in.
-        files = (Path(spec.pair_type), Path(spec.net), Path(spec.additional))
-        if any(f.is_absolute() or ".." in f.parts for f in files):
-            raise InputError(f"{where}: a scene file outside the data folder")
+
+
+def _problem(spec: ScenarioSpec) -> str:
+    """What is impossible in a row, "" if nothing is."""
+    if spec.split not in SPLITS:
+        return f"unknown split {spec.split!r}"
+    if not 0 < spec.horizon <= 10_000 or not 0.0 <= spec.initial_speed < math.inf:
+        return f"horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
+    own_pair = spec.scenario_id == spec.pair_name
+    if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) == own_pair:
+        return f"half {spec.half!r} of pair {spec.pair_id!r} is impossible"
+    # The type names the store that the other two are in.
+    if any(name.startswith("/") or ".." in name.split("/") for name in (spec.pair_type, spec.net, spec.additional)):
+        return "a scene file outside the data folder"
+    return ""
