@@ -16,7 +16,7 @@ import sys
 import sysconfig
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib.machinery import all_suffixes
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -59,13 +59,7 @@ def data_hash(rows: Iterable[Any], signs: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _told(row: Any) -> dict[str, Any]:
-    told = ((name, getattr(row, name), default) for name, default in _defaults(type(row)))
-    return {name: value for name, value, default in told if value != default}
-
-
-@cache
-def _defaults(row: type) -> tuple[tuple[str, Any], ...]:
-    return tuple((field.name, field.default) for field in fields(row))
+    return {f.name: value for f in fields(row) if (value := getattr(row, f.name)) != f.default}
 
 
 def versions(packages: Iterable[str] = DECIDING) -> dict[str, str | None]:

@@ -56,6 +56,12 @@ _FIELDS: list[Any] = [
     *columns(pa.list_(*columns(pa.float32(), "element")), *_PLAN, nullable=True),
 ]
 SCHEMA = pa.schema(_FIELDS)
+_KINDS: dict[pa.DataType, type] = {
+    pa.bool_(): np.bool_,
+    pa.int32(): np.int32,
+    pa.float32(): np.float32,
+    pa.float64(): np.float64,
+}
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,7 @@ def _arrays(
     snapshots: list[WorldSnapshot], commands: Array, plans: tuple[Plan | None, ...]
 ) -> dict[str, Any]:
     counts = [len(s.actors) for s in snapshots]
-    offsets = pa.array(np.concatenate(([0], np.cumsum(counts))), type=pa.int32())
+    offsets = np.concatenate(([0], np.cumsum(counts)))
     flat: dict[str, list[npt.NDArray[Any]]] = {
         "index": [s.actors.index for s in snapshots],
         "speed": [s.actors.speed for s in snapshots],
@@ -204,24 +210,43 @@ def _arrays(
         "heading": [s.actors.pose[:, 2] for s in snapshots],
     }
     arrays: dict[str, Any] = {
-        "step": pa.array([s.step for s in snapshots], type=pa.int32()),
-        "time": pa.array([s.time for s in snapshots], type=pa.float64()),
+        "step": _numbers([s.step for s in snapshots], pa.int32()),
+        "time": _numbers([s.time for s in snapshots], pa.float64()),
     }
     for name, kind in _EGO:
-        arrays[f"ego_{name}"] = pa.array([getattr(s.ego, name) for s in snapshots], type=kind)
+        arrays[f"ego_{name}"] = _numbers([getattr(s.ego, name) for s in snapshots], kind)
     for name, kind in _ACTOR:
-        values = pa.array(np.concatenate(flat[name]), type=kind)
-        element = SCHEMA.field(f"actor_{name}").type
-        arrays[f"actor_{name}"] = pa.ListArray.from_arrays(offsets, values, type=element)
+        arrays[f"actor_{name}"] = _lists(f"actor_{name}", offsets, _numbers(np.concatenate(flat[name]), kind))
     # The planner may have failed before its last command took effect: no more commands than steps are kept.
-    missing = [None] * (len(snapshots) - min(len(commands), len(snapshots)))
+    kept = commands[: len(snapshots)]
     for k, name in enumerate(("acceleration", "steering")):
-        arrays[name] = pa.array([*commands[: len(snapshots), k].tolist(), *missing], type=pa.float64())
+        missing = pa.nulls(len(snapshots) - len(kept), pa.float64())
+        arrays[name] = pa.concat_arrays([_numbers(kept[:, k], pa.float64()), missing])
     told = plan_of_each_tick(plans, len(snapshots))
+    offsets = np.concatenate(([0], np.cumsum([0 if plan is None else len(plan) for plan in told])))
+    points = np.concatenate([np.empty((0, 2)), *(plan[:, :2] for plan in told if plan is not None)])
+    there = np.array([plan is not None for plan in told])
     for k, name in enumerate(_PLAN):
-        values = [None if plan is None else plan[:, k] for plan in told]
-        arrays[name] = pa.array(values, type=SCHEMA.field(name).type)
+        arrays[name] = _lists(name, offsets, _numbers(points[:, k], pa.float32()), there)
     return arrays
+
+
+# From buffers: `pa.array` would import pandas in each process that drives, which takes longer than an episode.
+def _numbers(values: npt.ArrayLike, kind: pa.DataType) -> pa.Array:
+    plain: npt.NDArray[Any] = np.ascontiguousarray(values, dtype=_KINDS[kind])
+    packed = np.packbits(plain, bitorder="little") if kind == pa.bool_() else plain
+    return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(packed)])
+
+
+def _lists(
+    name: str, offsets: Array, values: pa.Array, there: npt.NDArray[np.bool_] | None = None
+) -> pa.Array:
+    """A column of lists. offsets: where each begins, and the last one's end. there: which are not null, None: all."""
+    known = None if there is None else pa.py_buffer(np.packbits(there, bitorder="little"))
+    starts = pa.py_buffer(np.ascontiguousarray(offsets, dtype=np.int32))
+    return pa.Array.from_buffers(
+        SCHEMA.field(name).type, len(offsets) - 1, [known, starts], children=[values]
+    )
 
 
 def read_trace(path: Path) -> Trace:

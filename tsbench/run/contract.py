@@ -55,6 +55,11 @@ def code_hash() -> str:
     return digest(_own_files())
 
 
+def code_changed() -> bool:
+    """Do the contract's files say something else than when this process first read them?"""
+    return code_files() != _own_files()
+
+
 _from_run: list[str] = []
 
 

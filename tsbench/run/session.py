@@ -20,7 +20,7 @@ from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
 from tsbench.planners.common.batching import DEVICES
-from tsbench.run.contract import code_hash, contract_hash
+from tsbench.run.contract import code_changed, contract_hash
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.factory import EXECUTORS, make_executor
@@ -196,7 +196,7 @@ def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run."""
     from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
 
-    if code_hash.__wrapped__() != code_hash():
+    if code_changed():
         return InputError("tsbench's code has changed since the run began: start the run anew")
     try:
         for planner in planners:

@@ -17,8 +17,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-import pyarrow as pa
-
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.machine import die_with
 from tsbench.episode.outcome import Outcome
@@ -108,9 +106,6 @@ class Worker:
         # Whatever it is, the planner raised it.
         with suppress(BaseException):
             runner = self._runner_of(task.planner)
-            if self._setup.trace != "none":
-                # PyArrow imports pandas with its first array: here, or in each child anew.
-                pa.array([0.0])
             self._heartbeat.beat(Phase.PLANNING)
             runner.prepare(task.spec)
         self._exit_if_forked()
