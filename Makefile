@@ -21,8 +21,9 @@ run: base
 		--workers $(WORKERS) --out runs/main
 
 # TEST_ARGS: for example tests/rules, or "-k stop".
+# One thread a process: more wait for each other by spinning, and there are as many processes as cores.
 test: setup
-	$(BIN)/pytest -n $(WORKERS) --dist worksteal $(TEST_ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist worksteal $(TEST_ARGS)
 
 # All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
 # masked, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and

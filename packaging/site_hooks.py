@@ -1,7 +1,7 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
 Links to files that are no pages become the names of those files, and have to lead to one. The catalogue's plates come
-into the site, and so do a page of all commands that is made from the code and a page of the notebook.
+into the site, and so do a page of all commands that is made from the code and a page of each notebook.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 _ROOT = Path(__file__).resolve().parents[1]
 _DOCS, _PLATES = _ROOT / "docs", _ROOT / "sign_catalog" / "plates"
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
-NOTEBOOK, NOTEBOOK_PAGE = "guides/first_run.ipynb", "guides/first_run_notebook.md"
+# Each becomes a page beside it: NAME_notebook.md.
+NOTEBOOKS = ("guides/first_run.ipynb", "guides/learn_from_drives.ipynb")
 _LOG = logging.getLogger("mkdocs.hooks.site")  # a warning here ends a strict build
 _PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
 
@@ -29,8 +30,10 @@ def on_files(files: Any, config: Any) -> Any:
     from site_notebook import notebook_page
 
     files.append(File.generated(config, "reference/commands.md", content=commands_page()))
-    cells = (_DOCS / NOTEBOOK).read_text(encoding="utf-8")
-    files.append(File.generated(config, NOTEBOOK_PAGE, content=notebook_page(cells, Path(NOTEBOOK).name)))
+    for notebook in NOTEBOOKS:
+        cells, place = (_DOCS / notebook).read_text(encoding="utf-8"), Path(notebook)
+        page = place.with_name(_page_name(place.name)).as_posix()
+        files.append(File.generated(config, page, content=notebook_page(cells, place.name)))
 
     for plate in sorted(_PLATES.glob("*.svg")):
         files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
@@ -47,13 +50,13 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 def without_links_out(markdown: str, place: PurePosixPath) -> str:
     """The text with links that leave the folder of pages as their words, and the file that they name beside them.
 
-    A link to a file that is not there is a warning. One to the notebook leads to its page.
+    A link to a file that is not there is a warning. One to a notebook leads to its page.
     """
 
     def plain(link: re.Match[str]) -> str:
         target = (_DOCS / place.parent / link[2]).resolve()
-        if target == _DOCS / NOTEBOOK and place != PurePosixPath(NOTEBOOK_PAGE):
-            return link[0].replace(Path(NOTEBOOK).name, Path(NOTEBOOK_PAGE).name)
+        if target in {_DOCS / notebook for notebook in NOTEBOOKS} and place.name != _page_name(target.name):
+            return link[0].replace(target.name, _page_name(target.name))
         if target.is_relative_to(_DOCS):
             return link[0]
         if not target.exists() or not target.is_relative_to(_ROOT):
@@ -63,3 +66,7 @@ def without_links_out(markdown: str, place: PurePosixPath) -> str:
         return link[1] if path in link[1] else f"{link[1]} (`{path}`)"
 
     return _LINK.sub(plain, markdown)
+
+
+def _page_name(notebook: str) -> str:
+    return notebook.replace(".ipynb", "_notebook.md")

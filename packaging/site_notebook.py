@@ -1,4 +1,4 @@
-"""`guides/first_run_notebook.md` of the site: a notebook as a page, made from its cells when the site is built."""
+"""`guides/NAME_notebook.md` of the site: a notebook as a page, made from its cells when the site is built."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-_WRITE = "%%writefile "
+_WRITE, _SHELL = "%%writefile ", "!"
 
 
 def notebook_page(notebook: str, file: str) -> str:
@@ -29,4 +29,9 @@ def _parts(cells: list[dict[str, Any]]) -> Iterator[str]:
         first, _, rest = source.partition("\n")
         # The file that the cell writes is its title: a reader without Jupyter writes it by hand.
         name = first.removeprefix(_WRITE) if first.startswith(_WRITE) else None
-        yield f'```python title="{name}"\n{rest}\n```' if name else f"```python\n{source}\n```"
+        if name:
+            yield f'```python title="{name}"\n{rest}\n```'
+        elif all(line.startswith(_SHELL) for line in source.splitlines()):
+            yield f"```sh\n{source.replace(_SHELL + 'tsbench', 'tsbench')}\n```"
+        else:
+            yield f"```python\n{source}\n```"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,12 @@ pytest_plugins = ["browsing"]
 
 settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")
+
+
+def pytest_collection_finish() -> None:
+    """Take all that collecting has made out of the garbage collector's sight: it lasts, and each search goes through it."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -86,7 +86,7 @@ def test_every_step_works_on_four_pairs(tmp_path: Path) -> None:
         (tmp_path / name).write_text(with_driven_planners((ROOT / name).read_text()))
     runs = tmp_path / "runs"
     copies = " ".join(str(tmp_path / name) for name in PAGES)
-    asked = {**FEW, "RESULTS": str(runs), "PAGES": copies, "WORKERS": "2"}
+    asked = {**FEW, "RESULTS": str(runs), "PAGES": copies, "WORKERS": "1"}
     assert " -m pip " not in make_results("--dry-run", **asked)
     make_results(**asked)
     assert before == {name: (ROOT / name).read_bytes() for name in PAGES}

@@ -9,12 +9,11 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from patience import HANG_S
+from patience import HANG_S, eventually
 
 ROOT = Path(__file__).resolve().parents[2]
 TSBENCH = (sys.executable, "-c", "from tsbench.cli import main; main()")
@@ -95,11 +94,7 @@ def test_the_example_goes_on_after_it_was_killed(tmp_path: Path) -> None:
     process = subprocess.Popen(
         (*command, "--steps", "1000000"), cwd=tmp_path, env=CALM, start_new_session=True
     )
-    until = time.monotonic() + PATIENCE_S
-    while not (curve.is_file() and steps()):
-        assert process.poll() is None
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    eventually(lambda: curve.is_file() and bool(steps()), process, PATIENCE_S)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     before = steps()

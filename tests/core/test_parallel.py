@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from patience import HANG_S
+from patience import HANG_S, eventually
 
 from tsbench.core.errors import InputError, TsbenchError
 from tsbench.core.parallel import CachedResult, worker_processes
@@ -107,10 +107,7 @@ def test_ctrl_c_ends_it_with_what_is_finished_kept_and_nobody_at_work(tmp_path: 
     (tmp_path / "slow.py").write_text(SLOW)
     command = [sys.executable, str(tmp_path / "slow.py"), str(tmp_path)]
     child = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
-    began = time.monotonic()
-    while not (tmp_path / "kept" / "3.json").exists():
-        assert time.monotonic() - began < HANG_S
-        time.sleep(0.05)
+    eventually((tmp_path / "kept" / "3.json").exists, child)
     os.killpg(child.pid, signal.SIGINT)
     told = child.communicate(timeout=HANG_S)[1]
     assert child.returncode != 0

@@ -8,13 +8,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import driver
 import pytest
-from patience import HANG_S
+from patience import eventually
 
 from tsbench.core.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
@@ -57,10 +56,7 @@ def _children(pid: int) -> list[int]:
 
 def assert_gone(pids: list[int]) -> None:
     """No worker of these is left, however late a busy machine ends a process."""
-    end = time.monotonic() + HANG_S
-    while any(_is_worker(pid) for pid in pids):
-        assert time.monotonic() < end, pids
-        time.sleep(0.02)
+    eventually(lambda: not any(_is_worker(pid) for pid in pids))
 
 
 def _is_worker(pid: int) -> bool:
@@ -109,12 +105,11 @@ class Bench:
         for suffix in (".paused", ".go"):
             mark.with_suffix(suffix).unlink(missing_ok=True)
         process = self.start(*arguments, TSBENCH_TEST_PAUSE=str(lines))
-        end = time.monotonic() + HANG_S
-        while not mark.with_suffix(".paused").exists():
-            if process.poll() is not None or time.monotonic() > end:
-                process.kill()
-                raise AssertionError(f"it did not come to {lines} episodes: {process.communicate()}")
-            time.sleep(0.01)
+        try:
+            eventually(mark.with_suffix(".paused").exists, process)
+        except AssertionError:
+            process.kill()
+            raise AssertionError(f"it did not come to {lines} episodes: {process.communicate()}") from None
         return process
 
     def go(self) -> None:

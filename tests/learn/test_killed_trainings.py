@@ -7,13 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from patience import HANG_S
+from patience import HANG_S, eventually
 
 from tsbench.learn.rows import read_rows
 from tsbench.planners.weights import load_weights, network
@@ -59,11 +58,7 @@ def kill(command: tuple[str, ...], when: Callable[[], bool]) -> None:
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    until = time.monotonic() + HANG_S
-    while not when():
-        assert process.poll() is None, "it ended before it could be killed"
-        assert time.monotonic() < until, "it does not come so far"
-        time.sleep(0.02)
+    eventually(when, process)
     os.killpg(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
 

@@ -99,14 +99,20 @@ def test_a_link_to_no_file_is_a_warning(hooks: ModuleType, caplog: pytest.LogCap
     assert record.name.startswith("mkdocs.")
 
 
-def test_the_notebook_is_a_page(site: Path, hooks: ModuleType) -> None:
-    page = (site / "guides/first_run_notebook.html").read_text(encoding="utf-8")
-    cells = json.loads((ROOT / "docs/guides/first_run.ipynb").read_text(encoding="utf-8"))["cells"]
+@pytest.mark.parametrize("name", ["first_run", "learn_from_drives"])
+def test_a_notebook_is_a_page(name: str, site: Path) -> None:
+    page = (site / f"guides/{name}_notebook.html").read_text(encoding="utf-8")
+    cells = json.loads((ROOT / f"docs/guides/{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     assert page.count('<div class="highlight">') == sum(cell["cell_type"] == "code" for cell in cells)
-    assert "my_planner.py" in page
+    assert f'href="{name}.ipynb"' in page
     assert "%%writefile" not in page
-    assert 'href="first_run.ipynb"' in page
+
+
+def test_links_to_notebooks_lead_to_their_pages(site: Path) -> None:
+    page = (site / "guides/first_run_notebook.html").read_text(encoding="utf-8")
+    assert "my_planner.py" in page
     assert "make base EXTRAS=report" in page
     assert 'href="../guides/first_run_notebook.html"' in (site / "start/first_run.html").read_text(
         encoding="utf-8"
     )
+    assert 'href="guides/learn_from_drives_notebook.html"' in (site / "env.html").read_text(encoding="utf-8")

@@ -8,12 +8,15 @@ Or let Gymnasium import it, which also works in worker processes: `gymnasium.mak
 from __future__ import annotations
 
 from tsbench.core.extras import missing_extra
+from tsbench.planners.rl.actions import action_for
 
 try:
     import gymnasium
 except ModuleNotFoundError as problem:
     # Python shows where an error came from as well; what it says is one line with the command that helps.
     raise ModuleNotFoundError(str(missing_extra(problem) or problem), name=problem.name) from None
+
+__all__ = ["DRIVE", "DRIVE_V0", "GROUPS", "MAX_STEPS", "action_for"]
 
 DRIVE, DRIVE_V0 = "tsbench/Drive-v1", "tsbench/Drive-v0"
 

@@ -174,7 +174,7 @@ def dying_once(learn: Any) -> Any:
 
 @pytest.mark.slow
 def test_a_training_goes_on_where_it_broke_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1)
+    small = replace(HYPER["ppo"], rollout=16, batch=8, epochs=1, updates=2)
     monkeypatch.setattr(rl_train, "HYPER", {"ppo": small})
     told: list[str] = []
     job = Job("ppo", tmp_path, 16, 1, 3, "cpu", ("speed_limit",))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from patience import HANG_S
+from patience import HANG_S, eventually
 from run_helpers import Bench
 
 RUN = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Exits", "--split", "test"]
@@ -65,10 +64,7 @@ class OnCluster:
         return [number for number, parent in parents.items() if parent not in parents]
 
     def assert_no_worker_is_left(self) -> None:
-        end = time.monotonic() + HANG_S
-        while self.workers():
-            assert time.monotonic() < end, self.workers()
-            time.sleep(0.1)
+        eventually(lambda: not self.workers())
 
 
 @pytest.fixture(scope="module")

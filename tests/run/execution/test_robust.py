@@ -70,7 +70,15 @@ def misbehaved(tmp_path_factory: pytest.TempPathFactory, make_data) -> Path:
         bench = Bench(make_data(folder / "data"), folder)
         done = bench.run(
             *args(
-                "Prints", "Good", "Forks", "Hostile", *EXPECTED, types="speed_limit", out="run", workers="2"
+                "Prints",
+                "Good",
+                "Forks",
+                "Hostile",
+                *EXPECTED,
+                types="speed_limit",
+                out="run",
+                workers="2",
+                trace="none",
             ),
             expect=1,
             TSBENCH_TEST_LIMITS='{"call": 4.0, "first_call": 4.0, "patience": 1.0, "most_memory": 512.0}',

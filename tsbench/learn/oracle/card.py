@@ -21,6 +21,10 @@ _SEEN = {
     "plates_mask": "1 where a row of `plates` is one",
     "lanes": "polylines of lanes and of ways through junctions around the ego, with what they are",
     "lanes_mask": "1 where a row of `lanes` is one",
+    "actors": "road users in sight: place, heading, speed, size, kind",
+    "actors_mask": "1 where a row of `actors` is one",
+    "obstacles": "obstacles in sight: place, heading, size",
+    "obstacles_mask": "1 where a row of `obstacles` is one",
 }
 _REWARDS = {
     "progress": "share of the way that the tick brought, times soft penalties",

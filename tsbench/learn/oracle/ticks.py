@@ -20,10 +20,11 @@ from tsbench.learn.oracle.trajectories import Recorded, Replay, difference
 from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 
-# Tables of `scene` that are exported, by the name that follows `observation.`.
+# The tables of `scene`, by the name that follows `observation.`.
 SEEN = {
     "state": "ego", "route": "route", "plates": "plates", "plates_mask": "plates_mask",
-    "lanes": "lanes", "lanes_mask": "lanes_mask",
+    "lanes": "lanes", "lanes_mask": "lanes_mask", "actors": "actors", "actors_mask": "actors_mask",
+    "obstacles": "obstacles", "obstacles_mask": "obstacles_mask",
 }  # fmt: skip
 REWARDS = ("progress", "violation", "needless", "end")
 
