@@ -31,9 +31,8 @@ def on_files(files: Any, config: Any) -> Any:
 
     files.append(File.generated(config, "reference/commands.md", content=commands_page()))
     for notebook in NOTEBOOKS:
-        cells, place = (_DOCS / notebook).read_text(encoding="utf-8"), Path(notebook)
-        page = place.with_name(_page_name(place.name)).as_posix()
-        files.append(File.generated(config, page, content=notebook_page(cells, place.name)))
+        page = notebook_page((_DOCS / notebook).read_text(encoding="utf-8"), Path(notebook).name)
+        files.append(File.generated(config, _page_name(notebook), content=page))
 
     for plate in sorted(_PLATES.glob("*.svg")):
         files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
@@ -56,7 +55,7 @@ def without_links_out(markdown: str, place: PurePosixPath) -> str:
     def plain(link: re.Match[str]) -> str:
         target = (_DOCS / place.parent / link[2]).resolve()
         if target in {_DOCS / notebook for notebook in NOTEBOOKS} and place.name != _page_name(target.name):
-            return link[0].replace(target.name, _page_name(target.name))
+            return _page_name(link[0])
         if target.is_relative_to(_DOCS):
             return link[0]
         if not target.exists() or not target.is_relative_to(_ROOT):

@@ -32,6 +32,7 @@ def _parts(cells: list[dict[str, Any]]) -> Iterator[str]:
         if name:
             yield f'```python title="{name}"\n{rest}\n```'
         elif all(line.startswith(_SHELL) for line in source.splitlines()):
-            yield f"```sh\n{source.replace(_SHELL + 'tsbench', 'tsbench')}\n```"
+            commands = "\n".join(line.removeprefix(_SHELL) for line in source.splitlines())
+            yield f"```sh\n{commands}\n```"
         else:
             yield f"```python\n{source}\n```"
