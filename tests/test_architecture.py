@@ -42,6 +42,27 @@ def test_rules_and_planners_do_not_know_each_other() -> None:
     assert not crossing, "\n".join(crossing)
 
 
+def test_experts_do_not_know_the_floor() -> None:
+    crossing = [
+        f"{module} imports {name}"
+        for module, found in imports().items()
+        for name, _ in found
+        if module.startswith("tsbench.planners.experts") and name.startswith("tsbench.planners.floor")
+    ]
+    assert not crossing, "\n".join(crossing)
+
+
+def test_no_class_has_the_name_of_another() -> None:
+    places: dict[str, list[str]] = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        # What nuPlan's planners are given has nuPlan's names.
+        if "nuplan" not in path.parts:
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
 def test_nothing_that_runs_imports_what_makes_data() -> None:
     running = [
         f"{module} imports {name}"

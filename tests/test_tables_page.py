@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from tsbench.episode import trace
+from tsbench.episode import trace_columns
 from tsbench.learn.oracle import store as tries
 from tsbench.learn.oracle import trajectories
 from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
@@ -19,7 +19,7 @@ SCHEMAS = {
     "episodes.parquet": EPISODES,
     "violations.parquet": VIOLATIONS,
     "timing.parquet": TIMING,
-    "traces/PLANNER/SCENARIO.parquet": trace.SCHEMA,
+    "traces/PLANNER/SCENARIO.parquet": trace_columns.SCHEMA,
     "scenarios/SPLIT.parquet": table.SCHEMA,
     "scenarios/certificates.parquet": certificates.SCHEMA,
     "scenarios/scenes/SPLIT/TYPE.parquet": store.SCHEMA,

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.files import sha256_of
-from tsbench.episode.trace import SCHEMA as TRACE
+from tsbench.episode.trace_columns import SCHEMA as TRACE
 
 
 def pass_all(run: Path) -> None:

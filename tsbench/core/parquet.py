@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
+from sys import intern
 from typing import Any, TypeVar
 
 import pyarrow as pa
@@ -22,6 +23,7 @@ _TYPES = {
 }  # fmt: skip
 # Far more than any table of ours has.
 _MOST_ROWS, _MOST_BYTES = 20_000_000, 1 << 32
+_PART_ROWS = 2048
 
 
 Row = TypeVar("Row")
@@ -53,13 +55,32 @@ def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:
 def read_rows(
     row: type[Row], path: Path, schema: pa.Schema, hint: str, later: Sequence[str] = ()
 ) -> list[Row]:
-    """The dataclasses that `save_rows` wrote. later: fields that older files lack. InputError as of `open_table`."""
+    """The dataclasses that `save_rows` wrote. Raises InputError as `open_table`.
+
+    later: fields that older files lack, or hold nulls in; the default counts then.
+    """
     table = open_table(path, schema, hint, later=later)
-    found = {field.name: table[field.name].to_pylist() for field in table.schema}
-    for field in table.schema:
-        if pa.types.is_list(field.type):
-            found[field.name] = list(map(tuple, found[field.name]))
-    return [row(**dict(zip(found, values, strict=True))) for values in zip(*found.values(), strict=True)]
+    # In parts: all values as objects of Python take more room than all else.
+    return [one for part in table.to_batches(_PART_ROWS) for one in _rows(row, part, later)]
+
+
+def _rows(row: type[Row], part: pa.RecordBatch, later: Sequence[str]) -> Iterator[Row]:
+    names = part.schema.names
+    nulls = [name for name in names if name in later]
+    for values in zip(*(_values(part.column(name)) for name in names), strict=True):
+        fields = dict(zip(names, values, strict=True))
+        for name in nulls:
+            if fields[name] is None:
+                del fields[name]
+        yield row(**fields)
+
+
+def _values(column: pa.Array) -> list[Any]:
+    values = column.to_pylist()
+    if pa.types.is_list(column.type):
+        return list(map(tuple, values))
+    # Most words stand in many rows.
+    return [v if v is None else intern(v) for v in values] if pa.types.is_string(column.type) else values
 
 
 def open_table(

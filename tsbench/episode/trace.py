@@ -10,19 +10,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
-from tsbench.core.parquet import OSM_LICENCE, check_size, columns, fields_of
+from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import one_line
 from tsbench.episode.command import Plan
@@ -30,38 +28,17 @@ from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
 from tsbench.episode.result import EpisodeResult
+from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans_of, snapshots_of, table_of
 from tsbench.geometry.polyline import Array
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
 
 TRACE_SCHEMA = 1
 _KEY = "tsbench.trace"
-_EGO = tuple((column.name, column.type) for column in fields_of(EgoState))
-_ACTOR = (
-    ("index", pa.int32()), ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()),
-    ("speed", pa.float64()), ("lane", pa.int32()), ("lane_s", pa.float64()),
-)  # fmt: skip
-# What the planner meant to do; traces from before it was kept lack them.
-_PLAN = ("plan_x", "plan_y")
-_FIELDS: list[Any] = [
-    *columns(pa.int32(), "step"),
-    *columns(pa.float64(), "time"),
-    *(pa.field(f"ego_{name}", kind, nullable=False) for name, kind in _EGO),
-    *(pa.field(f"actor_{n}", pa.list_(*columns(k, "element")), nullable=False) for n, k in _ACTOR),
-    *columns(pa.float64(), "acceleration", "steering", nullable=True),
-    *columns(pa.list_(*columns(pa.float32(), "element")), *_PLAN, nullable=True),
-]
-SCHEMA = pa.schema(_FIELDS)
-_KINDS: dict[pa.DataType, type] = {
-    pa.bool_(): np.bool_,
-    pa.int32(): np.int32,
-    pa.float32(): np.float32,
-    pa.float64(): np.float64,
-}
 
 
 @dataclass(frozen=True)
@@ -183,70 +160,12 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
         **({"told": [_plain(asdict(one)) for one in result.told]} if result.told else {}),
     }
     text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    table = pa.table(_arrays(facts.snapshots, result.commands, result.plans), schema=SCHEMA)
+    table = table_of(facts.snapshots, result.commands, result.plans)
     layout: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
     with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         writer.write_table(table, row_group_size=table.num_rows)
         # Not in the schema, which Parquet would store a second time.
         writer.add_key_value_metadata({_KEY: text, **OSM_LICENCE})
-
-
-def plan_of_each_tick(plans: tuple[Plan | None, ...], ticks: int) -> tuple[Plan | None, ...]:
-    return (*plans[:ticks], *[None] * (ticks - len(plans)))
-
-
-def _arrays(
-    snapshots: list[WorldSnapshot], commands: Array, plans: tuple[Plan | None, ...]
-) -> dict[str, Any]:
-    counts = [len(s.actors) for s in snapshots]
-    offsets = np.concatenate(([0], np.cumsum(counts)))
-    flat: dict[str, list[npt.NDArray[Any]]] = {
-        "index": [s.actors.index for s in snapshots],
-        "speed": [s.actors.speed for s in snapshots],
-        "lane": [s.actors.lane for s in snapshots],
-        "lane_s": [s.actors.lane_s for s in snapshots],
-        "x": [s.actors.pose[:, 0] for s in snapshots],
-        "y": [s.actors.pose[:, 1] for s in snapshots],
-        "heading": [s.actors.pose[:, 2] for s in snapshots],
-    }
-    arrays: dict[str, Any] = {
-        "step": _numbers([s.step for s in snapshots], pa.int32()),
-        "time": _numbers([s.time for s in snapshots], pa.float64()),
-    }
-    for name, kind in _EGO:
-        arrays[f"ego_{name}"] = _numbers([getattr(s.ego, name) for s in snapshots], kind)
-    for name, kind in _ACTOR:
-        arrays[f"actor_{name}"] = _lists(f"actor_{name}", offsets, _numbers(np.concatenate(flat[name]), kind))
-    # The planner may have failed before its last command took effect: no more commands than steps are kept.
-    kept = commands[: len(snapshots)]
-    for k, name in enumerate(("acceleration", "steering")):
-        missing = pa.nulls(len(snapshots) - len(kept), pa.float64())
-        arrays[name] = pa.concat_arrays([_numbers(kept[:, k], pa.float64()), missing])
-    told = plan_of_each_tick(plans, len(snapshots))
-    offsets = np.concatenate(([0], np.cumsum([0 if plan is None else len(plan) for plan in told])))
-    points = np.concatenate([np.empty((0, 2)), *(plan[:, :2] for plan in told if plan is not None)])
-    there = np.array([plan is not None for plan in told])
-    for k, name in enumerate(_PLAN):
-        arrays[name] = _lists(name, offsets, _numbers(points[:, k], pa.float32()), there)
-    return arrays
-
-
-# From buffers: `pa.array` would import pandas in each process that drives, which takes longer than an episode.
-def _numbers(values: npt.ArrayLike, kind: pa.DataType) -> pa.Array:
-    plain: npt.NDArray[Any] = np.ascontiguousarray(values, dtype=_KINDS[kind])
-    packed = np.packbits(plain, bitorder="little") if kind == pa.bool_() else plain
-    return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(packed)])
-
-
-def _lists(
-    name: str, offsets: Array, values: pa.Array, there: npt.NDArray[np.bool_] | None = None
-) -> pa.Array:
-    """A column of lists. offsets: where each begins, and the last one's end. there: which are not null, None: all."""
-    known = None if there is None else pa.py_buffer(np.packbits(there, bitorder="little"))
-    starts = pa.py_buffer(np.ascontiguousarray(offsets, dtype=np.int32))
-    return pa.Array.from_buffers(
-        SCHEMA.field(name).type, len(offsets) - 1, [known, starts], children=[values]
-    )
 
 
 def read_trace(path: Path) -> Trace:
@@ -268,7 +187,7 @@ def read_trace(path: Path) -> Trace:
             raise InputError(
                 f"{path}: trace of schema {meta['schema']}, this tsbench reads schema {TRACE_SCHEMA}"
             )
-        for name in _PLAN:
+        for name in PLAN:
             if name not in table.column_names:
                 table = table.append_column(SCHEMA.field(name), pa.nulls(len(table), SCHEMA.field(name).type))
         return _trace(meta, table.cast(SCHEMA).combine_chunks())
@@ -281,7 +200,7 @@ def read_trace(path: Path) -> Trace:
 def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
     if not table.num_rows:
         raise ValueError("no ticks")
-    snapshots = _snapshots(table, _table_from_dict(meta["actors"]))
+    snapshots = snapshots_of(table, _table_from_dict(meta["actors"]))
     known = table.num_rows - table["acceleration"].null_count
     commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
     return Trace(
@@ -299,40 +218,9 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         needless=tuple(dataclass_from_json(Violation, event) for event in meta.get("needless", ())),
         # Those of editions before 2026.3 have none.
         wrong_way=tuple(dataclass_from_json(Violation, event) for event in meta.get("wrong_way", ())),
-        plans=_plans(table),
+        plans=plans_of(table),
         told=tuple(dataclass_from_json(SignDetection, one) for one in meta.get("told", ())),
     )
-
-
-def _plans(table: Any) -> tuple[Plan | None, ...]:
-    xs, ys = (table[name].to_pylist() for name in _PLAN)
-    return tuple(
-        None if x is None else np.array((x, y), dtype=np.float32).T for x, y in zip(xs, ys, strict=True)
-    )
-
-
-def _snapshots(table: Any, actors: ActorTable) -> list[WorldSnapshot]:
-    lists = {name: table[f"actor_{name}"].chunk(0) for name, _ in _ACTOR}
-    at = lists["index"].offsets.to_pylist()
-    if any(lists[name].offsets.to_pylist() != at for name in lists):
-        raise ValueError("actor columns of unequal length")
-    flat = {name: column.values.to_numpy() for name, column in lists.items()}
-    index, lane = flat["index"], flat["lane"]
-    if len(index) and (int(index.min()) < 0 or int(index.max()) >= len(actors.ids)):
-        raise ValueError("an actor that is not in the actor table")
-    pose = np.column_stack([flat[n] for n in ("x", "y", "heading")])
-    pose.flags.writeable = False
-    egos = [EgoState(*row) for row in zip(*(table[f"ego_{n}"].to_pylist() for n, _ in _EGO), strict=True)]
-    steps, times = table["step"].to_pylist(), table["time"].to_pylist()
-    return [
-        WorldSnapshot(
-            steps[k],
-            times[k],
-            egos[k],
-            Actors(actors, index[a:b], pose[a:b], flat["speed"][a:b], lane[a:b], flat["lane_s"][a:b]),
-        )
-        for k, (a, b) in enumerate(pairwise(at))
-    ]
 
 
 def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:

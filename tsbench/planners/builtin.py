@@ -41,11 +41,11 @@ COMMONROAD_REACTIVE = PlannerEntry(
 )
 PDM = PlannerEntry("tsbench.adapters.pdm:Pdm", REIMPLEMENTED, sign_access=False, chooses_route=True)
 READER, CAREFUL = (
-    PlannerEntry(f"tsbench.planners.experts.reader:{name}", "expert", privileged=True)
+    PlannerEntry(f"tsbench.planners.reader:{name}", "expert", privileged=True)
     for name in ("Reader", "Careful")
 )
 CAUTIOUS, ELDERLY, ASSERTIVE = (
-    PlannerEntry(f"tsbench.planners.experts.legal_styles:{name}", "expert", privileged=True)
+    PlannerEntry(f"tsbench.planners.legal_styles:{name}", "expert", privileged=True)
     for name in ("Cautious", "Elderly", "Assertive")
 )
 

@@ -24,7 +24,7 @@ _GRAVEST_FIRST = ("contact", "forced_braking", "encroached", "entered_while_bloc
 Zones = tuple[ConflictZone | None, ...]
 
 
-class Crossing:
+class CrossingJudge:
     """Judges the ticks from the one at which the ego's front has crossed the line. Every event is one vehicle's."""
 
     def __init__(

@@ -13,7 +13,7 @@ from tsbench.roads.road_map import Crossing
 from tsbench.sim.world import EGO_WIDTH_M, Actors
 
 
-class Place(NamedTuple):
+class PedestrianPlace(NamedTuple):
     """A pedestrian's: u along the crossing's middle line from one kerb (0) to the other, w across it.
 
     at: among the road users of the tick. row: in their table. direction: which way it walks along u (1 or -1).
@@ -40,7 +40,7 @@ class CrossingPeople:
         self._across = thresholds["sweeps_across_sin"]
         self._direction: dict[int, float] = {}
 
-    def places(self, actors: Actors, people: Sequence[int]) -> list[Place]:
+    def places(self, actors: Actors, people: Sequence[int]) -> list[PedestrianPlace]:
         """Of the pedestrians among a tick's road users."""
         return [self._place(actors, at) for at in people]
 
@@ -58,11 +58,11 @@ class CrossingPeople:
             for p in self.places(actors, people)
         )
 
-    def is_on_it(self, place: Place) -> bool:
+    def is_on_it(self, place: PedestrianPlace) -> bool:
         """Is this place on the carriageway part of the crossing?"""
         return 0.0 <= place.u <= self.length and abs(place.w) <= self.width / 2
 
-    def is_about_to_step(self, actors: Actors, place: Place) -> bool:
+    def is_about_to_step(self, actors: Actors, place: PedestrianPlace) -> bool:
         """Is somebody near the kerb, and walking towards it?"""
         at, _, u, w, _ = place
         outside = max(-u, u - self.length)
@@ -71,7 +71,7 @@ class CrossingPeople:
         towards = math.cos(float(actors.pose[at, 2]) - self.heading) * (1.0 if u < 0.0 else -1.0)
         return outside > 0.0 and towards >= self._along and float(actors.speed[at]) > self._moving
 
-    def past(self, x: float, y: float, heading: float, actors: Actors, place: Place) -> float:
+    def past(self, x: float, y: float, heading: float, actors: Actors, place: PedestrianPlace) -> float:
         """How far somebody has got beyond the strip swept from a pose of the ego's (< 0: before it or in it)."""
         _, row, u, w, direction = place
         dx, dy = x - self._x, y - self._y
@@ -84,11 +84,13 @@ class CrossingPeople:
         half = EGO_WIDTH_M / 2 / max(abs(across), self._across)
         return float(direction * (u - ego_u) - half - actors.table.length[row] / 2)
 
-    def _place(self, actors: Actors, at: int) -> Place:
+    def _place(self, actors: Actors, at: int) -> PedestrianPlace:
         x, y, heading = actors.pose[at].tolist()
         dx, dy = x - self._x, y - self._y
         u, w = dx * self._c + dy * self._s, dy * self._c - dx * self._s
         row, along = int(actors.index[at]), math.cos(heading - self.heading)
         if abs(along) >= self._along:
             self._direction[row] = math.copysign(1.0, along)
-        return Place(at, row, u, w, self._direction.setdefault(row, 1.0 if 2.0 * u < self.length else -1.0))
+        return PedestrianPlace(
+            at, row, u, w, self._direction.setdefault(row, 1.0 if 2.0 * u < self.length else -1.0)
+        )

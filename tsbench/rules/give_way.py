@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsbench.core.errors import InputError
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.rules.crossing import Crossing
+from tsbench.rules.crossing import CrossingJudge
 from tsbench.rules.events import EventLog
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
@@ -44,7 +44,7 @@ class GiveWay(Monitor):
         self._armed = False
         self._bound = [False] * len(self._paths)
         self._ticks: list[WorldSnapshot] = []
-        self._crossing: Crossing | None = None
+        self._crossing: CrossingJudge | None = None
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick: on the approach, in the junction, or behind it."""
@@ -120,7 +120,7 @@ class GiveWay(Monitor):
         taken = min(fits, key=lambda k: (_deviation(self._paths[k], egos), k))
         self.engaged = self.engaged or self._bound[taken]
         self._bound = [False] * len(self._paths)
-        crossing = Crossing(
+        crossing = CrossingJudge(
             self._paths[taken],
             self._zones[taken],
             self._priority_paths,

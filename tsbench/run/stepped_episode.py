@@ -14,7 +14,8 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, EpisodeSteps
-from tsbench.episode.trace import Trace, plan_of_each_tick
+from tsbench.episode.trace import Trace
+from tsbench.episode.trace_columns import plan_of_each_tick
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from sys import intern
-from typing import Any
 
 import pyarrow as pa
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
-from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, save_table
+from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
 from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, source_city
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
-_PART_ROWS = 2048
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(
@@ -50,28 +47,9 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     there = splits_there(path.parent)
     if not own and path.stem in SPLITS and path.stem not in there and there:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
-    table = open_table(path, SCHEMA, hint, later=_LATER)
-    # In parts: all values as objects of Python take more room than all else.
-    specs = [spec for part in table.to_batches(_PART_ROWS) for spec in _specs(part)]
+    specs = read_rows(ScenarioSpec, path, SCHEMA, hint, later=_LATER)
     _check(specs, path)
     return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else specs
-
-
-def _specs(part: pa.RecordBatch) -> Iterator[ScenarioSpec]:
-    names = part.schema.names
-    later = [name for name in names if name in _LATER]
-    for values in zip(*(_values(part.column(name)) for name in names), strict=True):
-        row = dict(zip(names, values, strict=True))
-        for name in later:
-            if row[name] is None:
-                del row[name]
-        yield ScenarioSpec(**row)
-
-
-def _values(column: pa.Array) -> list[Any]:
-    # Most words stand in many rows.
-    values = column.to_pylist()
-    return [v if v is None else intern(v) for v in values] if pa.types.is_string(column.type) else values
 
 
 def _check(specs: list[ScenarioSpec], path: Path) -> None:

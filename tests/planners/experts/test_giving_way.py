@@ -10,7 +10,7 @@ from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
-from tsbench.planners.experts.rules.junction import Crossing, crossing, paths_through
+from tsbench.planners.experts.rules.junction import WayThrough, crossing, paths_through
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.junction_paths import JunctionPath, junction_paths
@@ -117,7 +117,7 @@ def test_where_the_main_road_bends_only_the_arm_on_the_right_counts() -> None:
     assert verdict(drive("2.1", "cn", *far, main_in="ec")).compliant
 
 
-def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], ruled: int) -> Crossing:
+def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], ruled: int) -> WayThrough:
     """Where the ego's route from the south to `target` meets ways through the junction."""
     view, sign = build_planner_map(network), target_plate("2.4")
     path = view.graph.path(("sc", target), view.map.lane("sc_0").index, 10.0, Destination(target, 50.0))

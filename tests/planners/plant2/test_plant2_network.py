@@ -16,7 +16,7 @@ from training_helpers import fresh_tuned
 from tsbench.cli.planners import planners
 from tsbench.core.errors import InputError
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.engine import Engine, target_speed_of
+from tsbench.planners.plant2.engine import Plant2Engine, target_speed_of
 from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.parts import PUBLISHED_ADDED, PUBLISHED_MEDIUM, parts
 from tsbench.planners.plant2.planner import Plant2
@@ -55,8 +55,8 @@ def made(kind: Make, size: str = "mini") -> Plant2Network:
     return kind(size)
 
 
-def engine(net: Plant2Network, size: str = "mini") -> Engine:
-    return Engine(size, {name: value.numpy() for name, value in net.state_dict().items()})
+def engine(net: Plant2Network, size: str = "mini") -> Plant2Engine:
+    return Plant2Engine(size, {name: value.numpy() for name, value in net.state_dict().items()})
 
 
 def test_counts_are_the_published_ones() -> None:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plan
+from tsbench.planners.plant2.network import NetworkPlan
 
 # So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.
 WEIGHTS = {"path": 1.0, "waypoints": 0.5, "speed": 0.5, "forecast": 0.2}
@@ -28,7 +28,7 @@ def two_hot(speed: Tensor) -> Tensor:
     return target
 
 
-def losses(plan: Plan, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
+def losses(plan: NetworkPlan, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Each term, unweighted; means over what is known. Forecasts only where the plan has them."""
     terms = {
         "path": _l1(plan.path, frames["path"], frames["path_known"]),

@@ -22,7 +22,7 @@ _MOST = 8.0
 _STRIDES = (4, 2, 2)
 
 
-class Engine:
+class CarlEngine:
     """(b,) records to (b, 2, 2) parameters of the Beta densities of both actions.
 
     Raises KeyError or ValueError for weights that are not those of the network.

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsbench.geometry.elementary import Array
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.carl.engine import Engine
+from tsbench.planners.carl.engine import CarlEngine
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.common.batching import Infer, Records
 from tsbench.planners.common.quantiles import beta_quantile
@@ -40,7 +40,7 @@ class Carl(LearnedPlanner):
         densities = fitted(
             WEIGHTS,
             folder,
-            lambda weights: Engine(weights) if device == "cpu" else _by_torch(weights, device),
+            lambda weights: CarlEngine(weights) if device == "cpu" else _by_torch(weights, device),
         )
 
         def infer(records: Records) -> Records:

@@ -11,7 +11,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners.common.fixed_point import Linear, column_sums, snap
 from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.engine_patch import ResidualPatch, TiledPatch
+from tsbench.planners.plant2.engine_patch import ResidualPatchEngine, TiledPatchEngine
 
 # Inputs beyond are cut, and embedded tokens that are longer are shortened, which bounds all that follows.
 _MOST, _LONGEST = 32.0, 64.0
@@ -31,7 +31,7 @@ class Embedding:
     def __init__(self, of: Parameters, patch: Sequence[int], reads_signs: bool) -> None:
         asked, slots = [of.take("queries")], [at.OBJECTS]
         self._route, self._limits = (_entry(*of.linear(name)) for name in ("route", "limits"))
-        self._patch = ResidualPatch(of, len(patch)) if patch else TiledPatch(of)
+        self._patch = ResidualPatchEngine(of, len(patch)) if patch else TiledPatchEngine(of)
         blocks = [_of_classes(of, "objects")]
         self._reads_signs = reads_signs
         if reads_signs:

@@ -26,7 +26,7 @@ _SHARE_BITS = 24
 _SPEEDS = np.array(at.SPEEDS)
 
 
-class Head:
+class EngineHead:
     def __init__(self, of: Parameters, name: str, norm: float) -> None:
         self._first = Linear(*of.linear(f"{name}.first"), bound=norm, norm=norm, snapped=None)
         self._bend = gelu(self._first.bound)
@@ -100,7 +100,7 @@ class Layer:
         return self._done(y)
 
 
-class Engine:
+class Plant2Engine:
     """A network that answers (b,) records of TOKENS (SIGN_TOKENS, where it reads signs) with (b,) of PLAN.
 
     Raises KeyError or ValueError for weights that are not of a network of that size.
@@ -116,7 +116,7 @@ class Engine:
             self._layers.append(Layer(of, f"encoder.layers.{k}", extents.heads, norm))
             norm = self._layers[-1].norm
         self._path, self._waypoints, self._speed = (
-            Head(of, f"{name}_head", norm) for name in ("path", "waypoint", "speed")
+            EngineHead(of, f"{name}_head", norm) for name in ("path", "waypoint", "speed")
         )
         if self._reads_signs:
             weight, bias = of.linear("ego_speed_head")

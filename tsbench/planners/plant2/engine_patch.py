@@ -15,7 +15,7 @@ from tsbench.planners.plant2.sizes import TILE
 _FULL = 255
 
 
-class TiledPatch:
+class TiledPatchEngine:
     """Each tile on its own, then all together."""
 
     def __init__(self, of: Parameters) -> None:
@@ -52,7 +52,7 @@ class _Residual:
         return rectified(self._second_norm(self._second(inner)) + (self._around(x) if self._around else x))
 
 
-class ResidualPatch:
+class ResidualPatchEngine:
     """A ResNet-18 of so many stages, normalised per sample."""
 
     def __init__(self, of: Parameters, stages: int) -> None:

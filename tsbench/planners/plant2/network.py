@@ -18,7 +18,7 @@ from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, TILE, TIL
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class NetworkPlan:
     """The heads' answers. path: (b, 20, 2), waypoints: (b, 8, 2) m in the ego's frame; speed: (b, 8) logits.
 
     forecast: (b, k, 2, 2) how far each object moves within each of FORECAST_S, ahead and left of its heading of now;
@@ -174,7 +174,7 @@ class Plant2Network(nn.Module):
         seen = kinds.new_zeros((b, sum(part.shape[1] for part in front)), dtype=torch.bool)
         return torch.cat([*front, objects], dim=1), torch.cat([seen, kinds == at.EMPTY], dim=1)
 
-    def forward(self, tokens: Mapping[str, Tensor], forecast: bool = True) -> Plan:
+    def forward(self, tokens: Mapping[str, Tensor], forecast: bool = True) -> NetworkPlan:
         """The plan for a batch of `layout.TOKENS` as tensors, of which the last slots of objects may be left out."""
         x = self.encode(*self.embed(tokens))
         plan = self.plan(x)
@@ -183,12 +183,12 @@ class Plant2Network(nn.Module):
     def encode(self, x: Tensor, empty: Tensor) -> Tensor:
         return cast(Tensor, self.encoder(x, src_key_padding_mask=empty))
 
-    def plan(self, x: Tensor) -> Plan:
+    def plan(self, x: Tensor) -> NetworkPlan:
         """What the heads make of the queries; steps are added up to points."""
         path = self.path_head(x[:, PATH : PATH + 1]).view(-1, at.PATH_POINTS, 2)
         waypoints = self.waypoint_head(x[:, WAYPOINT : WAYPOINT + 1]).view(-1, at.WAYPOINTS, 2)
         speed = self.speed_head(x[:, SPEED : SPEED + 1])[:, 0]
-        return Plan(path.cumsum(1), waypoints.cumsum(1), speed, None)
+        return NetworkPlan(path.cumsum(1), waypoints.cumsum(1), speed, None)
 
     def forecast(self, x: Tensor, objects: int) -> Tensor:
         """Where the objects, which are the last tokens, will be."""
@@ -239,8 +239,8 @@ class Plant2FtNetwork(Plant2Network):
             torch.cat([empty[:, :split], *unseen, empty[:, split:]], dim=1),
         )
 
-    def plan(self, x: Tensor) -> Plan:
+    def plan(self, x: Tensor) -> NetworkPlan:
         """The base's plan with the speed of the new head."""
         base = super().plan(x)
         token = x[:, self.front : self.front + 1]
-        return Plan(base.path, base.waypoints, per_sample(self.ego_speed_head, token)[:, 0], None)
+        return NetworkPlan(base.path, base.waypoints, per_sample(self.ego_speed_head, token)[:, 0], None)

@@ -12,7 +12,7 @@ import numpy as np
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2.control import Gains, control
-from tsbench.planners.plant2.engine import Engine
+from tsbench.planners.plant2.engine import Plant2Engine
 from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
 from tsbench.planners.plant2.sizes import size_of
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
@@ -50,7 +50,7 @@ class Plant2:
         """Its network with the weights below `folder`: by the engine on a CPU, else by torch; errors of `fitted`."""
         size = size_of(network(cls.weights, folder))
         if device == "cpu":
-            return fitted(cls.weights, folder, lambda weights: Engine(size, weights))
+            return fitted(cls.weights, folder, lambda weights: Plant2Engine(size, weights))
         from tsbench.planners.plant2.torch_inference import inference, network_of
 
         return fitted(cls.weights, folder, lambda weights: inference(network_of(size, weights), device))

@@ -14,7 +14,7 @@ from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_p
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, first_contact, moving_ahead
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.constraint import FREE, slow_to
-from tsbench.planners.experts.rules.junction import Crossing, crossing
+from tsbench.planners.experts.rules.junction import WayThrough, crossing
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath
@@ -90,7 +90,7 @@ class Yielding:
         self._demand, self._courtesy = demand, courtesy
         self._finder = PriorityVehicles(privilege.network, self._paths, EXPERT_FOLLOWING)
         self._path: RoutePath | None = None
-        self._passage: Crossing | None = None
+        self._passage: WayThrough | None = None
         self._samples: PathSamples
         self._speeds: list[float]
         self._standing: dict[int, float] = {}
@@ -125,7 +125,7 @@ class Yielding:
         most = self._defensively(observation, route, here) if self._committed else math.inf
         return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), most
 
-    def _defensively(self, observation: Observation, route: RouteView, here: Crossing) -> float:
+    def _defensively(self, observation: Observation, route: RouteView, here: WayThrough) -> float:
         """Stops before the zone of one who drives through the junction and will not let the ego go first."""
         most, v = math.inf, observation.ego.speed
         front = route.s + HALF_LENGTH_M - here.line_s
@@ -146,7 +146,7 @@ class Yielding:
                 most = min(most, slow_to(v, 0.0, room - _MANNER.clear_m, _MANNER.brake))
         return most
 
-    def _briskly(self, observation: Observation, route: RouteView, here: Crossing) -> float:
+    def _briskly(self, observation: Observation, route: RouteView, here: WayThrough) -> float:
         """The acceleration with which a driver goes who was given the gap, unless somebody is in front."""
         v = observation.ego.speed
         reach = here.end_s - route.s + 2.0 * HALF_LENGTH_M + v * v / 4.0
@@ -171,7 +171,7 @@ class Yielding:
             else:
                 standing.setdefault(row, observation.time)
 
-    def _free(self, observation: Observation, route: RouteView, here: Crossing) -> bool:
+    def _free(self, observation: Observation, route: RouteView, here: WayThrough) -> bool:
         """May the ego go on now, if it goes on as it would?"""
         vehicles = self._finder.find(true_world(observation).actors)
         self._note_trend(vehicles)
@@ -201,7 +201,7 @@ class Yielding:
                 return False
         return self._room_behind(observation, here)
 
-    def _ends(self, here: Crossing, zone: ConflictZone) -> tuple[float, float]:
+    def _ends(self, here: WayThrough, zone: ConflictZone) -> tuple[float, float]:
         """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
         return here.line_s + zone.a_in - HALF_LENGTH_M, here.line_s + zone.a_out + HALF_LENGTH_M
 
@@ -211,7 +211,7 @@ class Yielding:
             speed, accel = self._trend.get(vehicle.row, (vehicle.speed, 0.0))
             self._trend[vehicle.row] = (vehicle.speed, accel + 0.3 * ((vehicle.speed - speed) / DT_S - accel))
 
-    def _room_behind(self, observation: Observation, here: Crossing) -> bool:
+    def _room_behind(self, observation: Observation, here: WayThrough) -> bool:
         """Can the ego leave the junction, or does somebody stand in or just behind it?"""
         actors, samples = observation.actors, self._samples
         first = max(math.ceil(here.line_s), 0)

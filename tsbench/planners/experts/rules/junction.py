@@ -18,7 +18,7 @@ _BODY_M = 2.4
 
 
 @dataclass(frozen=True, slots=True)
-class Crossing:
+class WayThrough:
     """The ego's own way through: arc length of its line on its route, zone with each path of the others.
 
     first: the paths whose vehicles go before the ego, by a plate or by the network's right of way.
@@ -43,7 +43,7 @@ def paths_through(network: RoadNetwork, approach: str, but: tuple[str, ...] = ()
 
 def crossing(
     privilege: Privilege, path: RoutePath, approach: str, others: tuple[JunctionPath, ...], ruled: int = 0
-) -> Crossing | None:
+) -> WayThrough | None:
     """Where a route passes the junction from `approach` (SUMO's edge); None where it does not (any more).
 
     ruled: so many of the others' paths, the first ones, have priority by a plate: there strips are as wide as their
@@ -62,7 +62,7 @@ def crossing(
     by_plate = path_zones((taken,), others[:ruled])[0]
     by_body = path_zones((taken,), others[ruled:], width=_BODY_M)[0]
     prior = taken.connection.yields_to
-    return Crossing(
+    return WayThrough(
         line_s=path.pieces[at].s1,
         zones=(*by_plate, *by_body),
         first=frozenset(

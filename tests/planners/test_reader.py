@@ -10,7 +10,7 @@ from tsbench.planners.registry import resolve
 from tsbench.run.log.score import make_record
 from tsbench.scenarios.table import read_table, table_path
 
-READER, CAREFUL = (f"tsbench.planners.experts.reader:{name}" for name in ("Reader", "Careful"))
+READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Careful"))
 
 
 def passed(planner: str, right: float | None, kind: str = "direction_right") -> list[bool]:

@@ -7,8 +7,8 @@ from planner_loop import KMH, Body, World, constant, front_of, ids, load, target
 
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import SignView
-from tsbench.planners.experts.legal_styles import Assertive, Cautious, Elderly, LegalStyle
-from tsbench.planners.experts.reader import Reader
+from tsbench.planners.legal_styles import Assertive, Cautious, Elderly, LegalStyle
+from tsbench.planners.reader import Reader
 from tsbench.planners.registry import resolve
 from tsbench.roads.destination import Destination
 from tsbench.run.log.score import make_record

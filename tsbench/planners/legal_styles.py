@@ -12,11 +12,11 @@ from typing import ClassVar
 
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.experts.expert import Expert
-from tsbench.planners.experts.reader import Reader
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
 from tsbench.planners.idm import IdmParameters
+from tsbench.planners.reader import Reader
 from tsbench.signs.catalog import load_catalog
 
 # The rule of plates that set a greatest speed.
