@@ -8,7 +8,7 @@ import pytest
 
 from tsbench.cli import main
 from tsbench.tools.doctor import examine
-from tsbench.tools.doctor.finding import Finding, Status
+from tsbench.tools.doctor.finding import Diagnosis, Status
 
 
 @pytest.mark.parametrize(
@@ -17,9 +17,9 @@ from tsbench.tools.doctor.finding import Finding, Status
 def test_findings_and_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], status: Status, code: int, last: str
 ) -> None:
-    def check() -> Iterator[Finding]:
-        yield Finding(Status.OK, "Python", "fine")
-        yield Finding(status, "data", "a file [b]is[/b] gone", "bring it back")
+    def check() -> Iterator[Diagnosis]:
+        yield Diagnosis(Status.OK, "Python", "fine")
+        yield Diagnosis(status, "data", "a file [b]is[/b] gone", "bring it back")
 
     monkeypatch.setattr(examine, "CHECKS", {"all": check})
     with pytest.raises(SystemExit) as ended:

@@ -21,7 +21,7 @@ from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode
-from tsbench.leaderboard.verify import Difference, Verification
+from tsbench.leaderboard.verify import Mismatch, Verification
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
@@ -67,7 +67,7 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()
     # One who finds it otherwise is enough.
-    wrong = record(good, verifier="bob", equal=1, differences=(Difference(DEV[1], "verdict is another"),))
+    wrong = record(good, verifier="bob", equal=1, differences=(Mismatch(DEV[1], "verdict is another"),))
     (base / "b" / "bob.json").write_text(wrong.to_json())
     build(base, out)
     page = (out / "index.html").read_text()

@@ -12,7 +12,7 @@ from run_helpers import specs
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.plan import Plan, Request, choose_variants, make_plan, spread
+from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan, spread
 from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
 
@@ -25,7 +25,7 @@ def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     data_root.cache_clear()
 
 
-def ids(plan: Plan) -> list[str]:
+def ids(plan: RunPlan) -> list[str]:
     return [row.scenario_id for row in plan.scenarios]
 
 

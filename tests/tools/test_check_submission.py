@@ -12,7 +12,7 @@ from command_line import in_process
 
 from tsbench.planners.check import Finding, Level
 from tsbench.run.edition import LOCAL, editions
-from tsbench.run.isolation.loading import Probed
+from tsbench.run.isolation.loading import SandboxedPlanner
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.tools import check_submission as subject
 
@@ -135,7 +135,7 @@ def test_what_of_cell_and_hashes_is_said(
     info: PlannerInfo, effects: Mapping[str, Any], topic: str, level: Level, words: str, released: None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    monkeypatch.setattr(subject, "describe", lambda _: Probed(info, effects))
+    monkeypatch.setattr(subject, "describe", lambda _: SandboxedPlanner(info, effects))
     found, _ = subject.standing(info.spec, "dev")
     assert by_topic(found)[topic].level is level
     assert words in by_topic(found)[topic].text

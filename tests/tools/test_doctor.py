@@ -15,14 +15,14 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
 from tsbench.tools.doctor import data, examine, machine
-from tsbench.tools.doctor.finding import REPAIR, Finding, Status, alone
+from tsbench.tools.doctor.finding import REPAIR, Diagnosis, Status, alone
 from tsbench.tools.doctor.packages import check_packages, judge_packages, locked
 
 ROOT = Path(__file__).resolve().parents[2]
 ASKED = ("numpy>=2.0", "pyarrow>=23,<24", 'torch>=2.4; extra == "learn"')
 
 
-def failed(findings: Iterator[Finding]) -> list[str]:
+def failed(findings: Iterator[Diagnosis]) -> list[str]:
     return [finding.text for finding in findings if finding.status is Status.FAILED]
 
 
@@ -120,14 +120,14 @@ def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pyt
 
 
 def test_a_package_that_lacks_does_not_stop_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken() -> Iterator[Finding]:
+    def broken() -> Iterator[Diagnosis]:
         raise ImportError("No module named 'pyarrow'")
         yield
 
-    def sound() -> Iterator[Finding]:
-        yield Finding(Status.OK, "b", "fine")
+    def sound() -> Iterator[Diagnosis]:
+        yield Diagnosis(Status.OK, "b", "fine")
 
-    def torn() -> Iterator[Finding]:
+    def torn() -> Iterator[Diagnosis]:
         raise InputError("file: torn")
         yield
 

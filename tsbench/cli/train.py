@@ -110,11 +110,11 @@ def plant2(
     **figures: Any,
 ) -> None:  # fmt: skip
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
-    from tsbench.learn.imitation.recipe import Recipe
+    from tsbench.learn.imitation.recipe import ImitationRecipe
     from tsbench.learn.imitation.task import imitation  # brings torch
     from tsbench.learn.imitation.trainer import train as learn
 
-    recipe = Recipe(drivers=planners, types=types, **figures)
+    recipe = ImitationRecipe(drivers=planners, types=types, **figures)
     _tell(
         out,
         learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo),

@@ -18,7 +18,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
-from tsbench.leaderboard.rows import Row
+from tsbench.leaderboard.rows import BoardRow
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode_of
 from tsbench.report.page.episode import EpisodePacker
 from tsbench.report.page.packing import pack_table
@@ -42,7 +42,7 @@ _COLUMNS: tuple[dict[str, Any], ...] = (
 
 
 @dataclass(frozen=True)
-class Shown:
+class PagePlayers:
     """blobs: of the page, with the table that opens the players; none where there is no trace. count: of failures."""
 
     blobs: dict[str, bytes]
@@ -90,7 +90,7 @@ def copy_traces(run: Path, submission: Submission, path: Path, most: int) -> int
     return len(chosen)
 
 
-def show_failures(rows: Sequence[Row], labels: Sequence[str], most: int) -> Shown:
+def show_failures(rows: Sequence[BoardRow], labels: Sequence[str], most: int) -> PagePlayers:
     """The most telling failures of each submission that have a trace, with the other half of each pair that has one.
 
     labels: of the submissions. most: failures of each; halves beside them are not counted. Raises InputError for a
@@ -103,8 +103,8 @@ def show_failures(rows: Sequence[Row], labels: Sequence[str], most: int) -> Show
         with using_city(row.submission.city):
             _add(row, label, most, found, packed)
     if not packed.rows:
-        return Shown({}, 0)
-    return Shown({"episodes": found.packed(), **packed.blobs}, len(packed.rows))
+        return PagePlayers({}, 0)
+    return PagePlayers({"episodes": found.packed(), **packed.blobs}, len(packed.rows))
 
 
 class _Table:
@@ -132,7 +132,7 @@ class _Table:
         return pack_table(_COLUMNS, self._values)
 
 
-def _add(row: Row, label: str, most: int, table: _Table, packed: Embedded) -> None:
+def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) -> None:
     s = row.submission
     specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
     judge, packer = Judge(load_catalog()), EpisodePacker()

@@ -23,12 +23,12 @@ from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 _SHORT = 8
-# File names of `Row.page`.
+# File names of `BoardRow.page`.
 PAGE = re.compile(rf"[a-z0-9]+(-[a-z0-9]+)*-[0-9a-f]{{{_SHORT}}}\.html")
 
 
 @dataclass(frozen=True)
-class Row:
+class BoardRow:
     """A submission as the site shows it. path: of its file; sha256: of what it says.
 
     checked: the data of its contract are here, and its figures were computed again.
@@ -110,12 +110,12 @@ class Row:
         return self.refuted, -value, self.submission.title
 
 
-def latest(rows: Iterable[Row]) -> Row:
+def latest(rows: Iterable[BoardRow]) -> BoardRow:
     """The row to show where a planner was submitted more than once: one that nobody refuted, then the last."""
     return max(rows, key=lambda row: (not row.refuted, row.submission.finished, row.sha256))
 
 
-def read_rows(folder: Path) -> list[Row]:
+def read_rows(folder: Path) -> list[BoardRow]:
     """All submissions below a folder with their verifications.
 
     Raises InputError: no such folder, a JSON file of another kind, a verification of no submission that is there, or a
@@ -123,7 +123,7 @@ def read_rows(folder: Path) -> list[Row]:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of submissions")
-    rows: dict[str, Row] = {}
+    rows: dict[str, BoardRow] = {}
     records: list[tuple[Path, Verification]] = []
     for path in sorted(folder.rglob("*.json")):
         if path.is_symlink() or not path.is_file():
@@ -134,7 +134,7 @@ def read_rows(folder: Path) -> list[Row]:
             submission = read_submission(path)
             if other := rows.get(submission.sha256):
                 raise InputError(f"{path}: says what {other.path} says: remove one of them")
-            rows[submission.sha256] = Row(submission, path, submission.sha256, _check(path, submission))
+            rows[submission.sha256] = BoardRow(submission, path, submission.sha256, _check(path, submission))
         elif kind == VERIFICATION:
             records.append((path, read_verification(path)))
         else:

@@ -16,7 +16,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
 from tsbench.leaderboard import curves
 from tsbench.leaderboard.players import show_failures
-from tsbench.leaderboard.rows import PAGE, Row, latest, read_rows
+from tsbench.leaderboard.rows import PAGE, BoardRow, latest, read_rows
 from tsbench.leaderboard.submission import Figure, Submission
 from tsbench.metrics.records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.report import PLAYER_SCRIPTS
@@ -35,8 +35,8 @@ def build_site(folder: Path, out: Path, players: int) -> int:
     `read_rows` and `show_failures` do.
     """
     rows = sorted(read_rows(folder), key=lambda row: row.rank_by)
-    sets: dict[DataSet, list[Row]] = {}
-    planners: dict[str, list[Row]] = {}
+    sets: dict[DataSet, list[BoardRow]] = {}
+    planners: dict[str, list[BoardRow]] = {}
     for row in rows:
         sets.setdefault(row.data_set, []).append(row)
         planners.setdefault(row.page, []).append(row)
@@ -74,7 +74,7 @@ def _swap_in(out: Path, pages: Mapping[str, str]) -> None:
         new.rename(out)
 
 
-def _data_set(rows: Sequence[Row]) -> dict[str, Any]:
+def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
     """The rows of one contract by level, with the panels that any of them has, and the curves of their planners."""
     edition, split, contract = rows[0].data_set
     primary = PAIRED if any(row.figure(PAIRED) for row in rows) else SIGNED_ONES
@@ -90,7 +90,7 @@ def _data_set(rows: Sequence[Row]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _level(rows: list[Row]) -> dict[str, Any]:
+def _level(rows: list[BoardRow]) -> dict[str, Any]:
     return {
         "name": rows[0].submission.level,
         "rows": [row for row in rows if not row.submission.planner.floor],
@@ -98,16 +98,16 @@ def _level(rows: list[Row]) -> dict[str, Any]:
     }
 
 
-def _by_planner(rows: Sequence[Row]) -> list[list[Row]]:
-    found: dict[str, list[Row]] = {}
+def _by_planner(rows: Sequence[BoardRow]) -> list[list[BoardRow]]:
+    found: dict[str, list[BoardRow]] = {}
     for row in rows:
         found.setdefault(row.planner_id, []).append(row)
     return list(found.values())
 
 
-def _curve(own: Sequence[Row], rows: Sequence[Row]) -> Markup | None:
+def _curve(own: Sequence[BoardRow], rows: Sequence[BoardRow]) -> Markup | None:
     """A planner's curve over the levels of one data set, None where there is but one; rows: all of the data set."""
-    levels: dict[tuple[float, str, str], list[Row]] = {}
+    levels: dict[tuple[float, str, str], list[BoardRow]] = {}
     for row in own:
         if not row.refuted:
             levels.setdefault(row.level_rank, []).append(row)
@@ -123,7 +123,7 @@ def _curve(own: Sequence[Row], rows: Sequence[Row]) -> Markup | None:
     )
 
 
-def _floor(rows: Sequence[Row]) -> tuple[str, Figure] | None:
+def _floor(rows: Sequence[BoardRow]) -> tuple[str, Figure] | None:
     """The best floor of a data set under exact perception: plates are nothing to it, however they are told."""
     floors = [
         (row.submission.title, row.primary)
@@ -134,9 +134,9 @@ def _floor(rows: Sequence[Row]) -> tuple[str, Figure] | None:
     return max(known, key=lambda one: one[1].value or 0.0, default=None)
 
 
-def _cities(own: Sequence[Row]) -> list[tuple[str, Markup]]:
+def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
     """By split a planner's figure over the cities that it drove, where these are several."""
-    found: dict[str, dict[str, list[Row]]] = {}
+    found: dict[str, dict[str, list[BoardRow]]] = {}
     for row in own:
         if row.submission.level == EXACT and not row.refuted and row.primary is not None:
             found.setdefault(row.submission.split, {}).setdefault(row.submission.city, []).append(row)
@@ -152,11 +152,11 @@ def _cities(own: Sequence[Row]) -> list[tuple[str, Markup]]:
     return drawn
 
 
-def _primary_name(rows: Sequence[Row]) -> str:
+def _primary_name(rows: Sequence[BoardRow]) -> str:
     return "paired SCD" if all(row.figure(PAIRED) for row in rows) else "signed SCD"
 
 
-def _planner_page(own: Sequence[Row], sets: dict[DataSet, list[Row]], players: int) -> str:
+def _planner_page(own: Sequence[BoardRow], sets: dict[DataSet, list[BoardRow]], players: int) -> str:
     """A planner: all its submissions, its curves, its failures, and what can be watched of them."""
     rows = sorted(own, key=lambda row: (row.refuted, row.data_set, row.level_rank, row.rank_by))
     labels = _labels(rows)
@@ -174,7 +174,7 @@ def _planner_page(own: Sequence[Row], sets: dict[DataSet, list[Row]], players: i
     )  # fmt: skip
 
 
-def _labels(rows: Sequence[Row]) -> list[str]:
+def _labels(rows: Sequence[BoardRow]) -> list[str]:
     """Names for submissions of one planner, each another one."""
     plain = [f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows]
     return [
@@ -183,7 +183,7 @@ def _labels(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _types(row: Row) -> list[tuple[str, list[Figure | None]]]:
+def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
     """Each type that has figures, with them: paired, signed, contrast."""
     found = [(kind.id, [row.figure(name, kind.id) for name in PARTS]) for kind in load_catalog().types]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]

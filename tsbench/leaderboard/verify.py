@@ -40,7 +40,7 @@ _HIGH_SHARE = 0.25
 
 
 @dataclass(frozen=True)
-class Difference:
+class Mismatch:
     """What is not as submitted. scenario_id: "" for what is not of one episode."""
 
     scenario_id: str
@@ -71,7 +71,7 @@ class Verification:
     equal: int
     explained: tuple[str, ...]
     arithmetic_differences: tuple[str, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[Mismatch, ...]
     arithmetic: dict[str, Any]
     machine: dict[str, Any]
     isolated: bool = False
@@ -149,9 +149,9 @@ def verify(
     found = list(_figures(claim, table, claim.figures)) if claim.figures is not None else []
     name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
-        found.append(Difference("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
+        found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
     if claim.figures is not None and (problem := problem_of_level(claim.perception)):
-        found.append(Difference("", problem))
+        found.append(Mismatch("", problem))
     specs = _draw(claim, table, sample, seed)
     isolated = claim.isolated or (claim.device == "cpu" and not shared_process)
     info, records = _drive(planner or claim.planner.spec, claim, specs, isolated, workers, on_progress)
@@ -168,7 +168,7 @@ def verify(
         elif episode.verdict == then.verdict and why:
             explained.append(episode.scenario_id)
         else:
-            found.append(Difference(episode.scenario_id, _words(then, episode)))
+            found.append(Mismatch(episode.scenario_id, _words(then, episode)))
     return Verification(
         submission_sha256=claim.sha256, title=claim.title, verifier=verifier,
         date=f"{datetime.now(UTC):%Y-%m-%d}", tsbench=tsbench.__version__, seed=seed, sample=sample,
@@ -178,24 +178,24 @@ def verify(
     )  # fmt: skip
 
 
-def _figures(claim: Claim, table: Sequence[ScenarioSpec], figures: Sequence[Figure]) -> Iterator[Difference]:
+def _figures(claim: Claim, table: Sequence[ScenarioSpec], figures: Sequence[Figure]) -> Iterator[Mismatch]:
     """Figures that do not follow from the episodes beside them."""
     try:
         now = figures_of(claim.episodes, table, claim.planner, claim.contract)
     except InputError as problem:
-        yield Difference("", str(problem))
+        yield Mismatch("", str(problem))
         return
     told = {(f.figure, f.over): f for f in figures}
     for figure in now:
         then = told.pop((figure.figure, figure.over), None)
         if then is None or _rounded(then) != _rounded(figure):
             said = "missing" if then is None else _rounded(then)
-            yield Difference(
+            yield Mismatch(
                 "",
                 f"{figure.figure} of {figure.over} is {said}, by its episodes {_rounded(figure)}",
             )
     for figure_name, over in told:
-        yield Difference("", f"{figure_name} of {over}: no such figure follows from its episodes")
+        yield Mismatch("", f"{figure_name} of {over}: no such figure follows from its episodes")
 
 
 def _rounded(figure: Any) -> tuple[Any, ...]:
@@ -234,16 +234,16 @@ def _drive(
     return info, sorted(done, key=lambda episode: episode.scenario_id)
 
 
-def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Difference]:
+def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Mismatch]:
     """In what two planners differ that decides how they drive, or how their row is shown."""
     for key in ("weights_sha256", "code_sha256", "privileged", "sign_access", "floor"):
         ours, theirs = getattr(here, key), getattr(there, key)
         if ours != theirs and not (key == "code_sha256" and is_same_planner(here.name, theirs, ours)):
-            yield Difference("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
+            yield Mismatch("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
     # What lies beside its code travels with it; other places are each machine's own.
     changed = opened_files.names({*here.opened} ^ {*there.opened})
     if names := [name for name in changed if not name.startswith(("/", "~/"))]:
-        yield Difference("", f"the planner opens other files than as submitted: {', '.join(names)}")
+        yield Mismatch("", f"the planner opens other files than as submitted: {', '.join(names)}")
 
 
 def _short(value: object) -> str:

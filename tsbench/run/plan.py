@@ -39,7 +39,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Plan:
+class RunPlan:
     """What will be run: every planner drives every scenario.
 
     table: every row of the split's table, chosen or not (the contract covers them all). scenarios: the chosen
@@ -52,7 +52,7 @@ class Plan:
     types: tuple[str, ...]
 
 
-def make_plan(request: Request, catalog: Catalog) -> Plan:
+def make_plan(request: Request, catalog: Catalog) -> RunPlan:
     """The selection. Raises InputError (one line) for whatever is asked for and not there."""
     if not request.planners:
         raise InputError("--planner: name at least one (tsbench planners list shows them)")
@@ -76,7 +76,7 @@ def make_plan(request: Request, catalog: Catalog) -> Plan:
         first = _draw if request.variants == "one-per-map" else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, path.parent)
-    return Plan(request, table, tuple(chosen), tuple(t for t in types if t in present))
+    return RunPlan(request, table, tuple(chosen), tuple(t for t in types if t in present))
 
 
 def choose_types(asked: Sequence[str], catalog: Catalog) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
-from tsbench.run.plan import BOTH, TRACES, Plan, Request, make_plan
+from tsbench.run.plan import BOTH, TRACES, Request, RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import SPLITS
@@ -41,7 +41,7 @@ from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
-    from tsbench.run.isolation.loading import Probed
+    from tsbench.run.isolation.loading import SandboxedPlanner
 
 LEAST_MEMORY_MB = 512
 
@@ -223,7 +223,7 @@ def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
     return distinct(pool.probe(request.planners))
 
 
-def probe_isolated(request: Request, hidden: Sequence[str]) -> list[Probed]:
+def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:
     """The same without a line of their code here, with what of their sandboxes took effect."""
     from tsbench.run.isolation.loading import describe  # brings networks of roads
 
@@ -346,7 +346,7 @@ def _asked(options: Options) -> dict[str, Any]:
     }
 
 
-def resolved_options(options: Options, plan: Plan, level: PerceptionLevel | None) -> dict[str, Any]:
+def resolved_options(options: Options, plan: RunPlan, level: PerceptionLevel | None) -> dict[str, Any]:
     """What the options came to, as far as it decides what stands in the folder."""
     city = city_in_use()
     return {

@@ -57,7 +57,7 @@ _NAMES = "from tsbench.planners.registry import names; print(*names())"
 
 
 @dataclass(frozen=True)
-class Compared:
+class SameBytes:
     """What two states drove with the same bytes. digest: SHA-256 (hex) of the records and traces of either.
 
     codes: of the planners whose code differs, its SHA-256 (hex) in the earlier state and in this one.
@@ -121,7 +121,7 @@ def compare_states(
     planners: Sequence[str],
     limit: int,
     workers: int = 1,
-) -> Compared:
+) -> SameBytes:
     """Drive `dev` with the tsbench of two folders and compare every record, event and trace.
 
     out: an empty folder for the runs. planners: registered names; (): all that both have and that this machine can
@@ -150,7 +150,7 @@ def compare_states(
             codes[name] = before, after
     if not driven:
         raise InputError("no planner could be driven: nothing was compared")
-    return Compared(tuple(driven), episodes, digest.hexdigest(), codes)
+    return SameBytes(tuple(driven), episodes, digest.hexdigest(), codes)
 
 
 def _code_of(run: Path) -> str:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pool_builders import corridor, crossroads
 from simworld import FAST, cross_plain, road_plain, simulation
 
 from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.placements.distractors import BESIDE_M
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
@@ -86,8 +88,26 @@ def test_both_halves_have_the_same_plates(type_id: str, tmp_path: Path) -> None:
         for one, other in zip(signed.signs, contrast.signs, strict=True):
             if one.role == other.role == DISTRACTOR and (one.code, one.value) != (other.code, other.value):
                 assert (one.params, other.params) == (None, None)
-                assert math.dist(start, (one.x, one.y)) < SIGN_RANGE_M
+                assert math.dist(start, (one.x, one.y)) < SIGN_RANGE_M or load_catalog().sign(one.code).is_end
                 assert one.edge not in ways or one in behind(signed)
+
+
+@pytest.mark.parametrize("ways", ["two", "one"])
+@pytest.mark.parametrize("type_id", ["speed_limit", "zone_speed_limit", "residential_zone"])
+def test_no_end_in_sight_tells_which_limit_binds(type_id: str, ways: str, tmp_path: Path) -> None:
+    """Wherever the ego is before the plate, the same plates are in sight in both halves."""
+    scenes = scenes_of(type_id, two_way() if ways == "two" else ONE_WAY, tmp_path)
+    for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
+        line = signed.network.lane(signed.start.lane).line
+        places = [line.point_at(s) for s in np.arange(signed.start.s, line.length, 0.5).tolist()]
+        differ = [at for at in places if in_sight(signed, at) != in_sight(contrast, at)]
+        assert in_sight(signed, places[0]) == in_sight(contrast, places[0])
+        # Two ends that stand side by side come into sight one after the other.
+        assert 0.5 * len(differ) < 2.0 * BESIDE_M
+
+
+def in_sight(scene: Scene, at: tuple[float, float]) -> list[tuple[str, float]]:
+    return sorted((s.code, s.value or 0.0) for s in scene.signs if math.dist(at, (s.x, s.y)) <= SIGN_RANGE_M)
 
 
 def test_where_there_is_no_room_the_plates_differ(tmp_path: Path) -> None:
@@ -108,5 +128,7 @@ def test_what_the_ego_has_passed_is_over(type_id: str, tmp_path: Path) -> None:
         for k, sign in enumerate(passed):
             rule = catalog.sign(sign.code).rule
             ends = [s for s in passed[k + 1 :] if s.code in rule.ended_by and s.value == sign.value]
-            assert catalog.sign(sign.code).is_end or rule.name == "detour" or ends
+            # A limit that is no lower than the road's own asks for nothing, and the target's takes its place.
+            high = rule.name == "speed" and (sign.value or 0.0) >= FAST * 3.6 - 0.5
+            assert catalog.sign(sign.code).is_end or rule.name == "detour" or ends or high
     assert found >= 6

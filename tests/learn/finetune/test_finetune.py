@@ -21,7 +21,7 @@ from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames_store import TrainingResources, plan_hash
 from tsbench.learn.imitation.recipe import kept_for_validation
 from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import Task
+from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at
@@ -154,7 +154,7 @@ def test_a_share_of_drives_is_begun_by_the_student(
 
 def prepared(
     out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
-) -> tuple[Task, TrainingResources]:
+) -> tuple[ImitationTask, TrainingResources]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told.
 
     The second is the best: the third has as much SCD and complies less.

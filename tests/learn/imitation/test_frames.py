@@ -16,7 +16,7 @@ from tsbench.core.errors import InputError, SimulationError
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
-from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, Track, frames_of, observations
+from tsbench.learn.imitation.frames import FRAME, DrivenPath, Imitated, Sampling, frames_of, observations
 from tsbench.learn.imitation.frames_store import (
     FrameStore,
     ImitationSource,
@@ -69,7 +69,7 @@ def test_targets_are_the_driven_way_and_not_the_route() -> None:
     """Along x at 5 m/s, then to the left: the path bends where the driver did."""
     s = 0.5 * np.arange(101)
     places = np.column_stack((np.minimum(s, 10.0), np.maximum(s - 10.0, 0.0)))
-    track = Track(snapshots(places, np.full(101, 5.0)))
+    track = DrivenPath(snapshots(places, np.full(101, 5.0)))
     frame = np.zeros(1, dtype=FRAME)[0]
     track.targets(frame, 0, (0.0, 0.0, 0.0), 0.7)
     assert np.allclose(frame["path"][:10], [(k, 0.0) for k in range(1, 11)], atol=1e-5)
@@ -121,7 +121,7 @@ def test_forecast_follows_the_objects(drive: tuple[EpisodeResult, Roads]) -> Non
 
 def test_standing_is_thinned_out(drive: tuple[EpisodeResult, Roads]) -> None:
     places = np.column_stack((np.minimum(0.5 * np.arange(301), 50.0), np.zeros(301)))
-    track = Track(snapshots(places, np.where(np.arange(301) < 100, 5.0, 0.0)))
+    track = DrivenPath(snapshots(places, np.where(np.arange(301) < 100, 5.0, 0.0)))
     sampling = Sampling()
     kept = [k for k in range(0, 300, sampling.every) if track.kept(k, sampling)]
     assert sum(k < 100 for k in kept) == 20

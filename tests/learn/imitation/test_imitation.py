@@ -19,7 +19,13 @@ from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames import FRAME
 from tsbench.learn.imitation.frames_store import ImitationSource, TrainingResources, plan_hash
 from tsbench.learn.imitation.loss import losses, total, two_hot
-from tsbench.learn.imitation.recipe import Recipe, drives_of, in_turn, kept_for_validation, validation_rows
+from tsbench.learn.imitation.recipe import (
+    ImitationRecipe,
+    drives_of,
+    in_turn,
+    kept_for_validation,
+    validation_rows,
+)
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import rate_at, train, trimmed
@@ -88,7 +94,7 @@ def test_each_frame_is_in_one_batch_at_most_and_neighbours_are_alike() -> None:
 
 
 def test_rate_rises_then_falls_to_nothing() -> None:
-    recipe = Recipe()
+    recipe = ImitationRecipe()
     rates = [rate_at(share, recipe) for share in np.linspace(0.0, 1.0, 101)]
     assert max(rates) == pytest.approx(recipe.rate, rel=0.01)
     assert rates[0] < 0.02 * recipe.rate
@@ -96,7 +102,7 @@ def test_rate_rises_then_falls_to_nothing() -> None:
 
 
 def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
-    recipe = Recipe(episodes=600, validation=40)
+    recipe = ImitationRecipe(episodes=600, validation=40)
     drives = drives_of(rows, recipe)
     chosen = validation_rows(rows, 40, 0)
     assert len(drives) == 600
@@ -108,7 +114,7 @@ def test_validation_maps_are_not_trained_on(rows: list[ScenarioSpec]) -> None:
 
 def test_both_halves_of_a_pair_are_drawn_together(rows: list[ScenarioSpec]) -> None:
     """A half's own type is its plate's: by that a pair would be torn apart."""
-    recipe = Recipe(episodes=600, drivers=("idm", "idm-s3"))
+    recipe = ImitationRecipe(episodes=600, drivers=("idm", "idm-s3"))
     drives = drives_of(rows, recipe)
     pairs: dict[str, list[PlannerDrive]] = {}
     for drive in drives:
@@ -132,12 +138,12 @@ def test_a_type_that_is_asked_for_more_of_has_three_pairs_a_turn(rows: list[Scen
 
 def prepared(
     out: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec]
-) -> tuple[Recipe, TrainingResources]:
+) -> tuple[ImitationRecipe, TrainingResources]:
     """A training of three epochs of two windows whose frames are there already, and whose skills are told."""
     monkeypatch.setattr(trainer, "_WINDOW_CHUNKS", 1)
     told = iter(SKILLS)
     monkeypatch.setattr(trainer, "measure", lambda *_: next(told))
-    recipe = Recipe(episodes=40, epochs=3, batch=16, validation=4)
+    recipe = ImitationRecipe(episodes=40, epochs=3, batch=16, validation=4)
     folder = (
         out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
     )

@@ -20,7 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.learn.rl import train as rl_train
 from tsbench.learn.rl.config import HYPER, Job
 from tsbench.learn.rl.policy import BetaActions, actor_tensors, policy_of
-from tsbench.learn.rl.progress import Progress, load_progress, save_progress, session_seed
+from tsbench.learn.rl.progress import RlProgress, load_progress, save_progress, session_seed
 from tsbench.planners.carl.planner import RECORD, Carl
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
 from tsbench.planners.ppo.planner import RECORD as VECTOR
@@ -139,9 +139,9 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
 
     model = fresh(0)
     model.learn(8)
-    save_progress(tmp_path, model, Progress(8, 1.5, 1, 2), {"seed": 0})
+    save_progress(tmp_path, model, RlProgress(8, 1.5, 1, 2), {"seed": 0})
     other = fresh(1)
-    assert load_progress(tmp_path, other, {"seed": 0}) == Progress(8, 1.5, 1, 2, model._n_updates)
+    assert load_progress(tmp_path, other, {"seed": 0}) == RlProgress(8, 1.5, 1, 2, model._n_updates)
     assert other.num_timesteps == 8
     for (name, a), (_, b) in zip(
         model.policy.named_parameters(), other.policy.named_parameters(), strict=True

@@ -10,7 +10,7 @@ from lxml import etree
 from tsbench.report.drawing.main_road import MainRoad, main_road_rgba, main_roads
 from tsbench.report.drawing.roads import mark_shapes, stop_lines
 from tsbench.report.drawing.scene import furniture_shapes
-from tsbench.report.drawing.shapes import Area, Plate
+from tsbench.report.drawing.shapes import Area, DrawnPlate
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
@@ -46,7 +46,7 @@ def test_a_main_road_that_turns_has_its_shape_beneath_each_plate(
     for other in (s for s in scene.signs if s.code == "2.1" and s.id != scene.target):
         (left,) = (angle for angle in found[other.id].main if angle != 180)
         assert left == pytest.approx(-right, abs=15)
-    plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, Plate)}
+    plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, DrawnPlate)}
     assert plates[scene.target].below == target.key
     assert MainRoad.of(target.key) == target
 

@@ -19,7 +19,7 @@ from tsbench.planners import registry
 from tsbench.run.isolation import loading, protocol
 from tsbench.run.isolation.commands import command_message, read_command
 from tsbench.run.isolation.loading import code_hash, describe
-from tsbench.run.isolation.protocol import HEAD, Kind, ProtocolError
+from tsbench.run.isolation.protocol import HEAD, MessageKind, ProtocolError
 from tsbench.run.log.tables import read_table
 from tsbench.run.planner_info import describe as describe_here
 
@@ -137,7 +137,7 @@ def test_the_published_schema_is_that_of_the_code() -> None:
 def test_a_field_too_short_or_too_long_is_no_message() -> None:
     whole = command_message(tsbench.Control(1.0, 0.5, plan=np.ones((3, 2))))
     body = whole[HEAD.size :]
-    assert read_command(Kind.CONTROL, body).acceleration == 1.0  # type: ignore[union-attr]
+    assert read_command(MessageKind.CONTROL, body).acceleration == 1.0  # type: ignore[union-attr]
     for wrong in (body[:-1], body + b"\0", b"\xff" * len(body), b""):
         with pytest.raises(ProtocolError):
-            read_command(Kind.CONTROL, wrong)
+            read_command(MessageKind.CONTROL, wrong)

@@ -21,7 +21,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.executor import Limits
 from tsbench.run.isolation import process
 from tsbench.run.isolation.loading import describe
-from tsbench.run.isolation.protocol import Kind, pack
+from tsbench.run.isolation.protocol import MessageKind, pack
 from tsbench.run.log.tables import read_table
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
@@ -218,7 +218,7 @@ def test_who_connects_and_says_nothing_is_given_up(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(process, "_ANSWER_S", 1.0)
     planner = process.PlannerProcess(rude(tmp_path, {}))
     with pytest.raises(process.IsolatedPlannerError, match="the planner has not answered within 1 s"):
-        planner.ask(pack(Kind.END))
+        planner.ask(pack(MessageKind.END))
     planner.close()
 
 

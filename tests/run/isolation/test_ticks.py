@@ -11,7 +11,7 @@ import pytest
 import tsbench
 from tsbench.planners.base import Observation, SignView
 from tsbench.run.isolation.commands import command_message, read_command
-from tsbench.run.isolation.protocol import HEAD, Kind, ProtocolError, pack, unpack
+from tsbench.run.isolation.protocol import HEAD, MessageKind, ProtocolError, pack, unpack
 from tsbench.run.isolation.ticks import read_tick, tick_message
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import Agents, EgoState
@@ -39,10 +39,18 @@ def test_an_observation_has_the_bytes_of_the_general_form(n: int, m: int) -> Non
     away = tuple(sign.distance for sign in o.signs)
     message = tick_message(o)
     assert message == pack(
-        Kind.OBSERVATION, numbers, (e.lane, e.on_road), o.history, a.pose, a.speed, a.lane, a.indicator, away
+        MessageKind.OBSERVATION,
+        numbers,
+        (e.lane, e.on_road),
+        o.history,
+        a.pose,
+        a.speed,
+        a.lane,
+        a.indicator,
+        away,
     )
     body = message[HEAD.size :]
-    tick, general = read_tick(body), unpack(Kind.OBSERVATION, body)
+    tick, general = read_tick(body), unpack(MessageKind.OBSERVATION, body)
     assert tick.numbers == numbers
     assert (tick.lane, tick.on_road, tick.distances) == (8, True, list(away))
     arrays = (tick.history, tick.poses, tick.speeds, tick.lanes, tick.indicators)
@@ -68,10 +76,10 @@ def test_an_observation_cut_short_is_none() -> None:
 def test_a_control_has_the_bytes_of_the_general_form(intent: tuple[str, ...]) -> None:
     control = tsbench.Control(1.0, -0.25, intent)
     message = command_message(control)
-    assert message == pack(Kind.CONTROL, (1.0, -0.25), "\n".join(intent), (False,), ())
-    assert read_command(Kind.CONTROL, message[HEAD.size :]) == control
+    assert message == pack(MessageKind.CONTROL, (1.0, -0.25), "\n".join(intent), (False,), ())
+    assert read_command(MessageKind.CONTROL, message[HEAD.size :]) == control
     planned = replace(control, plan=np.arange(6.0).reshape(3, 2))
-    read: Any = read_command(Kind.CONTROL, command_message(planned)[HEAD.size :])
+    read: Any = read_command(MessageKind.CONTROL, command_message(planned)[HEAD.size :])
     assert read == control
     assert np.array_equal(read.plan, planned.plan)
 
@@ -80,4 +88,4 @@ def test_text_that_is_none_is_no_control() -> None:
     body = bytearray(command_message(tsbench.Control(1.0, 0.5, ("edge",)))[HEAD.size :])
     body[32] = 0xFF
     with pytest.raises(ProtocolError):
-        read_command(Kind.CONTROL, bytes(body))
+        read_command(MessageKind.CONTROL, bytes(body))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsbench.adapters.second_judge.monitor import SPEED, STOP, Drive, Reading
+from tsbench.adapters.second_judge.monitor import SPEED, STOP, ExportedDrive, Reading
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import read_trace
 from tsbench.report.analyses.writing import markdown_row
@@ -66,7 +66,7 @@ def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iter
         trace = read_trace(path)
         file = kind.path(folder, path)
         kind.make(trace, file)
-        drive = Drive(file)
+        drive = ExportedDrive(file)
         for clause, (_, kinds, readings) in RULES.items():
             if trace.spec.scenario_type in kinds:
                 ours = any(event.clause == clause for event in trace.events)

@@ -66,7 +66,7 @@ SPEED = {
 STOP = {"published": Reading("R_IN1"), "ours": Reading(_ANY_STOP, line_m=5.0, still=0.2)}
 
 
-class Drive:
+class ExportedDrive:
     """An exported episode. Raises InputError for a file that is none."""
 
     def __init__(self, path: Path) -> None:

@@ -12,9 +12,9 @@ import numpy as np
 
 from tsbench.dataset.certify.fingerprint import driving_fingerprint
 from tsbench.dataset.certify.pair import (
+    AnswerReplay,
     Prejudiced,
     Recorder,
-    Replay,
     alike_to_others,
     braking_before,
     first_difference,
@@ -185,7 +185,7 @@ class Certifier:
         return self._run(self._planner(planner), spec)
 
     def _replay(self, drive: _Drive, spec: ScenarioSpec) -> _Drive:
-        return self._run(LoadedPlanner("replay", lambda: Replay(drive.seen.answers)), spec)
+        return self._run(LoadedPlanner("replay", lambda: AnswerReplay(drive.seen.answers)), spec)
 
     def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
         seen = Recorder(planner.factory())

@@ -52,7 +52,7 @@ class Recorder:
         return self.answers[-1]
 
 
-class Replay:
+class AnswerReplay:
     """Recorded answers, whatever is seen; behind the last one it stops."""
 
     def __init__(self, answers: Sequence[Control | Trajectory]) -> None:

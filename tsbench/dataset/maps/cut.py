@@ -16,7 +16,7 @@ SAME_END_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class EdgePiece:
     """A part of an edge: its row and the span along its line in metres (0, inf = all of it)."""
 
     row: int
@@ -24,18 +24,20 @@ class Piece:
     end: float = float("inf")
 
 
-def arm_pieces(source: SourceNetwork, in_row: int | None, out_row: int | None, reach: float) -> list[Piece]:
+def arm_pieces(
+    source: SourceNetwork, in_row: int | None, out_row: int | None, reach: float
+) -> list[EdgePiece]:
     """Both edges of an arm up to `reach` metres from its node."""
     pieces = []
     if in_row is not None:
-        pieces.append(Piece(in_row, start=max(0.0, float(source.lengths[in_row]) - reach)))
+        pieces.append(EdgePiece(in_row, start=max(0.0, float(source.lengths[in_row]) - reach)))
     if out_row is not None:
-        pieces.append(Piece(out_row, end=min(float(source.lengths[out_row]), reach)))
+        pieces.append(EdgePiece(out_row, end=min(float(source.lengths[out_row]), reach)))
     return pieces
 
 
 def assemble(
-    source: SourceNetwork, pieces: Sequence[Piece], roundabouts: Sequence[Sequence[str]] = ()
+    source: SourceNetwork, pieces: Sequence[EdgePiece], roundabouts: Sequence[Sequence[str]] = ()
 ) -> PlainNet:
     """The pieces as one network, in metres around the crop's centre (a whole metre of the UTM grid)."""
     lines = {piece.row: _line(source, piece) for piece in sorted(pieces, key=lambda p: p.row)}
@@ -76,7 +78,7 @@ def assemble(
     )
 
 
-def _line(source: SourceNetwork, piece: Piece) -> Floats:
+def _line(source: SourceNetwork, piece: EdgePiece) -> Floats:
     line = source.line(piece.row)
     if piece.start <= 0.0 and piece.end >= source.lengths[piece.row]:
         return line

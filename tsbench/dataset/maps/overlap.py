@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.families.common import piece_line
 from tsbench.dataset.maps.lines import densified
 from tsbench.dataset.maps.source import SourceNetwork
@@ -26,7 +26,7 @@ class Coverage:
         ]
         self._tree = cKDTree(np.concatenate(points)) if points else None
 
-    def holds(self, source: SourceNetwork, pieces: Sequence[Piece]) -> bool:
+    def holds(self, source: SourceNetwork, pieces: Sequence[EdgePiece]) -> bool:
         """Whether a better extract has the place: a quarter of the crop lies within 30 m of its roads."""
         if self._tree is None:
             return False

@@ -13,13 +13,13 @@ from tsbench.dataset.placements.detour import DetourPlacement
 from tsbench.dataset.placements.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.dataset.placements.junction import GiveWayPlacement
 from tsbench.dataset.placements.min_speed import MinSpeedPlacement
-from tsbench.dataset.placements.placement import Placement
+from tsbench.dataset.placements.placement import ScenePlacement
 from tsbench.dataset.placements.reserved_lane import ReservedLanePlacement
 from tsbench.dataset.placements.roundabout import RoundaboutPlacement
 from tsbench.dataset.placements.speed_zone import SpeedZonePlacement
 from tsbench.dataset.scenes.recipe import Recipe
 
-PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
+PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(
     {
         "give_way": GiveWayPlacement,
         "roundabout": RoundaboutPlacement,
@@ -37,7 +37,7 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], Placement]] = MappingProxyType(
 )
 
 
-def placement_of(recipe: Recipe) -> Placement:
+def placement_of(recipe: Recipe) -> ScenePlacement:
     """The placement of a recipe. Raises InputError for a name that is none."""
     make = PLACEMENTS.get(recipe.placement)
     if make is None:

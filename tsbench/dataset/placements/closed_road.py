@@ -11,7 +11,7 @@ from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     UnfitMapError,
     before_line,
@@ -41,7 +41,7 @@ class _Way:
     back: str
 
 
-class ClosedRoadPlacement(Placement):
+class ClosedRoadPlacement(ScenePlacement):
     """`blocked_road`: the ego comes on the main road, so that it is the plate that stops it and not the traffic.
 
     A second post faces who comes out of the exit; in the contrast half 3.2 hangs there, and binds them.

@@ -10,7 +10,7 @@ from dataclasses import replace
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, Point
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.lane_users import lane_users
-from tsbench.dataset.placements.placement import Arrangement, Placement, SceneTask, plate_beside, require
+from tsbench.dataset.placements.placement import Arrangement, ScenePlacement, SceneTask, plate_beside, require
 from tsbench.dataset.placements.reserved_lane import run_up_room, start_before_plate
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Array, Polyline
@@ -22,7 +22,7 @@ from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class ContraflowPlacement(Placement):
+class ContraflowPlacement(ScenePlacement):
     """`bus_lane_road`, `bike_lane_road`: from the plate on, users come towards an ego that stays in its lane."""
 
     def __init__(self, recipe: Recipe) -> None:

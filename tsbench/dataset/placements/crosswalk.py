@@ -22,7 +22,7 @@ from tsbench.dataset.placements.crosswalk_net import (
 )
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     keep_clear,
     passenger_lanes,
@@ -54,7 +54,7 @@ class _Walker:
     from_kerb: float
 
 
-class CrosswalkPlacement(Placement):
+class CrosswalkPlacement(ScenePlacement):
     """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
 
     def __init__(self, recipe: Recipe) -> None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     passenger_lanes,
     require,
@@ -29,7 +29,7 @@ from tsbench.sim.world import EGO_LENGTH_M
 _LONGEST_CAR_M = max(length for length, _ in BODIES.values())
 
 
-class DetourPlacement(Placement):
+class DetourPlacement(ScenePlacement):
     """`detour_*`: an obstacle on a lane with one on each side; in the contrast half it is passed on the other."""
 
     def __init__(self, recipe: Recipe) -> None:

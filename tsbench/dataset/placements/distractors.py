@@ -13,7 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.benchmark import SIGN_RANGE_M
-from tsbench.dataset.placements.placement import Arrangement, SceneTask, passenger_lanes, plate_beside
+from tsbench.dataset.placements.placement import (
+    Arrangement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import ScenarioType, load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
@@ -22,6 +28,8 @@ from tsbench.sim.world import EGO_LENGTH_M
 _CLEAR_M = 15.0
 _APART_M = 8.0
 _OFF_M = 0.5
+# So far from the height of a zone's end the other direction's may stand.
+BESIDE_M = 5.0
 # Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
 _BEHIND_M = 2.0
 # Places that are tried on each edge.
@@ -40,30 +48,55 @@ def with_same_plates(
     What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
     ego's start: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
     it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
-    over there: its end plate follows, or it is of an obstacle. Where there is no room for all, the rest stay different.
+    over there, as the plate of an obstacle is. Where there is no room for all, the rest stay different. For limits
+    that end see `_with_same_limits`.
     """
     ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
     swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
+    if any(_ends(code) for (code, _), _ in swaps):
+        return _with_same_limits(task, signed, contrast)
     edges = _leading_away(task, signed) if task.row.family == "junction" else _leading_to(task, signed)
     posts = _posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
     if len(posts) < len(swaps) and task.row.family == "dual_path":
         posts = _posts(
             task, signed, [*edges, *_leading_away(task, signed)], len(swaps), within_m=SIGN_RANGE_M
         )
-    if len(posts) < len(swaps) and _may_be_over(swaps[-1][0][0]):
+    if len(posts) < len(swaps) and _at_obstacle(swaps[-1][0][0]):
         posts = _behind(task, signed, len(swaps))
-    if len(posts) < len(swaps) and _ends(swaps[-1][0][0]):
-        posts = []
-    # In the direction of traffic: a zone begins before it ends.
     posts.sort(key=lambda post: (post.edge, post.position_m))
+    return _on_posts(signed, contrast, [(post, *plates) for post, plates in zip(posts, swaps, strict=False)])
 
-    def half(k: int) -> tuple[SignInstance, ...]:
-        pairs = zip(posts, swaps, strict=False)
-        return tuple(replace(post, code=plates[k][0], value=plates[k][1]) for post, plates in pairs)
 
-    return replace(signed, signs=(*signed.signs, *half(0))), replace(
-        contrast, signs=(*contrast.signs, *half(1))
-    )
+def _with_same_limits(
+    task: SceneTask, signed: Arrangement, contrast: Arrangement
+) -> tuple[Arrangement, Arrangement]:
+    """The other half's limit and its end, so that which end is in sight does not tell which limit binds the ego.
+
+    On a road with two directions both face the other one: the limit in sight from the start, its end beside the end of
+    the ego's zone, so that both ends come into sight together. On a one-way road no end stands ahead. Behind the ego
+    stand, in the signed half, an end of its limit and then the other limit, which is no lower than the road's own, and
+    in the other half its limit with its end. Raises UnfitMapError where there is no room.
+    """
+    (a, end_a), (b, end_b) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
+    edges = _leading_to(task, signed)
+    if edges:
+        limit = _posts(task, signed, edges, 1, within_m=SIGN_RANGE_M)
+        end = _beside(task, signed, edges, signed.signs[1], limit)
+        require(bool(end), "no room for an end of the other direction's limit beside the zone's")
+        return _on_posts(signed, contrast, [(limit[0], b, a), (end[0], end_b, end_a)])
+    signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
+    posts = _behind(task, signed, 2)
+    require(len(posts) == 2, "no room behind the ego for another limit")
+    return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
+
+
+def _on_posts(
+    signed: Arrangement, contrast: Arrangement, posts: Sequence[tuple[SignInstance, _Plate, _Plate]]
+) -> tuple[Arrangement, Arrangement]:
+    """Both halves with more posts: each with its plate in the signed half and the one in the other half."""
+    ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)
+    theirs = tuple(replace(post, code=code, value=value) for post, _, (code, value) in posts)
+    return replace(signed, signs=(*signed.signs, *ours)), replace(contrast, signs=(*contrast.signs, *theirs))
 
 
 def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance, ...]:
@@ -149,6 +182,26 @@ def _posts(
         if on_its_place and near and all(math.dist((post.x, post.y), (p.x, p.y)) > _APART_M for p in others):
             found.append(post)
     return found
+
+
+def _beside(
+    task: SceneTask,
+    arrangement: Arrangement,
+    edges: Sequence[str],
+    sign: SignInstance,
+    found: Sequence[SignInstance],
+) -> list[SignInstance]:
+    """A post on one of the edges at the height of a sign or a little off it, apart from all others; [] without room."""
+    off = float(task.rng.uniform(-BESIDE_M, BESIDE_M))
+    for edge in edges if found else ():
+        line = task.network.edge_lanes(edge)[0].line
+        s = line.project(sign.x, sign.y)[0] + off
+        if not BESIDE_M < s < line.length - BESIDE_M:
+            continue
+        post = _post(task, arrangement, edge, s, len(found))
+        if all(math.dist((post.x, post.y), (p.x, p.y)) > _APART_M for p in (*arrangement.signs, *found)):
+            return [post]
+    return []
 
 
 def _behind(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:

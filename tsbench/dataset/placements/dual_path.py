@@ -18,7 +18,7 @@ from tsbench.dataset.placements.obedient_way import (
 )
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     UnfitMapError,
     before_line,
@@ -45,7 +45,7 @@ from tsbench.sim.scene import EgoStart
 _PROHIBITORY = "3."
 
 
-class ManoeuvrePlacement(Placement):
+class ManoeuvrePlacement(ScenePlacement):
     """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
 
     In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Who comes

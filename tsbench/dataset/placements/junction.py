@@ -23,7 +23,7 @@ from tsbench.dataset.placements.junction_arms import (
 from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     before_line,
     keep_clear,
@@ -55,7 +55,7 @@ _FIRST_PLATE_M = 2.0
 _ROOM_M = 14.0
 
 
-class GiveWayPlacement(Placement):
+class GiveWayPlacement(ScenePlacement):
     """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe.
 
     In the contrast half the plates on the same posts are others: the ego comes on the main road, and the convoy gives

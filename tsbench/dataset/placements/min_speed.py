@@ -10,7 +10,7 @@ from lxml import etree
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     passenger_lanes,
     plate_beside,
@@ -38,7 +38,7 @@ def task_minimum(task: SceneTask) -> float:
     return float(usable[task.variant.value % len(usable)])
 
 
-class MinSpeedPlacement(Placement):
+class MinSpeedPlacement(ScenePlacement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
     In the contrast half the plate there allows no more than the speed of the slow style, the tempted driver. The

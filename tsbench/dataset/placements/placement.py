@@ -104,7 +104,7 @@ class SceneTask:
     rng: np.random.Generator
 
 
-class Placement(ABC):
+class ScenePlacement(ABC):
     """How one type is laid out: the network's edits once per map, then both halves of each variant."""
 
     @abstractmethod

@@ -13,7 +13,7 @@ from tsbench.dataset.placements.lane_users import lane_users
 from tsbench.dataset.placements.placement import (
     Arrangement,
     ConvoySetup,
-    Placement,
+    ScenePlacement,
     SceneTask,
     plate_beside,
     require,
@@ -29,7 +29,7 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 
-class ReservedLanePlacement(Placement):
+class ReservedLanePlacement(ScenePlacement):
     """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
 
     In the contrast half it is the lane beside it. In both its users are on both lanes, and other traffic is on neither:

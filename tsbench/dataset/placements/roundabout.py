@@ -14,7 +14,7 @@ from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.junction_convoy import Conflict, meeting
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     before_line,
     keep_clear,
@@ -37,7 +37,7 @@ _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
 
 
-class RoundaboutPlacement(Placement):
+class RoundaboutPlacement(ScenePlacement):
     """`roundabout`: 4.3 at the entry of the map; who is on the ring goes first."""
 
     def __init__(self, recipe: Recipe) -> None:

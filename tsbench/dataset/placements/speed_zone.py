@@ -14,7 +14,7 @@ from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    Placement,
+    ScenePlacement,
     SceneTask,
     passenger_lanes,
     plate_beside,
@@ -60,7 +60,7 @@ def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
     return bend_speed(judged, t["lateral_mps2"]) / KMH
 
 
-class SpeedZonePlacement(Placement):
+class SpeedZonePlacement(ScenePlacement):
     """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
 
     The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the

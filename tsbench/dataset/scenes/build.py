@@ -25,7 +25,7 @@ from tsbench.core.provenance import closure, digest, versions
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.by_name import placement_of
-from tsbench.dataset.scenes.map_scenarios import Certifier, MapScenarios, SiteBuilder
+from tsbench.dataset.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
 from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.dataset.scenes.split import split_pool
@@ -99,7 +99,7 @@ def stratum_of(row: PoolRow) -> str:
 
 
 @lru_cache(maxsize=1)
-def _tools(root: Path, certifier: str) -> tuple[Simulation, Certifier | None]:
+def _tools(root: Path, certifier: str) -> tuple[Simulation, Prover | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
     module, _, name = certifier.partition(":")

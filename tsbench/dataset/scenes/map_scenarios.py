@@ -18,7 +18,7 @@ from tsbench.dataset.placements.distractors import distractors, with_same_plates
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.dataset.scenes.scene_files import Others, SceneFiles, UnluckyDrawError
+from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter, UnluckyDrawError
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import LaneGraph
@@ -43,7 +43,7 @@ ATTEMPTS = 4
 UNTEMPTING_MOST = 0.1
 
 
-class Certifier(Protocol):
+class Prover(Protocol):
     """Who drives rows to prove them (certify.prover)."""
 
     def prove(
@@ -86,7 +86,7 @@ class SiteBuilder:
     prover: without one every first draw is kept.
     """
 
-    def __init__(self, recipe: Recipe, root: Path, sim: Simulation, prover: Certifier | None = None) -> None:
+    def __init__(self, recipe: Recipe, root: Path, sim: Simulation, prover: Prover | None = None) -> None:
         self.recipe, self.root = recipe, root
         self.placement = placement_of(recipe)
         self.sim, self.prover = sim, prover
@@ -156,7 +156,7 @@ class SiteBuilder:
         return self._draw(row, roads, folder, variant, split, spare[0].attempt), spare
 
     def _prove(
-        self, prover: Certifier, drawn: _Drawn, attempt: int, variant: Variant
+        self, prover: Prover, drawn: _Drawn, attempt: int, variant: Variant
     ) -> tuple[Certificate, ...]:
         """One certificate a row; a contrast half is looked at only where the signed one is what it should be."""
         found: list[Certificate] = []
@@ -181,9 +181,11 @@ class SiteBuilder:
             rng = rng_of("arrange", draw)
             return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
 
-        def write(half: str, a: Arrangement, others: Others | None) -> tuple[ScenarioSpec, Others]:
+        def write(
+            half: str, a: Arrangement, others: OtherTraffic | None
+        ) -> tuple[ScenarioSpec, OtherTraffic]:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            files = SceneFiles(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+            files = SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
             if others is None:
                 others = files.measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
             files.write(others)
@@ -206,7 +208,8 @@ class SiteBuilder:
         return _Drawn((spec, other), others.density)
 
     def _row(
-        self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement, files: SceneFiles
+        self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement,
+        files: SceneFileWriter,
     ) -> ScenarioSpec:  # fmt: skip
         target = next(s for s in a.signs if s.id == a.target)
         kind = self._type_of[target.code]

@@ -40,7 +40,7 @@ class UnluckyDrawError(UnfitMapError):
 
 
 @dataclass(frozen=True)
-class Others:
+class OtherTraffic:
     """Who else is in a scene: the background cars, how many there are per lane-km, and when the convoy sets off.
 
     Measured in the signed half; the contrast half has the same.
@@ -51,7 +51,7 @@ class Others:
     convoy: ConvoyPlan | None
 
 
-class SceneFiles:
+class SceneFileWriter:
     """One half of a variant. drivers: of the background cars. name: of the draw, for what it draws."""
 
     def __init__(
@@ -63,16 +63,16 @@ class SceneFiles:
         self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
         self.sha256 = ""
 
-    def measure(self, cars_per_lane_km: float, duration_s: float) -> Others:
+    def measure(self, cars_per_lane_km: float, duration_s: float) -> OtherTraffic:
         """Rehearse the scene. Raises UnluckyDrawError where its traffic does not come about."""
         try:
             plan = self._convoy_plan() if self.a.convoy else None
             cars, density = self._traffic(self._fixed(plan), cars_per_lane_km, duration_s)
         finally:
             self.trial.unlink(missing_ok=True)
-        return Others(tuple(cars), density, plan)
+        return OtherTraffic(tuple(cars), density, plan)
 
-    def write(self, others: Others) -> None:
+    def write(self, others: OtherTraffic) -> None:
         """Write the file, and see that the scene in it is sound and can begin."""
         a, network = self.a, self.roads.network
         moving = self._types() if others.cars else []

@@ -13,7 +13,7 @@ from tsbench.core.seeds import rng_of
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
-from tsbench.learn.imitation.drives import Drive
+from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.recipe import TrainingRecipe, driven_in_turn, in_turn, kept_for_validation
 from tsbench.learn.oracle.trajectories import stream_trajectories
 from tsbench.planners.plant2.planner_blind import Plant2Blind
@@ -104,7 +104,7 @@ class FineTuning(TrainingRecipe):
         return {"size": size_of(base), **found}
 
 
-def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[EpisodeDrive]:
     """The drives to learn from, types in turn; of no map that checkpoints are chosen on.
 
     Raises InputError for recorded drives of scenarios that the train split has not.
@@ -113,7 +113,7 @@ def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Dr
     if recipe.student is None:
         return drives
     student, sha256 = recipe.student, network(recipe.name, recipe.student).weights.sha256
-    made: list[Drive] = []
+    made: list[EpisodeDrive] = []
     for drive in drives:
         # By what the drive is, not by its place in a list in which types come in turn.
         rng = rng_of("takeover", recipe.seed, sha256, *drive.names)
@@ -123,13 +123,13 @@ def finetune_drives(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Dr
     return made
 
 
-def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+def _driven(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[EpisodeDrive]:
     chosen = [row for row in rows if not kept_for_validation(row)]
     chosen = in_turn(chosen, recipe.drives or len(chosen), recipe.seed, "lessons", recipe.more)
     return list(driven_in_turn(chosen, recipe.drivers))
 
 
-def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[Drive]:
+def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[EpisodeDrive]:
     assert recipe.trajectories is not None
     known = {row.scenario_id: row for row in rows}
     # Places in the table first: only the drives that are asked for are kept.

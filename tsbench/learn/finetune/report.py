@@ -14,7 +14,7 @@ from tsbench.core.seeds import rng_of
 from tsbench.learn.finetune.pictures import draw_frames
 from tsbench.learn.finetune.recipe import FineTuning
 from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.imitation.drives import Drive
+from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.planners.plant2 import layout as at
 from tsbench.report.drawing.paint import save_png
@@ -44,7 +44,10 @@ _HISTOGRAMS = (
 
 
 def report(
-    drives: Sequence[Drive], recipe: FineTuning, resources: TrainingResources, tell: Callable[[str], None]
+    drives: Sequence[EpisodeDrive],
+    recipe: FineTuning,
+    resources: TrainingResources,
+    tell: Callable[[str], None],
 ) -> list[Path]:
     """Make the frames of all drives and write table, figure and pictures below `resources.out`; returns their paths."""
     made = 0
@@ -100,7 +103,7 @@ def _of_group(frames: at.Records, group: str) -> list[at.Record]:
     return [rows[k] for k in range(longest) for rows in by_type if k < len(rows)][:_PICTURES]
 
 
-def _table(found: at.Records, drives: Sequence[Drive]) -> str:
+def _table(found: at.Records, drives: Sequence[EpisodeDrive]) -> str:
     lines = [
         "| type | group | family | drives | frames | in decision windows | target 0 to 0.5 m/s | mean target, m/s |",
         "|---|---|---|---|---|---|---|---|",

@@ -27,7 +27,7 @@ import numpy as np
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
-from tsbench.learn.imitation.frames import Sampling, Track
+from tsbench.learn.imitation.frames import DrivenPath, Sampling
 from tsbench.planners.base import Observation
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
@@ -98,7 +98,7 @@ class SignTargets:
             )
         scene, self._sampling, self._kind = driven.facts.scene, sampling, kind
         self._since, self._rule, self._spec = driven.since, rule, TARGET_SPECS[rule.name]
-        self._track = track = Track(driven.facts.snapshots)
+        self._track = track = DrivenPath(driven.facts.snapshots)
         self._value = scene.target_sign.value
         away = np.hypot(*(track.xy - np.array(decision_place(scene))).T)
         self._line_s = float(track.s[int(np.argmin(away))])
@@ -132,7 +132,7 @@ class SignTargets:
         frame["family"] = FAMILIES.index(self._spec.family)
         frame["type"], frame["decides"] = self._kind, self.decides(k)
 
-    def _target_speeds(self, track: Track) -> Array:
+    def _target_speeds(self, track: DrivenPath) -> Array:
         """(n,) target speed of each tick, as far as it depends on the drive alone."""
         lead, last = self._lead, len(track.speed) - 1
         late = np.minimum(np.arange(last + 1) + lead, last)
@@ -152,7 +152,7 @@ class SignTargets:
         capped = np.minimum(least, (self._value - self._sampling.margin_kmh) * _KMH)
         return np.where(ahead >= self._line_s - HALF_LENGTH_M, capped, least)
 
-    def _until_stop(self, track: Track, speeds: Array, soon: Array) -> Array:
+    def _until_stop(self, track: DrivenPath, speeds: Array, soon: Array) -> Array:
         """A stop of an instant is no place that a speed of 0.7 s later shows: until it, the least of that time."""
         near = np.abs(track.s - self._line_s) <= _STOP_WITHIN_M
         stood = np.flatnonzero(near & (track.speed <= STOPPED_MPS))

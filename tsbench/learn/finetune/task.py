@@ -9,7 +9,7 @@ import numpy as np
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.recipe import validation_rows
-from tsbench.learn.imitation.task import Integers, Task
+from tsbench.learn.imitation.task import ImitationTask, Integers
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.sizes import SIZES, size_of
@@ -23,11 +23,11 @@ _SORTED_BATCHES = 16
 _TIE = 1e-6
 
 
-def fine_tuning(recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> Task:
+def fine_tuning(recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> ImitationTask:
     """The task. rows: of the train split."""
     source = recipe.source()
     layers = SIZES[size_of(recipe.begins_with())].layers
-    return Task(
+    return ImitationTask(
         recipe.name,
         recipe,
         finetune_drives(rows, recipe),

@@ -26,7 +26,7 @@ class DriveResult:
     since: int = 0
 
 
-class Drive(Protocol):
+class EpisodeDrive(Protocol):
     """One episode, and who drives it; sent to the process that drives."""
 
     @property

@@ -54,7 +54,7 @@ class Sampling:
     speed_s: float = 0.7
 
 
-class Encoder(Protocol):
+class TokenEncoder(Protocol):
     """What turns observations into tokens: `plant2`'s tokeniser, or one that remembers signs."""
 
     def watch(self, o: Observation) -> None:
@@ -64,13 +64,13 @@ class Encoder(Protocol):
         """Tokens as seen from a pose; the actor's row for each object slot, -1 for an obstacle."""
 
 
-class Demonstrator(Protocol):
+class FrameLabeller(Protocol):
     """Says which ticks of a drive become frames, and what each should be answered with."""
 
     def ticks(self) -> list[int]: ...
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
-        """Write the targets of tick k as seen from a pose; origins: as `Encoder.fill` gave them."""
+        """Write the targets of tick k as seen from a pose; origins: as `TokenEncoder.fill` gave them."""
 
 
 class Imitated:
@@ -79,7 +79,7 @@ class Imitated:
     def __init__(self, driven: DriveResult, sampling: Sampling) -> None:
         facts, traffic_view = driven.facts, TrafficView(driven.facts.scene.network, driven.roads.view)
         self._seen, self._sampling = [traffic_view.see(w.actors, w.ego) for w in facts.snapshots], sampling
-        self._track = Track(facts.snapshots)
+        self._track = DrivenPath(facts.snapshots)
 
     def ticks(self) -> list[int]:
         every = range(0, len(self._seen) - 1, self._sampling.every)
@@ -93,8 +93,8 @@ class Imitated:
 
 def frames_of(
     driven: DriveResult,
-    encoder: Encoder,
-    teacher: Demonstrator,
+    encoder: TokenEncoder,
+    teacher: FrameLabeller,
     sampling: Sampling,
     rng: np.random.Generator,
     dtype: np.dtype[np.void],
@@ -134,7 +134,7 @@ def observations(
         yield observer.observe(snapshot, seen, navigator.update(seen))
 
 
-class Track:
+class DrivenPath:
     """The driven way of an episode: what path and speed targets are read from.
 
     s: (n,) m driven until each tick; xy: (n, 2); speed: (n,).

@@ -22,7 +22,7 @@ import numpy as np
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.files import replacing
 from tsbench.core.seeds import rng_of
-from tsbench.learn.imitation.drives import Drive, DriveResult, Drivers
+from tsbench.learn.imitation.drives import DriveResult, Drivers, EpisodeDrive
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, frames_of
 from tsbench.learn.imitation.processes import one_thread_each
 from tsbench.planners.plant2.layout import Records
@@ -58,7 +58,7 @@ class ImitationSource:
         return frames_of(driven, encoder, teacher, self.sampling, rng, FRAME)
 
 
-def plan_hash(drives: Sequence[Drive], source: Source, seed: int) -> str:
+def plan_hash(drives: Sequence[EpisodeDrive], source: Source, seed: int) -> str:
     """12 hex digits over all that decides the content of the chunks."""
     plan = {"drives": [drive.facts() for drive in drives], "source": asdict(source), "seed": seed}
     return hashlib.sha256(json.dumps(plan, sort_keys=True).encode()).hexdigest()[:12]
@@ -86,7 +86,7 @@ class FrameStore:
     def __init__(
         self,
         resources: TrainingResources,
-        drives: Sequence[Drive],
+        drives: Sequence[EpisodeDrive],
         source: Source,
         seed: int,
         progress: Callable[[int], None],
@@ -141,7 +141,7 @@ class FrameStore:
     def _missing(self, numbers: Sequence[int]) -> list[int]:
         return [n for n in numbers if not self._path(n).is_file()]
 
-    def _job(self, number: int) -> tuple[Path, list[Drive], Source, tuple[int, int]]:
+    def _job(self, number: int) -> tuple[Path, list[EpisodeDrive], Source, tuple[int, int]]:
         return self._path(number), list(self._chunks[number]), self._source, (self._seed, number)
 
     def _drop(self, keep: set[int]) -> None:
@@ -155,7 +155,7 @@ class FrameStore:
             paths[number].unlink()
 
 
-def make_chunk(path: Path, drives: Sequence[Drive], source: Source, seed: tuple[int, int]) -> None:
+def make_chunk(path: Path, drives: Sequence[EpisodeDrive], source: Source, seed: tuple[int, int]) -> None:
     """Drive and write the frames, all or nothing. Drives that end in an error of the simulation give none."""
     drivers = Drivers()
     found: list[Records] = [np.zeros(0, dtype=source.dtype)]

@@ -45,7 +45,7 @@ class TrainingRecipe:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recipe(TrainingRecipe):
+class ImitationRecipe(TrainingRecipe):
     """`plant2`'s. size: a name of `sizes.SIZES`; episodes: drives to learn from, in turn over types and drivers."""
 
     size: str = "mini"
@@ -62,7 +62,7 @@ def kept_for_validation(spec: ScenarioSpec) -> bool:
     return seed_of("imitation", "validation", spec.map_id) % _VALIDATION_SHARE == 0
 
 
-def drives_of(rows: Sequence[ScenarioSpec], recipe: Recipe) -> list[PlannerDrive]:
+def drives_of(rows: Sequence[ScenarioSpec], recipe: ImitationRecipe) -> list[PlannerDrive]:
     """The drives to learn from: types in turn, drawn pairs of each, drivers in turn."""
     chosen = in_turn([r for r in rows if not kept_for_validation(r)], recipe.episodes, recipe.seed, "drives")
     return driven_in_turn(chosen, recipe.drivers)

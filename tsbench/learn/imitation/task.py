@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.core.errors import InputError
-from tsbench.learn.imitation.drives import Drive
+from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.frames_store import ImitationSource, Source
-from tsbench.learn.imitation.recipe import Recipe, TrainingRecipe, drives_of, validation_rows
+from tsbench.learn.imitation.recipe import ImitationRecipe, TrainingRecipe, drives_of, validation_rows
 from tsbench.learn.imitation.skill import Skill
 from tsbench.planners.plant2.layout import Records
 from tsbench.planners.plant2.network import Plant2Network
@@ -23,7 +23,7 @@ _SORTED_BATCHES = 16
 
 
 @dataclass(frozen=True)
-class Task:
+class ImitationTask:
     """What is learned. Raises InputError where there is nothing to learn from or to choose by.
 
     Attributes
@@ -40,7 +40,7 @@ class Task:
 
     name: str
     recipe: TrainingRecipe
-    drives: Sequence[Drive]
+    drives: Sequence[EpisodeDrive]
     source: Source
     validation: Sequence[ScenarioSpec]
     network: Callable[[], Plant2Network]
@@ -54,9 +54,9 @@ class Task:
             raise InputError("the train split has no scenarios of these types to learn from and to choose by")
 
 
-def imitation(recipe: Recipe, rows: Sequence[ScenarioSpec]) -> Task:
+def imitation(recipe: ImitationRecipe, rows: Sequence[ScenarioSpec]) -> ImitationTask:
     """`plant2`: sign-blind driving, from nothing. rows: of the train split."""
-    return Task(
+    return ImitationTask(
         "plant2",
         recipe,
         drives_of(rows, recipe),

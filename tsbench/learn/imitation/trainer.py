@@ -26,7 +26,7 @@ from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.imitation.loss import losses, total
 from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
-from tsbench.learn.imitation.task import Task
+from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.rows import add_row
 from tsbench.learn.start import command_line, prepare
 from tsbench.planners.plant2.layout import Records
@@ -58,7 +58,7 @@ class Progress:
     sessions: int = 0
 
 
-def train(task: Task, resources: TrainingResources, tell: Callable[[str], None]) -> Network:
+def train(task: ImitationTask, resources: TrainingResources, tell: Callable[[str], None]) -> Network:
     """Train to the end, from the checkpoint below `resources.out` if there is one; the best network is in that folder.
 
     Returns the best network's facts.
@@ -71,7 +71,9 @@ def train(task: Task, resources: TrainingResources, tell: Callable[[str], None])
 
 
 class Trainer:
-    def __init__(self, task: Task, resources: TrainingResources, tell: Callable[[str], None]) -> None:
+    def __init__(
+        self, task: ImitationTask, resources: TrainingResources, tell: Callable[[str], None]
+    ) -> None:
         self._task, self._resources, self._tell = task, resources, tell
         torch.manual_seed(seed_of("imitation", "network", task.recipe.seed))
         self._net = task.network().to(resources.device)
@@ -207,7 +209,7 @@ class Trainer:
         self._tell(f"{self._made} episodes driven for frames ({seconds:.0f} s since the start)")
 
 
-def parameter_groups(net: Plant2Network, task: Task) -> list[dict[str, Any]]:
+def parameter_groups(net: Plant2Network, task: ImitationTask) -> list[dict[str, Any]]:
     """AdamW's groups: `share` of the rate by parameter, weight decay for matrices alone."""
     found: dict[tuple[float, float], list[Any]] = {}
     for name, parameter in net.named_parameters():

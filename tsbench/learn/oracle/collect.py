@@ -18,7 +18,7 @@ from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import Setup
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record
-from tsbench.run.plan import Plan, Request, make_plan
+from tsbench.run.plan import Request, RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
 from tsbench.scenarios.spec import ScenarioSpec
@@ -47,7 +47,7 @@ class CollectOptions:
 
 
 @dataclass
-class Counts:
+class ExpertCounts:
     """What an expert did. asked: scenarios; finished: those that are there; at_once, solved: with the first driver,
     with any; drives: tries of all; errors: scenarios on which its last drive broke off.
 
@@ -77,7 +77,7 @@ class Collected:
     """How a collection stands: what each expert that was asked for did."""
 
     folder: Path
-    experts: Mapping[str, Counts]
+    experts: Mapping[str, ExpertCounts]
 
     @property
     def complete(self) -> bool:
@@ -115,7 +115,7 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
 
 
 def _collect(
-    options: CollectOptions, plan: Plan, pool: Executor, planners: tuple[PlannerInfo, ...],
+    options: CollectOptions, plan: RunPlan, pool: Executor, planners: tuple[PlannerInfo, ...],
     collection: Collection, watcher: ProgressListener,
 ) -> Collected:  # fmt: skip
     wanted = {
@@ -137,7 +137,7 @@ def _collect(
 
     with stop_on_signals() as stopped:
         drive(pool, setup, wanted, journal, keep, stopped, watcher)
-        found = {name: Counts(len(specs)) for name, specs in wanted.items()}
+        found = {name: ExpertCounts(len(specs)) for name, specs in wanted.items()}
         for name, specs in wanted.items():
             for spec in specs:
                 if (name, spec.scenario_id) in journal.done:

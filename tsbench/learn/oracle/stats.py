@@ -23,11 +23,13 @@ if TYPE_CHECKING:
 
 def stats(path: Path, split: str) -> Analysis:
     """The composition of a table. Raises InputError for drives of scenarios that the split does not have."""
-    from tsbench.report.analyses.oracle import Chosen, composition  # brings matplotlib
+    from tsbench.report.analyses.oracle import RankedDrive, composition  # brings matplotlib
 
     rows = _rows(split)
     chosen = [
-        Chosen(d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S)
+        RankedDrive(
+            d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S
+        )
         for d in _drives(path, split, rows)
         if d.rank
     ]

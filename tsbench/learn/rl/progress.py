@@ -22,7 +22,7 @@ _ENDS = ("arrived", "collision", "off_road", "timeout")
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class RlProgress:
     """steps: decisions taken since imitation. seconds: of training so far, all sessions together. sessions: how many
     there were. imitated: rollouts of imitation. updates: as Stable-Baselines3 counts them.
     """
@@ -34,17 +34,17 @@ class Progress:
     updates: int = 0
 
 
-def save_progress(out: Path, model: PPO, progress: Progress, job: dict[str, Any]) -> None:
+def save_progress(out: Path, model: PPO, progress: RlProgress, job: dict[str, Any]) -> None:
     now = asdict(replace(progress, updates=model._n_updates))
     save_checkpoint(out, model.policy, model.policy.optimizer, job, now)
 
 
-def load_progress(out: Path, model: PPO, job: dict[str, Any]) -> Progress | None:
+def load_progress(out: Path, model: PPO, job: dict[str, Any]) -> RlProgress | None:
     """Put the state below `out` back into a fresh model; None where there is none. Errors as of `load_checkpoint`."""
     known = load_checkpoint(out, model.policy, model.policy.optimizer, job)
     if known is None:
         return None
-    found = Progress(**known)
+    found = RlProgress(**known)
     model._n_updates, model.num_timesteps = found.updates, found.steps
     return found
 
@@ -64,7 +64,7 @@ class ProgressCallback(BaseCallback):
         self,
         out: Path,
         job: dict[str, Any],
-        before: Progress,
+        before: RlProgress,
         total: int,
         tell: Callable[[str], None],
         every: float,
@@ -79,7 +79,7 @@ class ProgressCallback(BaseCallback):
         self._broken = 0
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> RlProgress:
         """What has been done by now, this session included."""
         seconds = self._before.seconds + time.monotonic() - self._began
         return replace(

@@ -20,7 +20,7 @@ from tsbench.learn.rl.config import HYPER, Hyper, Job
 from tsbench.learn.rl.curve import draw_curve
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import actor_tensors, policy_of
-from tsbench.learn.rl.progress import Progress, ProgressCallback, load_progress, save_progress, session_seed
+from tsbench.learn.rl.progress import ProgressCallback, RlProgress, load_progress, save_progress, session_seed
 from tsbench.learn.start import command_line, keep_freed_memory, prepare
 from tsbench.planners.rl.actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
@@ -61,7 +61,7 @@ def _session(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
     try:
         environments = VecMonitor(processes)
         model = _model(job, hyper, environments)
-        before = load_progress(job.out, model, job.facts()) or Progress()
+        before = load_progress(job.out, model, job.facts()) or RlProgress()
         if before.sessions:
             tell(f"continues at {before.steps:,} of {job.steps:,} steps")
         processes.seed(session_seed(job.seed, before.sessions, deaths))
@@ -83,9 +83,9 @@ def _imitate(
     hyper: Hyper,
     model: PPO,
     environments: VecMonitor,
-    before: Progress,
+    before: RlProgress,
     tell: Callable[[str], None],
-) -> Progress:
+) -> RlProgress:
     """The rollouts of imitation that are missing, with checkpoints, which do not hold what was remembered."""
     began = saved = time.monotonic()
     done = before
@@ -152,7 +152,7 @@ def _model(job: Job, hyper: Hyper, environments: VecMonitor) -> PPO:
     return model
 
 
-def _export(job: Job, hyper: Hyper, model: PPO, progress: Progress) -> Network:
+def _export(job: Job, hyper: Hyper, model: PPO, progress: RlProgress) -> Network:
     training = {
         "command": command_line(),
         **job.facts(),

@@ -18,7 +18,7 @@ from tsbench.metrics.episode import METRICS
 from tsbench.metrics.records import PARTS
 from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool, check_contract, make_pool
+from tsbench.report.analyses.pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
 from tsbench.report.tables.forest import (
     ForestRow,
@@ -60,7 +60,7 @@ def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
     return _analysis(plain, masked, found)
 
 
-def _compare(plain: Pool, masked: Pool, planner: str) -> Comparison:
+def _compare(plain: RunPool, masked: RunPool, planner: str) -> Comparison:
     asked = masked.home[planner].of(planner)
     a, b = shared_scenarios(plain.home[planner].of(planner), asked)
     lacking = len(asked) - len(b)
@@ -72,7 +72,7 @@ def _compare(plain: Pool, masked: Pool, planner: str) -> Comparison:
     return compare(a, b, seed=plain.contract)
 
 
-def _analysis(plain: Pool, masked: Pool, found: Mapping[str, Comparison]) -> Analysis:
+def _analysis(plain: RunPool, masked: RunPool, found: Mapping[str, Comparison]) -> Analysis:
     columns = (
         *text_columns("planner", "metric", "figure"), Column("n", "n", Kind.COUNT),
         Column("with_signs", "with\nsigns", Kind.NUMBER), Column("masked", "masked", Kind.NUMBER),

@@ -14,9 +14,9 @@ from tsbench.report.analyses.main_table import main_table
 from tsbench.report.analyses.model import Analysis
 from tsbench.report.analyses.per_type import per_type
 from tsbench.report.analyses.perception import perception
-from tsbench.report.analyses.pool import Pool, read_pool
+from tsbench.report.analyses.pool import RunPool, read_pool
 
-OF_POOL: Mapping[str, Callable[[Pool], Analysis]] = {
+OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract),
     "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
     "intervals": intervals,

@@ -27,7 +27,7 @@ from tsbench.report.analyses.columns import (
     text_columns,
 )
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.report.analyses.published import is_whole, published, published_metric, published_scd
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
@@ -65,7 +65,7 @@ def spearman(x: _Points, y: _Points) -> Value:
     return Value(r, tanh(atanh(r) - reach), tanh(atanh(r) + reach), n)
 
 
-def correlations(pool: Pool) -> Analysis:
+def correlations(pool: RunPool) -> Analysis:
     """One row for each panel (all types, each group), metric and reading. Raises InputError below 3 planners."""
     if len(pool.planners) < LEAST_PLANNERS:
         raise InputError(
@@ -105,14 +105,14 @@ def correlations(pool: Pool) -> Analysis:
     return Analysis("correlations", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
-def _ours(pool: Pool, panel: str, over: str, metric: str, reading: str) -> Value:
+def _ours(pool: RunPool, panel: str, over: str, metric: str, reading: str) -> Value:
     """The primary SCD of `panel` against the metric over the episodes of `over`."""
     figures = (panels_of(p, present_parts(pool.summaries)[0]).get(panel) for p in pool.summaries)
     scd = [None if (e := pick(figure, reading)) is None else e.value for figure in figures]
     return spearman([metric_mean(pool, name, over, metric, reading) for name in pool.planners], scd)
 
 
-def metric_mean(pool: Pool, planner: str, panel: str, metric: str, reading: str) -> float | None:
+def metric_mean(pool: RunPool, planner: str, panel: str, metric: str, reading: str) -> float | None:
     """A metric's mean over a planner's episodes of a panel, as in the summary; None where none counts."""
     records, column = pool.records[planner], METRICS[metric]
     values = records.values[column.column]
@@ -124,7 +124,7 @@ def metric_mean(pool: Pool, planner: str, panel: str, metric: str, reading: str)
     return round(column.scale * float(values.mean()), 9) if len(values) else None
 
 
-def _published(pool: Pool, panel: str, metric: str) -> Value | None:
+def _published(pool: RunPool, panel: str, metric: str) -> Value | None:
     """The correlation in the reference's table; None beside a selection of the panel's types."""
     if not all(is_whole(p, panel) for p in pool.summaries):
         return None
@@ -142,7 +142,7 @@ def _without(rows: Sequence[Row]) -> tuple[str, ...]:
     return tuple(f"{reason}: {', '.join(names)}" for reason, names in reasons.items())
 
 
-def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
+def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     panels = {}
     for panel in present_panels(pool.summaries):
         rows = []

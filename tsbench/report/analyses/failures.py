@@ -19,7 +19,7 @@ from tsbench.metrics.records import CONTRASTED, SIGNED_ONES, Records
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.perceived import CAUSE_NOTES, CAUSES, causes_of
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
 from tsbench.scenarios.spec import CONTRAST, SIGNED
 from tsbench.signs.rule_kinds import NEEDLESS
@@ -46,7 +46,7 @@ class Split:
     shares: Mapping[str, Estimate]
 
 
-def failures(pool: Pool) -> Analysis:
+def failures(pool: RunPool) -> Analysis:
     splits = {key: split for p in pool.planners for key, split in _splits(pool, p)}
     contrasted = any(half == CONTRAST for _, _, half, _ in splits)
     columns = [*text_columns("planner", "group", "half", "figure"), Column("n", "n", Kind.COUNT)]
@@ -82,7 +82,7 @@ def failures(pool: Pool) -> Analysis:
     return Analysis("failures", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
-def _splits(pool: Pool, planner: str) -> Iterator[tuple[Key, Split]]:
+def _splits(pool: RunPool, planner: str) -> Iterator[tuple[Key, Split]]:
     bootstrap = ClusterBootstrap(pool.contract)
     halves = {
         half: records
@@ -131,7 +131,7 @@ def _classes(records: Records) -> dict[str, Mask]:
     return classes
 
 
-def _needless(pool: Pool, planner: str, records: Records) -> dict[str, Mask]:
+def _needless(pool: RunPool, planner: str, records: Records) -> dict[str, Mask]:
     broken = [pool.needless.get((planner, scenario), frozenset()) for scenario in records.scenarios]
     return {clause: np.array([clause in found for found in broken]) for clause in NEEDLESS.clauses.split()}
 
@@ -146,7 +146,7 @@ def _split(
     return Split(int(np.count_nonzero(use)), {name: share(inside) for name, inside in classes.items()})
 
 
-def _draw(pool: Pool, splits: Mapping[Key, Split], title: str, stacked: bool = False) -> Figure:
+def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool = False) -> Figure:
     names = present_panels(pool.summaries)
     halves = list(dict.fromkeys(half for _, _, half, _ in splits))
     bars = [(planner, half) for planner in pool.planners for half in halves]

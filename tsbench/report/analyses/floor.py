@@ -23,10 +23,10 @@ from tsbench.report.analyses.columns import (
     with_rings,
 )
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 
 
-def floor(pool: Pool) -> Analysis:
+def floor(pool: RunPool) -> Analysis:
     """A block of rows for all types, each group and each type; in it the planners, those that are floors last."""
     planners = sorted(pool.summaries, key=lambda p: p.floor)
     rows: list[Row] = []

@@ -22,13 +22,13 @@ from tsbench.report.analyses.columns import (
     text_columns,
 )
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.report.analyses.published import NOTE, scd_beside
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
 
 
-def intervals(pool: Pool) -> Analysis:
+def intervals(pool: RunPool) -> Analysis:
     columns = (
         Column("planner", "planner", Kind.TEXT), Column("group", "types", Kind.TEXT),
         *text_columns("score", "figure"), Column("scd", "SCD\n%"), Column("n", "n", Kind.COUNT),
@@ -57,7 +57,7 @@ def _rows(p: PlannerSummary) -> Iterator[Row]:
                 starts = False
 
 
-def _draw(pool: Pool, title: str, stacked: bool = False) -> Figure:
+def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     primary = present_parts(pool.summaries)[0]
     panels = {}
     for name in present_panels(pool.summaries):

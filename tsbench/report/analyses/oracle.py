@@ -31,7 +31,7 @@ _WRITTEN = 4.0
 _DARK = ("#08306b", "#2171b5", "#d55e00", "#009e73", "#808080")
 
 
-class Chosen(NamedTuple):
+class RankedDrive(NamedTuple):
     """A drive of the oracle. rank: 1 = the best of its scenario; seconds: driven."""
 
     scenario_id: str
@@ -42,7 +42,7 @@ class Chosen(NamedTuple):
     seconds: float
 
 
-def composition(drives: Sequence[Chosen], scenarios: Mapping[str, int], split: str) -> Analysis:
+def composition(drives: Sequence[RankedDrive], scenarios: Mapping[str, int], split: str) -> Analysis:
     """One block for all types and for each group. scenarios: how many the split has, by group."""
     planners = in_published_order({d.planner for d in drives})
     columns = (
@@ -82,15 +82,15 @@ def _size(scenarios: Mapping[str, int], group: str) -> int:
     return sum(scenarios.values()) if group == ALL else scenarios[group]
 
 
-def _covered(drives: Sequence[Chosen]) -> int:
+def _covered(drives: Sequence[RankedDrive]) -> int:
     return len({d.scenario_id for d in drives})
 
 
-def _hours(drives: Sequence[Chosen]) -> float:
+def _hours(drives: Sequence[RankedDrive]) -> float:
     return sum(d.seconds for d in drives) / 3600.0
 
 
-def _block(group: str, drives: Sequence[Chosen], size: int) -> tuple[Cell, ...]:
+def _block(group: str, drives: Sequence[RankedDrive], size: int) -> tuple[Cell, ...]:
     covered = _covered(drives)
     return (
         group, _EVERYBODY, len(drives), 100.0 if drives else None, covered, _hours(drives), size, covered,
@@ -98,7 +98,7 @@ def _block(group: str, drives: Sequence[Chosen], size: int) -> tuple[Cell, ...]:
     )  # fmt: skip
 
 
-def _line(group: str, planner: str, drives: Sequence[Chosen]) -> tuple[Cell, ...]:
+def _line(group: str, planner: str, drives: Sequence[RankedDrive]) -> tuple[Cell, ...]:
     own = [d for d in drives if d.planner == planner]
     share = 100.0 * len(own) / len(drives) if drives else None
     first = sum(d.rank == 1 for d in own)
@@ -113,7 +113,7 @@ def _colours(planners: Sequence[str]) -> dict[str, str]:
 
 
 def _draw(
-    drives: Sequence[Chosen], scenarios: Mapping[str, int], planners: Sequence[str], title: str
+    drives: Sequence[RankedDrive], scenarios: Mapping[str, int], planners: Sequence[str], title: str
 ) -> Figure:
     groups, colours = _groups(scenarios), _colours(planners)
     own = {group: [d for d in drives if group in (ALL, d.group)] for group in groups}
@@ -145,5 +145,5 @@ def _draw(
     return figure
 
 
-def _told(drives: Sequence[Chosen], size: int) -> str:
+def _told(drives: Sequence[RankedDrive], size: int) -> str:
     return f"{len(drives):,}  ·  {len(drives) / size:.2f}  ·  {100.0 * _covered(drives) / size:.1f} %"

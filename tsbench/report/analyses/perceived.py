@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsbench.core.errors import InputError
 from tsbench.episode.perception import FALSE, MISREAD, RIGHT
 from tsbench.episode.trace import Trace, read_trace, trace_path
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 
 MISSED, MISREAD_AS, LATE, FALSE_PLATE = "missed", "misread", "late", "false"
 CAUSES = (MISSED, MISREAD_AS, LATE, FALSE_PLATE)
@@ -18,7 +18,7 @@ CAUSE_NOTES = (
 )
 
 
-def causes_of(pool: Pool, planner: str) -> list[str] | None:
+def causes_of(pool: RunPool, planner: str) -> list[str] | None:
     """The cause of each failed signed episode, "" where perception was not it; None where nothing says that.
 
     An error outcome has none.

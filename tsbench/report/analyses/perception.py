@@ -17,7 +17,7 @@ from tsbench.metrics.records import PARTS
 from tsbench.report.analyses.columns import INTERVAL_NOTE, NAMES, SCD_NOTE, panels_of, pick, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.perceived import CAUSE_NOTES, CAUSES, causes_of
-from tsbench.report.analyses.pool import Pool, check_contract, make_pool
+from tsbench.report.analyses.pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.compare import SELECTION, differing
 from tsbench.report.tables.forest import put_title
 from tsbench.run.log.read import StoredRun, read_run
@@ -56,7 +56,7 @@ def _rank(run: StoredRun) -> tuple[float, str]:
     return (-2.0, "") if told is None else (-float(told["right"]), level_of(run))
 
 
-def _analysis(pools: dict[str, Pool]) -> Analysis:
+def _analysis(pools: dict[str, RunPool]) -> Analysis:
     names = tuple(dict.fromkeys(name for pool in pools.values() for name in pool.planners))
     first = next(iter(pools.values()))
     columns = (
@@ -74,7 +74,7 @@ def _analysis(pools: dict[str, Pool]) -> Analysis:
     return Analysis("perception", title, first.contract, Table(columns, rows, 2), notes, draw)
 
 
-def _rows(pools: dict[str, Pool], name: str) -> Iterator[Row]:
+def _rows(pools: dict[str, RunPool], name: str) -> Iterator[Row]:
     starts = True
     for level, pool in pools.items():
         summary = _summary(pool, name)
@@ -90,11 +90,11 @@ def _rows(pools: dict[str, Pool], name: str) -> Iterator[Row]:
         starts = False
 
 
-def _summary(pool: Pool, name: str) -> PlannerSummary | None:
+def _summary(pool: RunPool, name: str) -> PlannerSummary | None:
     return next((p for p in pool.summaries if p.planner == name), None)
 
 
-def _draw(pools: dict[str, Pool], names: Sequence[str], title: str) -> Figure:
+def _draw(pools: dict[str, RunPool], names: Sequence[str], title: str) -> Figure:
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.subplots()
     part = next(p for p in PARTS if any(p in s.scores for pool in pools.values() for s in pool.summaries))

@@ -24,7 +24,7 @@ from tsbench.signs.rule_kinds import NEEDLESS
 
 
 @dataclass(frozen=True)
-class Pool:
+class RunPool:
     """Runs whose planners drove the same scenarios. holes: scenarios without a record, by planner."""
 
     runs: tuple[StoredRun, ...]
@@ -116,7 +116,7 @@ class Pool:
         return pa.concat_tables([run.episodes for run in self.runs])
 
 
-def read_pool(paths: Sequence[Path], allow_partial: bool, *, under_way: bool = False) -> Pool:
+def read_pool(paths: Sequence[Path], allow_partial: bool, *, under_way: bool = False) -> RunPool:
     """Read and check runs. Raises InputError: unreadable runs, and all that `make_pool` refuses.
 
     under_way: as for `read_run`.
@@ -124,7 +124,7 @@ def read_pool(paths: Sequence[Path], allow_partial: bool, *, under_way: bool = F
     return make_pool([read_run(path, under_way=under_way) for path in paths], allow_partial)
 
 
-def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:
+def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> RunPool:
     """Put runs together.
 
     Raises InputError: different contracts or selections, signs masked in some only, a planner twice, and without
@@ -143,7 +143,7 @@ def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> Pool:
             home[name] = run
     holes = {name: k for name, run in home.items() if (k := run.holes(name))}
     name_holes(holes, {name: run.asked[name] for name, run in home.items()}, allow_partial)
-    pool = Pool(tuple(runs), home, holes)
+    pool = RunPool(tuple(runs), home, holes)
     if not pool.planners:
         raise InputError(f"{', '.join(str(run.path) for run in runs)}: no episode is finished yet")
     return pool

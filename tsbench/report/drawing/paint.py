@@ -17,7 +17,7 @@ from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
 from tsbench.report.drawing.main_road import main_road_rgba
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
+from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.report.drawing.style import STYLE, Colour
 from tsbench.report.drawing.text import line_height, paste, shorten, write
 from tsbench.signs.plates import plate_rgba
@@ -51,7 +51,7 @@ def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> list[tuple[f
                 )
             case Area():
                 _area(image, camera, shape)
-            case Plate():
+            case DrawnPlate():
                 plates.append(_plate(image, camera, shape, plates))
     return plates
 
@@ -168,7 +168,7 @@ def plate_px(camera: Camera) -> int:
 
 
 def _plate(
-    image: Image, camera: Camera, plate: Plate, placed: Sequence[tuple[float, float]]
+    image: Image, camera: Camera, plate: DrawnPlate, placed: Sequence[tuple[float, float]]
 ) -> tuple[float, float]:
     """A plate upright beside its post, off the road, with a frame where it is the target; returns its middle in px."""
     size = plate_px(camera)

@@ -18,7 +18,7 @@ from tsbench.report.drawing.curves import rounded
 from tsbench.report.drawing.lights import braking, ego_brakes, indicators
 from tsbench.report.drawing.main_road import main_roads
 from tsbench.report.drawing.roads import mark_shapes
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, dashes
+from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, dashes
 from tsbench.report.drawing.zone import rule_zone
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
@@ -186,7 +186,7 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
     turning = main_roads(scene.network, scene.signs)
     for sign in sorted(scene.signs, key=lambda s: s.id != scene.target):
         away, clear = way_off(scene.network, sign)
-        yield Plate(
+        yield DrawnPlate(
             sign.id, sign.role, sign.code, sign.value, sign.x, sign.y, sign.heading, away, clear,
             sign.id == scene.target, country, below=turning[sign.id].key if sign.id in turning else "",
         )  # fmt: skip

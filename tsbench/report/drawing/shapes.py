@@ -49,7 +49,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Plate:
+class DrawnPlate:
     """A traffic sign at its post. heading: of the traffic that it faces.
 
     away: unit vector in the picture (rows grow downwards) that leads off the road; clear: distance to the kerb.
@@ -70,7 +70,7 @@ class Plate:
     below: str = ""
 
 
-Shape = Area | Line | Body | Plate
+Shape = Area | Line | Body | DrawnPlate
 
 
 def dashes(points: Array, dash: float, gap: float) -> list[Array]:

@@ -27,7 +27,7 @@ from foxglove.messages import (
 
 from tsbench.geometry.polyline import Array
 from tsbench.report.description import sign_words
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape
+from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape
 from tsbench.report.drawing.style import STYLE
 
 FRAME = "map"
@@ -63,7 +63,7 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
         for name in dict.fromkeys((*surfaces, *lines))
     ]
     standing = [_body(body, now) for body in shapes if isinstance(body, Body)]
-    return [*ground, *standing, *(_plate(plate, now) for plate in shapes if isinstance(plate, Plate))]
+    return [*ground, *standing, *(_plate(plate, now) for plate in shapes if isinstance(plate, DrawnPlate))]
 
 
 def turned(heading: float) -> Quaternion:
@@ -124,7 +124,7 @@ def _body(body: Body, now: Timestamp | None) -> SceneEntity:
     return SceneEntity(frame_id=FRAME, id=body.name, timestamp=now, cubes=[cube])
 
 
-def _plate(plate: Plate, now: Timestamp | None) -> SceneEntity:
+def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
     """A plate on its post, facing its traffic, below a text that turns to the camera."""
     colour = "plate_line" if plate.target else "marking"
     text = TextPrimitive(

@@ -10,7 +10,7 @@ from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.by_name import OF_POOL
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.report.analyses.shown import lines_of
 from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.report.page.packing import pack_table
@@ -28,7 +28,7 @@ _HALF_OF = {NAMES[SIGNED_ONES]: SIGNED, NAMES[CONTRASTED]: CONTRAST}
 _FOR_CORRELATIONS = 6
 
 
-def sections(pool: Pool, index: EpisodeIndex) -> Iterator[Section]:
+def sections(pool: RunPool, index: EpisodeIndex) -> Iterator[Section]:
     def section(key: str, head: str, analysis: Analysis | None, **how: bool) -> Iterator[Section]:
         if analysis is not None:
             yield {"id": key, "head": head, **show(analysis, **how)}
@@ -105,7 +105,7 @@ def _text(table: Table, cells: Sequence[Cell], key: str) -> str:
     )
 
 
-def about(pool: Pool) -> list[dict[str, Any]]:
+def about(pool: RunPool) -> list[dict[str, Any]]:
     told = []
     for run in pool.runs:
         m = run.manifest
@@ -184,7 +184,7 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     return pack_table(_COLUMNS, values)
 
 
-def heading(pool: Pool) -> dict[str, Any]:
+def heading(pool: RunPool) -> dict[str, Any]:
     what = ", ".join(pool.planners) if len(pool.planners) <= 4 else f"{len(pool.planners)} planners"
     return {
         "title": pool.title(what),
@@ -194,7 +194,7 @@ def heading(pool: Pool) -> dict[str, Any]:
     }
 
 
-def comparison(pool: Pool) -> Analysis | None:
+def comparison(pool: RunPool) -> Analysis | None:
     """Each planner minus the first: overall and by group. None where there is only one planner."""
     first, *others = pool.planners
     if not others:

@@ -14,7 +14,7 @@ import shapely
 
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing import main_road
-from tsbench.report.drawing.shapes import Area, Body, Line, Plate, Shape, cone_places
+from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.signs.plates import plate_svg
 
 UNIT_M = 0.1
@@ -40,7 +40,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                 bodies += [_body("cone", x, y) for x, y in cone_places(shape).tolist()]
             case Body():
                 bodies.append(_body(shape.kind, shape.x, shape.y, shape.heading, shape.length, shape.width))
-            case Plate():
+            case DrawnPlate():
                 plates.append({
                     "x": round(shape.x, 2), "y": round(shape.y, 2), "ax": round(float(shape.away[0]), 3),
                     "ay": round(float(shape.away[1]), 3), "clear": round(shape.clear, 1),

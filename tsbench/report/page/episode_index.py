@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.episode.trace import trace_path
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.scenarios.spec import HALVES
 
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
@@ -39,7 +39,7 @@ class EpisodeIndex:
         return self.rows[row]["planner"], self.rows[row]["scenario_id"]
 
 
-def index_episodes(pool: Pool) -> EpisodeIndex:
+def index_episodes(pool: RunPool) -> EpisodeIndex:
     """Look for the traces of a pool's episodes. Raises InputError for a table that cannot be read."""
     rows: list[Row] = [row for run in pool.runs for row in run.episodes.to_pylist()]
     place = {name: k for k, name in enumerate(pool.planners)}

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.parallel import worker_processes
-from tsbench.report.analyses.pool import Pool, make_pool, read_pool
+from tsbench.report.analyses.pool import RunPool, make_pool, read_pool
 from tsbench.report.page.content import about, episodes_table, heading, sections
 from tsbench.report.page.episode import EpisodePacker, Packed, pack_plate
 from tsbench.report.page.episode_index import EpisodeIndex, Key, by_interest, index_episodes
@@ -152,7 +152,7 @@ def write_report(
     )  # fmt: skip
 
 
-def served_page(pool: Pool, index: EpisodeIndex, source: str) -> str:
+def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:
     """The page of a run that is served: every traced episode is fetched from below `source` when it is played."""
     return Fixed(pool, index).page(Embedded(rows=set(index.traces)), source)
 
@@ -188,7 +188,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
 class Fixed:
     """What a report shows whatever players it has, made once."""
 
-    def __init__(self, pool: Pool, index: EpisodeIndex) -> None:
+    def __init__(self, pool: RunPool, index: EpisodeIndex) -> None:
         self._index = index
         self._heading = heading(pool)
         self._sections = list(sections(pool, index))

@@ -21,7 +21,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from tsbench.core.errors import InputError
-from tsbench.report.analyses.pool import Pool, read_pool
+from tsbench.report.analyses.pool import RunPool, read_pool
 from tsbench.report.page.episode import EpisodePacker, pack_plate
 from tsbench.report.page.episode_index import EpisodeIndex, index_episodes
 from tsbench.report.page.report import served_page
@@ -41,7 +41,7 @@ class NotThere(Exception):
 
 
 @dataclass
-class Opened:
+class OpenedRun:
     """A run that somebody has looked at; its page is made when it is asked for.
 
     mark: of its manifest and journal. A run that goes on is read again for its next page; the data that a page asks for
@@ -49,7 +49,7 @@ class Opened:
     """
 
     mark: tuple[tuple[int, int], ...]
-    pool: Pool
+    pool: RunPool
     index: EpisodeIndex
     page: bytes = b""
     roads: dict[str, bytes] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class Library:
 
     def __init__(self, runs: Sequence[Path]) -> None:
         self.runs = tuple(runs)
-        self._opened: dict[int, Opened] = {}
+        self._opened: dict[int, OpenedRun] = {}
         self._packers = [EpisodePacker() for _ in self.runs]
         self._locks = [threading.Lock() for _ in self.runs]
 
@@ -95,7 +95,7 @@ class Library:
             raise NotThere(f"no run {number}")
         return self._locks[number]
 
-    def _episode(self, run: Opened, packer: EpisodePacker, name: str) -> bytes:
+    def _episode(self, run: OpenedRun, packer: EpisodePacker, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
         path = run.index.traces.get(row)
         if path is None:
@@ -107,7 +107,7 @@ class Library:
         run.roads[packed.net] = packed.roads
         return packed.episode
 
-    def _open(self, number: int, again: bool = False) -> Opened:
+    def _open(self, number: int, again: bool = False) -> OpenedRun:
         """again: what was opened before counts only if nothing was added to the run."""
         path = self.runs[number]
         if not is_run(path):
@@ -116,7 +116,7 @@ class Library:
         opened = self._opened.get(number)
         if opened is None or (again and opened.mark != mark):
             pool = read_pool([path], allow_partial=True, under_way=True)
-            opened = self._opened[number] = Opened(mark, pool, index_episodes(pool))
+            opened = self._opened[number] = OpenedRun(mark, pool, index_episodes(pool))
         return opened
 
 

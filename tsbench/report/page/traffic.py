@@ -24,7 +24,7 @@ from tsbench.episode.trace import Trace, read_trace
 from tsbench.geometry.polyline import Array
 from tsbench.report.analyses.calibration import calibration
 from tsbench.report.analyses.model import Analysis
-from tsbench.report.analyses.pool import Pool
+from tsbench.report.analyses.pool import RunPool
 from tsbench.report.page.episode_index import EpisodeIndex
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import standing_contract
@@ -37,7 +37,7 @@ _EPISODES = 40
 _BACKGROUND = "bg_"
 
 
-def traffic(pool: Pool, index: EpisodeIndex) -> Analysis | None:
+def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
     """The calibration of a pool's traffic; None where it cannot be told.
 
     That is so for scenarios that are not those of this tsbench, without certificates, or without traced traffic.

@@ -16,7 +16,7 @@ from PIL import Image as PilImage
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.dataset.certify.pair import Replay
+from tsbench.dataset.certify.pair import AnswerReplay
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
@@ -138,7 +138,7 @@ class PageMaker:
             return signed
         kept = self._drive(resolve(EXPERT), EXPERT, row)
         commands = [Control(float(a), float(steer)) for a, steer in signed.obeyed.commands]
-        again = LoadedPlanner("again", lambda **_: Replay(commands))
+        again = LoadedPlanner("again", lambda **_: AnswerReplay(commands))
         repeated = self._drive(again, f"{EXPERT} again", row, kept_as=row.pair_id)
         if not _passed(kept) or _passed(repeated):
             raise InputError(f"{row.scenario_id}: {EXPERT} does not pass both halves each in its own way")

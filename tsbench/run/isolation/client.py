@@ -25,7 +25,7 @@ from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_wit
 from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
-from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, Kind, pack
+from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, MessageKind, pack
 from tsbench.run.planner_info import source_file
 
 _ROOM_BYTES = 1 << 16
@@ -53,17 +53,17 @@ class Client:
     def serve(self) -> None:
         """Until the line is closed."""
         while (message := self._message()) is not None:
-            if self._belongings is not None and message[0] is Kind.CONTEXT:
+            if self._belongings is not None and message[0] is MessageKind.CONTEXT:
                 self._episode_in_child(message, self._belongings)
             else:
                 self._hear(*message)
 
-    def _hear(self, kind: Kind, body: bytes) -> None:
+    def _hear(self, kind: MessageKind, body: bytes) -> None:
         asked = self._decoder.hear(kind, body)
         if asked is not None:
             self._line.sendall(self._answer(asked))
 
-    def _episode_in_child(self, context: tuple[Kind, bytes], belongings: Belongings) -> None:
+    def _episode_in_child(self, context: tuple[MessageKind, bytes], belongings: Belongings) -> None:
         """One episode, up to its END, which is answered once nothing of it is left."""
         status = run_in_child(lambda: self._episode(context))
         if status is not None:
@@ -71,11 +71,11 @@ class Client:
         belongings.restore()
         # The referee may have gone.
         with suppress(OSError):
-            self._line.sendall(pack(Kind.DONE))
+            self._line.sendall(pack(MessageKind.DONE))
 
-    def _episode(self, context: tuple[Kind, bytes]) -> None:
-        message: tuple[Kind, bytes] | None = context
-        while message is not None and message[0] is not Kind.END:
+    def _episode(self, context: tuple[MessageKind, bytes]) -> None:
+        message: tuple[MessageKind, bytes] | None = context
+        while message is not None and message[0] is not MessageKind.END:
             self._hear(*message)
             message = self._message()
 
@@ -86,14 +86,14 @@ class Client:
                 if self._planner is None:
                     self._planner = self._loaded.factory()
                 self._planner.reset(asked)
-                return pack(Kind.DONE)
+                return pack(MessageKind.DONE)
             assert self._planner is not None
             output = self._planner.act(asked)
         except BaseException as problem:
-            return pack(Kind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
+            return pack(MessageKind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
         return command_message(output)
 
-    def _message(self) -> tuple[Kind, bytes] | None:
+    def _message(self) -> tuple[MessageKind, bytes] | None:
         while True:
             have = self._end - self._start
             if have >= HEAD.size:
@@ -102,7 +102,7 @@ class Client:
                 if have >= whole:
                     body = bytes(self._view[self._start + HEAD.size : self._start + whole])
                     self._start += whole
-                    return Kind(kind), body
+                    return MessageKind(kind), body
                 if whole > len(self._heard):
                     self._enlarge(whole)
             # What is left goes to the front: the referee waits for the answer, so it is little, but for maps.
@@ -128,7 +128,7 @@ def main(spec: str) -> None:
             loaded = resolve(spec)
             planner = _made(loaded)
     except InputError as problem:
-        line.sendall(pack(Kind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
+        line.sendall(pack(MessageKind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
         return
     belongings = None
     if not (loaded.own or loaded.keeps_process or shared_with_children() - before):
@@ -141,7 +141,7 @@ def main(spec: str) -> None:
         "forks": belongings is not None, "keeps_process": belongings is None,
         "opened": [] if loaded.own else _counted(loaded, opened), "unseen": [] if loaded.own else opened.unseen,
     }  # fmt: skip
-    line.sendall(pack(Kind.HELLO, json.dumps(facts)))
+    line.sendall(pack(MessageKind.HELLO, json.dumps(facts)))
     Client(line, loaded, planner, belongings).serve()
 
 

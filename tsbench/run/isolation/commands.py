@@ -10,7 +10,7 @@ import numpy as np
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.planners.base import Control, Trajectory
 from tsbench.run.isolation.maps import fixed
-from tsbench.run.isolation.protocol import Kind, ProtocolError, lines, pack, unpack
+from tsbench.run.isolation.protocol import MessageKind, ProtocolError, lines, pack, unpack
 from tsbench.run.isolation.ticks import plain_control_message, read_plain_control
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 
@@ -27,26 +27,30 @@ def command_message(output: object) -> bytes:
             intent = _intent(output.intent)
             if plan is None:
                 return plain_control_message(*numbers, intent)
-            return pack(Kind.CONTROL, numbers, intent, (True,), _array("Control.plan", plan, 2))
+            return pack(MessageKind.CONTROL, numbers, intent, (True,), _array("Control.plan", plan, 2))
         if isinstance(output, Trajectory):
             times, poses = output.times, output.poses
             if isinstance(times, np.ndarray) and isinstance(poses, np.ndarray) and len(times) != len(poses):
                 raise PlannerOutputError(f"times and poses have shapes {times.shape} and {poses.shape}")
             single = [getattr(part, "dtype", None) == np.float32 for part in (times, poses)]
             return pack(
-                Kind.TRAJECTORY, single, _array("Trajectory.times", times, 1), _array("Trajectory.poses", poses, 3),
-                _intent(output.intent),
+                MessageKind.TRAJECTORY, single, _array("Trajectory.times", times, 1),
+                _array("Trajectory.poses", poses, 3), _intent(output.intent),
             )  # fmt: skip
     except KeyboardInterrupt:
         raise
     except BaseException as problem:
-        return pack(Kind.INVALID, f"{type(output).__name__} cannot be read ({cause_of(problem)})"[:500])
-    return pack(Kind.INVALID, f"act returned {type(output).__name__}, expected Control or Trajectory"[:500])
+        return pack(
+            MessageKind.INVALID, f"{type(output).__name__} cannot be read ({cause_of(problem)})"[:500]
+        )
+    return pack(
+        MessageKind.INVALID, f"act returned {type(output).__name__}, expected Control or Trajectory"[:500]
+    )
 
 
-def read_command(kind: Kind, body: bytes) -> Output:
+def read_command(kind: MessageKind, body: bytes) -> Output:
     """The command of a message. Raises PlannerOutputError or ProtocolError."""
-    if kind is Kind.CONTROL:
+    if kind is MessageKind.CONTROL:
         plain = read_plain_control(body)
         if plain is not None:
             acceleration, steering, edges = plain
@@ -56,13 +60,13 @@ def read_command(kind: Kind, body: bytes) -> Output:
             raise ProtocolError("CONTROL: not two numbers and a plan of pairs")
         points = fixed(plan.reshape(-1, 2)) if has_plan[0] else None
         return Control(float(numbers[0]), float(numbers[1]), _edges(intent), points)
-    if kind is Kind.TRAJECTORY:
+    if kind is MessageKind.TRAJECTORY:
         single, times, poses, intent = unpack(kind, body)
         if len(single) != 2 or len(poses) != 3 * len(times):
             raise ProtocolError("TRAJECTORY: not three numbers for each time")
         dtypes = [np.float32 if one else np.float64 for one in single]
         return Trajectory(times.astype(dtypes[0]), poses.reshape(-1, 3).astype(dtypes[1]), _edges(intent))
-    if kind is Kind.INVALID:
+    if kind is MessageKind.INVALID:
         raise PlannerOutputError(unpack(kind, body)[0][:500])
     raise ProtocolError(f"{kind.name} is no answer to an observation")
 

@@ -17,7 +17,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap, build_planner_map
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.isolation.maps import map_message, read_map, read_route, route_message
-from tsbench.run.isolation.protocol import Kind, ProtocolError, lines, names, pack, unpack
+from tsbench.run.isolation.protocol import MessageKind, ProtocolError, lines, names, pack, unpack
 from tsbench.run.isolation.ticks import read_tick, tick_message
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -49,7 +49,7 @@ class Encoder:
         self._map = roads
         self._forget()
         return before + pack(
-            Kind.CONTEXT, str(context.seed), context.destination.edge, (context.destination.s, context.dt),
+            MessageKind.CONTEXT, str(context.seed), context.destination.edge, (context.destination.s, context.dt),
             "" if privilege is None else json.dumps(_told_sign(privilege.sign)),
         )  # fmt: skip
 
@@ -63,7 +63,7 @@ class Encoder:
         same = (a.ids, a.kind, a.length, a.width)
         if len(self._same) != len(same) or any(map(is_not, same, self._same)):
             self._same = same
-            told.append(pack(Kind.ACTORS, *same))
+            told.append(pack(MessageKind.ACTORS, *same))
         signs = [(s.code, s.edge, s.lane, s.value, s.x, s.y, s.heading, s.position_m) for s in o.signs]
         if signs != self._signs:
             self._signs = signs
@@ -85,7 +85,7 @@ class Encoder:
         ]
         self._told = len(table.ids)
         return pack(
-            Kind.TRUTH, (ego.lane,), (ego.s, ego.d), json.dumps(new) if new else "",
+            MessageKind.TRUTH, (ego.lane,), (ego.s, ego.d), json.dumps(new) if new else "",
             actors.index, actors.pose, actors.speed, actors.lane, actors.lane_s,
         )  # fmt: skip
 
@@ -109,24 +109,24 @@ class Decoder:
         self._signs: list[Callable[[float], SignView]] = []
         self._obstacles: tuple[Obstacle, ...] = ()
 
-    def hear(self, kind: Kind, body: bytes) -> PlannerContext | Observation | None:
+    def hear(self, kind: MessageKind, body: bytes) -> PlannerContext | Observation | None:
         """What a message is for the planner; None where another one has to follow."""
-        if kind is Kind.OBSERVATION:
+        if kind is MessageKind.OBSERVATION:
             return self._observation(body)
-        if kind is Kind.TRUTH:
+        if kind is MessageKind.TRUTH:
             self._truth = unpack(kind, body)
-        elif kind is Kind.ACTORS:
+        elif kind is MessageKind.ACTORS:
             self._actors = unpack(kind, body)
             self._sizes = (self._actors[2].tolist(), self._actors[3].tolist())
-        elif kind is Kind.SIGNS:
+        elif kind is MessageKind.SIGNS:
             self._signs = _read_signs(body)
-        elif kind is Kind.OBSTACLES:
+        elif kind is MessageKind.OBSTACLES:
             self._obstacles = _read_obstacles(body)
-        elif kind is Kind.ROUTE:
+        elif kind is MessageKind.ROUTE:
             self._path = read_route(body)
-        elif kind is Kind.CONTEXT:
+        elif kind is MessageKind.CONTEXT:
             return self._context(body)
-        elif kind is Kind.MAP:
+        elif kind is MessageKind.MAP:
             self._map = read_map(body)
             self._view = build_planner_map(self._map) if isinstance(self._map, RoadNetwork) else None
             self._graph = MapGraph(self._map) if self._view is None else self._view.graph
@@ -135,7 +135,7 @@ class Decoder:
         return None
 
     def _context(self, body: bytes) -> PlannerContext:
-        seed, edge, (s, dt), sign = unpack(Kind.CONTEXT, body)
+        seed, edge, (s, dt), sign = unpack(MessageKind.CONTEXT, body)
         assert self._map is not None
         assert self._graph is not None
         self._forget()
@@ -182,7 +182,7 @@ class Decoder:
 
 def _signs_message(signs: Sequence[tuple[Any, ...]]) -> bytes:
     return pack(
-        Kind.SIGNS,
+        MessageKind.SIGNS,
         lines([*(s[0] for s in signs), *(s[1] for s in signs)]),
         tuple(s[2] for s in signs),
         [(math.nan if value is None else value, *place) for _, _, _, value, *place in signs],
@@ -191,7 +191,7 @@ def _signs_message(signs: Sequence[tuple[Any, ...]]) -> bytes:
 
 def _read_signs(body: bytes) -> list[Callable[[float], SignView]]:
     """What makes each sign of its distance."""
-    words, lanes, numbers = unpack(Kind.SIGNS, body)
+    words, lanes, numbers = unpack(MessageKind.SIGNS, body)
     m = len(lanes)
     told = names(words, 2 * m)
     rows = zip(told[:m], told[m:], lanes.tolist(), numbers.reshape(m, 5).tolist(), strict=True)
@@ -203,13 +203,13 @@ def _read_signs(body: bytes) -> list[Callable[[float], SignView]]:
 
 def _obstacles_message(blocks: Sequence[Obstacle]) -> bytes:
     return pack(
-        Kind.OBSTACLES, lines([*(b.id for b in blocks), *(b.shape for b in blocks), *(b.lane for b in blocks)]),
+        MessageKind.OBSTACLES, lines([*(b.id for b in blocks), *(b.shape for b in blocks), *(b.lane for b in blocks)]),
         [(b.x, b.y, b.heading, b.length, b.width) for b in blocks],
     )  # fmt: skip
 
 
 def _read_obstacles(body: bytes) -> tuple[Obstacle, ...]:
-    words, numbers = unpack(Kind.OBSTACLES, body)
+    words, numbers = unpack(MessageKind.OBSTACLES, body)
     rows = numbers.reshape(-1, 5).tolist()
     k = len(rows)
     told = names(words, 3 * k)

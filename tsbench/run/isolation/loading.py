@@ -27,14 +27,14 @@ _LONGEST, _MOST_NAMES = 100, 1000
 
 
 @dataclass(frozen=True)
-class Probed:
+class SandboxedPlanner:
     """A planner, and what of its sandbox took effect (for the run's manifest)."""
 
     planner: PlannerInfo
     effects: Mapping[str, Any]
 
 
-def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
+def describe(spec: str, hidden: Sequence[Path] = ()) -> SandboxedPlanner:
     """What a planner is, by its own word, and the hashes of its code and weights, by ours. Raises InputError."""
     process = PlannerProcess(spec, hidden)
     facts = process.facts
@@ -57,7 +57,7 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> Probed:
         code_sha256=code_hash(inner), may_remember=remembers,
         opened=() if image else opened_here(inner, _names(facts, "opened")), unseen=_names(facts, "unseen"), **told
     )  # fmt: skip
-    return Probed(info, process.effects)
+    return SandboxedPlanner(info, process.effects)
 
 
 def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:

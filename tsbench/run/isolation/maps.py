@@ -14,14 +14,14 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import PathPiece, RoutePath
 from tsbench.roads.network import Connection, Edge, Junction, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap
-from tsbench.run.isolation.protocol import Kind, ProtocolError, lines, names, pack, unpack
+from tsbench.run.isolation.protocol import MessageKind, ProtocolError, lines, names, pack, unpack
 
 
 def map_message(roads: RoadMap) -> bytes:
     lanes, edges = roads.lanes, list(roads.edges.values())
     junctions, crossings = list(roads.junctions.values()), list(roads.crossings.values())
     return pack(
-        Kind.MAP,
+        MessageKind.MAP,
         lines([lane.id for lane in lanes]), lines([lane.edge for lane in lanes]),
         [(lane.order, lane.internal, lane.left, lane.right) for lane in lanes],
         [(lane.width, lane.speed) for lane in lanes],
@@ -53,7 +53,7 @@ def read_map(body: bytes) -> RoadMap:
         lane_ids, lane_edges, lane_places, lane_sizes, lane_counts, lane_points, edge_names, edge_counts, edge_lanes,
         edge_lengths, link_counts, link_via, junction_ids, middles, junction_counts, junction_points, crossing_ids,
         crossing_edges, crossing_widths, crossing_counts, crossing_points, sumo,
-    ) = unpack(Kind.MAP, body)  # fmt: skip
+    ) = unpack(MessageKind.MAP, body)  # fmt: skip
     n, e, j, k = len(lane_counts), len(edge_lengths), len(junction_counts), len(crossing_counts)
     more = json.loads(sumo) if sumo else None
     ids, own_edges = names(lane_ids, n), names(lane_edges, n)
@@ -123,13 +123,13 @@ def read_map(body: bytes) -> RoadMap:
 
 def route_message(path: RoutePath) -> bytes:
     return pack(
-        Kind.ROUTE, lines(path.edges), path.line.points, [p.lane for p in path.pieces],
+        MessageKind.ROUTE, lines(path.edges), path.line.points, [p.lane for p in path.pieces],
         [(p.s0, p.s1) for p in path.pieces], np.column_stack((path.limit_s, path.limit)), [path.destination_s],
     )  # fmt: skip
 
 
 def read_route(body: bytes) -> RoutePath:
-    edges, points, piece_lanes, pieces, limits, destination = unpack(Kind.ROUTE, body)
+    edges, points, piece_lanes, pieces, limits, destination = unpack(MessageKind.ROUTE, body)
     ends, steps = pieces.reshape(-1, 2).tolist(), limits.reshape(-1, 2)
     return RoutePath(
         tuple(edges.split("\n")) if edges else (), Polyline(points.reshape(-1, 2)),

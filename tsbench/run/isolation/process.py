@@ -19,7 +19,7 @@ from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.printed import Printed
-from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, Kind, ProtocolError, pack, unpack
+from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, MessageKind, ProtocolError, pack, unpack
 from tsbench.run.isolation.sandbox import Sandbox
 
 _READ_BYTES = 1 << 16
@@ -68,7 +68,7 @@ class PlannerProcess:
         self._line.settimeout(self._patience)
         self._heard = b""
         try:
-            self.facts: dict[str, Any] = self._json(Kind.HELLO)
+            self.facts: dict[str, Any] = self._json(MessageKind.HELLO)
             if self.facts.get("protocol") != VERSION:
                 told = self.facts.get("protocol")
                 raise InputError(f"planner {spec!r}: speaks protocol {told!r:.20}, this tsbench {VERSION}")
@@ -83,7 +83,7 @@ class PlannerProcess:
         self._patience = _ANSWER_S
         self._line.settimeout(self._patience)
 
-    def ask(self, request: bytes) -> tuple[Kind, bytes]:
+    def ask(self, request: bytes) -> tuple[MessageKind, bytes]:
         """Its answer. Raises IsolatedPlannerError where it ends, ProtocolError for what is no answer."""
         try:
             self._line.sendall(request)
@@ -96,7 +96,7 @@ class PlannerProcess:
             raise ProtocolError("more than one answer")
         return kind, body
 
-    def _message(self) -> tuple[Kind, bytes]:
+    def _message(self) -> tuple[MessageKind, bytes]:
         heard, end = self._heard, time.monotonic() + self._patience
         while len(heard) < HEAD.size:
             heard += self._more(end)
@@ -108,7 +108,7 @@ class PlannerProcess:
             heard += self._more(end)
         self._heard = heard[whole:]
         try:
-            return Kind(number), heard[HEAD.size : whole]
+            return MessageKind(number), heard[HEAD.size : whole]
         except ValueError:
             raise ProtocolError(f"a message of kind {number}, which there is not") from None
 
@@ -129,7 +129,7 @@ class PlannerProcess:
     def _silent(self) -> IsolatedPlannerError:
         return IsolatedPlannerError(f"the planner has not answered within {self._patience:.0f} s")
 
-    def _json(self, wanted: Kind) -> dict[str, Any]:
+    def _json(self, wanted: MessageKind) -> dict[str, Any]:
         kind, body = self._message()
         if kind is not wanted:
             raise ProtocolError(f"{kind.name} where {wanted.name} belongs")
@@ -189,7 +189,7 @@ class IsolatedPlanner:
             self._process, self._encoder, self._episodes = self._make(), Encoder(), 0
         self._episodes += 1
         kind, body = self._ask(self._encoder.context(context))
-        if kind is not Kind.DONE or body:
+        if kind is not MessageKind.DONE or body:
             self.close()
             raise PlannerOutputError(f"no message of the protocol: {kind.name} to a context")
 
@@ -203,7 +203,7 @@ class IsolatedPlanner:
         if not alone and facts.get("forks") is True:
             # Whatever goes wrong belongs to no episode: the next one begins with a new process.
             with suppress(IsolatedPlannerError, PlannerOutputError):
-                if self._ask(pack(Kind.END)) == (Kind.DONE, b""):
+                if self._ask(pack(MessageKind.END)) == (MessageKind.DONE, b""):
                     return
         self.close()
 
@@ -217,12 +217,12 @@ class IsolatedPlanner:
         except PlannerOutputError as problem:
             return Control(_NoNumber(str(problem)), 0.0)  # type: ignore[arg-type]
 
-    def _ask(self, request: bytes) -> tuple[Kind, bytes]:
+    def _ask(self, request: bytes) -> tuple[MessageKind, bytes]:
         if self._process is None:
             raise IsolatedPlannerError("the planner's process has ended")
         try:
             kind, body = self._process.ask(request)
-            if kind is Kind.FAILED:
+            if kind is MessageKind.FAILED:
                 reason, detail = unpack(kind, body)
                 raise IsolatedPlannerError(one_line(reason)[:_TEXT_BYTES]) from IsolatedPlannerError(detail)
         except ProtocolError as problem:

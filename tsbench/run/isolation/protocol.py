@@ -29,7 +29,7 @@ _DTYPES: Mapping[str, np.dtype[Any]] = {F8: np.dtype("<f8"), I4: np.dtype("<i4")
 _LETTERS: Mapping[str, str] = {F8: "d", I4: "i", I1: "b"}
 
 
-class Kind(IntEnum):
+class MessageKind(IntEnum):
     """What a message is. From the planner's side come HELLO, DONE, CONTROL, TRAJECTORY, INVALID and FAILED."""
 
     HELLO = 2
@@ -52,8 +52,8 @@ class Kind(IntEnum):
 Field = tuple[str, str, str]
 
 # (name, items, what it holds). m, s, m/s, rad; a number that is not there is NaN; -1 = no lane.
-MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
-    Kind.HELLO: (
+MESSAGES: Mapping[MessageKind, tuple[Field, ...]] = {
+    MessageKind.HELLO: (
         (
             "facts",
             TEXT,
@@ -61,7 +61,7 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
             "unseen; or problem",
         ),
     ),
-    Kind.MAP: (
+    MessageKind.MAP: (
         ("lane_ids", TEXT, "n ids"),
         ("lane_edges", TEXT, "n edge ids, empty for paths through junctions"),
         ("lane_places", I4, "n x 4: order (0 = rightmost), path through a junction?, left, right lane"),
@@ -85,13 +85,13 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("crossing_points", F8, "all points, x y"),
         ("sumo", TEXT, "JSON, for privileged planners only: what SUMO's network says beyond a map"),
     ),
-    Kind.CONTEXT: (
+    MessageKind.CONTEXT: (
         ("seed", TEXT, "a whole number"),
         ("names", TEXT, "edge of the destination"),
         ("numbers", F8, "arc length of the destination on it, seconds a tick"),
         ("sign", TEXT, "JSON, for privileged planners only: the target"),
     ),
-    Kind.ROUTE: (
+    MessageKind.ROUTE: (
         ("edges", TEXT, "edge ids in order"),
         ("points", F8, "of the reference line, x y"),
         ("piece_lanes", I4, "p lanes"),
@@ -99,22 +99,22 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("limits", F8, "q x 2: arc length, speed limit from there on"),
         ("destination", F8, "arc length of the destination"),
     ),
-    Kind.ACTORS: (
+    MessageKind.ACTORS: (
         ("ids", I4, "n"),
         ("kinds", I1, "n: 0 car, 1 bus, 2 bicycle, 3 pedestrian"),
         ("lengths", F8, "n"),
         ("widths", F8, "n"),
     ),
-    Kind.SIGNS: (
+    MessageKind.SIGNS: (
         ("names", TEXT, "m codes, then m edges"),
         ("lanes", I4, "m: lane of the edge, -1 = all"),
         ("numbers", F8, "m x 5: value, x, y, heading, arc length"),
     ),
-    Kind.OBSTACLES: (
+    MessageKind.OBSTACLES: (
         ("names", TEXT, "k ids, then k shapes, then k lanes"),
         ("numbers", F8, "k x 5: x, y, heading, length, width"),
     ),
-    Kind.TRUTH: (
+    MessageKind.TRUTH: (
         ("ego_lane", I4, "lane; what is not here is as in OBSERVATION"),
         ("ego", F8, "s, d on it"),
         ("new", TEXT, "JSON: road users that were not told of yet: id, kind, length, width, route"),
@@ -124,7 +124,7 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("lanes", I4, "n"),
         ("places", F8, "n: arc length of the front on the lane"),
     ),
-    Kind.OBSERVATION: (
+    MessageKind.OBSERVATION: (
         (
             "numbers",
             F8,
@@ -139,22 +139,22 @@ MESSAGES: Mapping[Kind, tuple[Field, ...]] = {
         ("indicators", I1, "n: 0 none, 1 left, 2 right"),
         ("distances", F8, "m: to each of the last SIGNS"),
     ),
-    Kind.DONE: (),
-    Kind.CONTROL: (
+    MessageKind.DONE: (),
+    MessageKind.CONTROL: (
         ("numbers", F8, "acceleration, steering"),
         ("intent", TEXT, "edge ids, may be empty"),
         ("has_plan", I1, "1 where a plan follows"),
         ("plan", F8, "k x 2: x, y"),
     ),
-    Kind.TRAJECTORY: (
+    MessageKind.TRAJECTORY: (
         ("single", I1, "2: were the times, were the poses of single precision?"),
         ("times", F8, "k"),
         ("poses", F8, "k x 3: x, y, heading"),
         ("intent", TEXT, "edge ids, may be empty"),
     ),
-    Kind.INVALID: (("reason", TEXT, "why what the planner returned is no command"),),
-    Kind.FAILED: (("reason", TEXT, "what the planner raised"), ("detail", TEXT, "its traceback")),
-    Kind.END: (),
+    MessageKind.INVALID: (("reason", TEXT, "why what the planner returned is no command"),),
+    MessageKind.FAILED: (("reason", TEXT, "what the planner raised"), ("detail", TEXT, "its traceback")),
+    MessageKind.END: (),
 }
 
 
@@ -173,7 +173,7 @@ _COUNTS = {
 _ZEROS = tuple(bytes(-size % ALIGNED) for size in range(ALIGNED))
 
 
-def pack(kind: Kind, *fields: Any) -> bytes:
+def pack(kind: MessageKind, *fields: Any) -> bytes:
     """A message; arrays of the field's kind (any shape) or tuples of numbers, text as str."""
     counts, parts = [], [b""]
     for item, value in zip(_ITEMS[kind], fields, strict=True):
@@ -194,7 +194,7 @@ def pack(kind: Kind, *fields: Any) -> bytes:
     return b"".join(parts)
 
 
-def unpack(kind: Kind, body: bytes) -> list[Any]:
+def unpack(kind: MessageKind, body: bytes) -> list[Any]:
     """The fields of a message: flat read-only arrays, and texts. Raises ProtocolError."""
     found: list[Any] = []
     counts = _COUNTS[kind]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tsbench.planners.base import Observation
-from tsbench.run.isolation.protocol import ALIGNED, HEAD, Kind, ProtocolError
+from tsbench.run.isolation.protocol import ALIGNED, HEAD, MessageKind, ProtocolError
 
 _NUMBERS, _LANE = 14, 2
 # Counts, numbers and the ego's lane, each filled up.
@@ -49,7 +49,7 @@ def tick_message(o: Observation) -> bytes:
         o.step, o.time, ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, ego.yaw_rate,
         ego.s, ego.d, route.s, route.d, route.remaining, ego.lane, ego.on_road,
     )  # fmt: skip
-    head = HEAD.pack(len(first) + sum(map(len, parts)), Kind.OBSERVATION)
+    head = HEAD.pack(len(first) + sum(map(len, parts)), MessageKind.OBSERVATION)
     return b"".join((head, first, *parts))
 
 
@@ -82,7 +82,7 @@ def plain_control_message(acceleration: float, steering: float, intent: str) -> 
     """CONTROL without a plan."""
     text = intent.encode()
     more = _filled(text) + _NO_PLAN
-    head = HEAD.pack(_CONTROL.size + len(more), Kind.CONTROL)
+    head = HEAD.pack(_CONTROL.size + len(more), MessageKind.CONTROL)
     return head + _CONTROL.pack(2, len(text), 1, 0, acceleration, steering) + more
 
 

@@ -27,7 +27,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
-from tsbench.tools.doctor.finding import Finding, Status
+from tsbench.tools.doctor.finding import Diagnosis, Status
 
 RULES = ("idm", "idm-e")
 # The networks, and who else drives by them.
@@ -41,17 +41,17 @@ _KEPT = 4
 _REMEDY = "docs/footguns.md says what this means"
 
 
-def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Finding]:
+def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     """What the arithmetic is, and for each planner whether it gives the reference's bytes."""
     here = facts()
-    yield Finding(Status.OK, "numpy", f"{here['versions']['numpy']}, {' '.join(here['simd'])}")
-    yield Finding(Status.OK, "BLAS", here["blas"])
-    yield Finding(Status.OK, "libm", f"{here['libc']}, answers {here['answers']['libm']}")
+    yield Diagnosis(Status.OK, "numpy", f"{here['versions']['numpy']}, {' '.join(here['simd'])}")
+    yield Diagnosis(Status.OK, "BLAS", here["blas"])
+    yield Diagnosis(Status.OK, "libm", f"{here['libc']}, answers {here['answers']['libm']}")
     others = (f"{name} {number}" for name, number in here["versions"].items() if name != "numpy" and number)
-    yield Finding(Status.OK, "packages", ", ".join(others))
+    yield Diagnosis(Status.OK, "packages", ", ".join(others))
     reference = json.loads((folder / _REFERENCE).read_text(encoding="utf-8"))
     same_libm = here["answers"]["libm"] == reference["libm"]
-    yield Finding(
+    yield Diagnosis(
         Status.OK if same_libm else Status.NOTE, "libm",
         "as where the reference was made" if same_libm else "answers otherwise than where the reference was made",
         "" if same_libm else _REMEDY,
@@ -68,10 +68,10 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Finding]:
             if episode_hash(name, rows[scenario], sim, loader) != digest:
                 told.append(f"episode {scenario}")
         if told:
-            yield Finding(Status.FAILED, name, f"differs: {', '.join(told)}", _REMEDY)
+            yield Diagnosis(Status.FAILED, name, f"differs: {', '.join(told)}", _REMEDY)
         else:
             asked = "network and " if "answers" in wanted else ""
-            yield Finding(Status.OK, name, f"{asked}{len(wanted['episodes'])} episodes as in the reference")
+            yield Diagnosis(Status.OK, name, f"{asked}{len(wanted['episodes'])} episodes as in the reference")
     sim.close()
 
 

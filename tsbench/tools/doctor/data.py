@@ -9,23 +9,23 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import fetch_hint
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.tools.doctor.finding import REPAIR, Finding, Status, alone, installed
+from tsbench.tools.doctor.finding import REPAIR, Diagnosis, Status, alone, installed
 
 SAMPLE = 200
 
 
-def check_sumo() -> Iterator[Finding]:
+def check_sumo() -> Iterator[Diagnosis]:
     """Its packages must be of one version, and a scene of the test split must start."""
     there = installed(("libsumo", "sumolib", "eclipse-sumo"))  # the last comes with the extra `make`
     told = ", ".join(f"{name} {number}" for name, number in there.items())
     if not {"libsumo", "sumolib"} <= there.keys() or len(set(there.values())) != 1:
-        yield Finding(Status.FAILED, "SUMO", f"its packages do not belong together: {told}", REPAIR)
+        yield Diagnosis(Status.FAILED, "SUMO", f"its packages do not belong together: {told}", REPAIR)
         return
     code, words = alone("from tsbench.tools.doctor.data import simulate; simulate()")
     if code:
-        yield Finding(Status.FAILED, "SUMO", f"{told}; a simulation does not start: {words}", REPAIR)
+        yield Diagnosis(Status.FAILED, "SUMO", f"{told}; a simulation does not start: {words}", REPAIR)
     else:
-        yield Finding(Status.OK, "SUMO", f"{told}; {words}")
+        yield Diagnosis(Status.OK, "SUMO", f"{told}; {words}")
 
 
 def simulate() -> None:
@@ -45,7 +45,7 @@ def simulate() -> None:
         sys.exit(str(problem))
 
 
-def check_data() -> Iterator[Finding]:
+def check_data() -> Iterator[Diagnosis]:
     """Catalogue, pool and tables can be read; all scene files are there, and a sample has the hashes of its rows."""
     from tsbench.scenarios.map_pool import known_map_ids, pool_file
     from tsbench.scenarios.table import SPLITS, read_table, table_path
@@ -53,23 +53,23 @@ def check_data() -> Iterator[Finding]:
 
     catalog, maps = load_catalog(), known_map_ids(pool_file())
     signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
-    yield Finding(Status.OK, "data", f"{pool_file().parent.parent}: {signs}")
+    yield Diagnosis(Status.OK, "data", f"{pool_file().parent.parent}: {signs}")
     for split in SPLITS:
         path = table_path(split)
         if not path.is_file():
             remedy = f"needed for --split {split} only: {fetch_hint(split)}"
-            yield Finding(Status.NOTE, "data", f"{path}: not there", remedy)
+            yield Diagnosis(Status.NOTE, "data", f"{path}: not there", remedy)
             continue
         rows = sorted(read_table(path), key=lambda row: row.scenario_id)
         lost = [row for row in rows if row.map_id not in maps]
         if lost:
             text = f"{path}: map {lost[0].map_id} of {lost[0].scenario_id} is not in the pool"
-            yield Finding(Status.FAILED, "data", text, "fetch the repository's data again")
+            yield Diagnosis(Status.FAILED, "data", text, "fetch the repository's data again")
             continue
         yield _files(path, rows)
 
 
-def check_edition() -> Iterator[Finding]:
+def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
     from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_of
     from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
@@ -80,21 +80,21 @@ def check_edition() -> Iterator[Finding]:
     for split in splits_there():
         if split in earlier:
             text = f"the scenes of the {split} split are of {earlier[split]}"
-            yield Finding(Status.NOTE, "edition", text, "tsbench scenarios build makes those of today")
+            yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios build makes those of today")
             continue
         contract = contract_now(split)
         name = edition_of(contract)
         text = f"{name}, contract of the {split} split {contract}"
         if name.endswith(LOCAL):
-            yield Finding(
+            yield Diagnosis(
                 Status.NOTE, "edition", f"{text}: rules, scenes, code or versions are not those released",
                 "scores compare with runs of this very installation only",
             )  # fmt: skip
         else:
-            yield Finding(Status.OK, "edition", text)
+            yield Diagnosis(Status.OK, "edition", text)
     path = certificates_path()
     if not path.is_file():
-        yield Finding(Status.NOTE, "edition", f"{path}: not there", "tsbench scenarios build makes it")
+        yield Diagnosis(Status.NOTE, "edition", f"{path}: not there", "tsbench scenarios build makes it")
         return
     there = [split for split in splits_there() if split not in earlier]
     rows = [row for split in there for row in read_table(table_path(split))]
@@ -102,12 +102,12 @@ def check_edition() -> Iterator[Finding]:
     void = [name for name, basis in bases(rows, load_catalog()).items() if known.get(name) != basis]
     if void:
         text = f"{path}: {len(void)} rows without a certificate of what they are, first {void[0]}"
-        yield Finding(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")
+        yield Diagnosis(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")
     else:
-        yield Finding(Status.OK, "edition", f"{len(rows)} rows, each with a certificate of what it is")
+        yield Diagnosis(Status.OK, "edition", f"{len(rows)} rows, each with a certificate of what it is")
 
 
-def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
+def _files(table: Path, rows: list[ScenarioSpec]) -> Diagnosis:
     """All files that the rows name are in the stores, and a sample of them has the rows' hashes."""
     from tsbench.core.xmlfile import sha256
     from tsbench.scenarios.store import SceneStore, store_path
@@ -117,7 +117,7 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
     if not folder.is_dir():
         # Only those of the test split come with the package.
         status = Status.FAILED if split == "test" else Status.NOTE
-        return Finding(status, "data", f"{folder}: no scene files here", fetch_hint(split))
+        return Diagnosis(status, "data", f"{folder}: no scene files here", fetch_hint(split))
     there = {kind: store.names(split, kind) for kind in sorted({row.pair_type for row in rows})}
     nets = {row.net: (row, row.net_sha256) for row in rows}
     named = nets | {row.additional: (row, row.additional_sha256) for row in rows}
@@ -128,9 +128,9 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Finding:
         text = (
             f"{table.name}: {len(rows)} scenarios, all {len(named)} scene files there, {len(sample)} hashed"
         )
-        return Finding(Status.OK, "data", text)
+        return Diagnosis(Status.OK, "data", text)
     first = (missing or changed)[0]
     told = f"{len(missing)} scene files missing, {len(changed)} of {len(sample)} hashed ones changed"
     where = store_path(split, named[first][0].pair_type, table.parent) / first
     remedy = "fetch the repository's data again; tsbench scenarios verify names every file"
-    return Finding(Status.FAILED, "data", f"{table.name}: {told}, first {where}", remedy)
+    return Diagnosis(Status.FAILED, "data", f"{table.name}: {told}, first {where}", remedy)

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator, Mapping
 
 from tsbench.core.errors import InputError
 from tsbench.tools.doctor.data import check_data, check_edition, check_sumo
-from tsbench.tools.doctor.finding import Finding, Status
+from tsbench.tools.doctor.finding import Diagnosis, Status
 from tsbench.tools.doctor.machine import check_gpu, check_machine, check_python, check_tools
 from tsbench.tools.doctor.packages import check_packages
 
-CHECKS: Mapping[str, Callable[[], Iterator[Finding]]] = {
+CHECKS: Mapping[str, Callable[[], Iterator[Diagnosis]]] = {
     "Python": check_python,
     "packages": check_packages,
     "SUMO": check_sumo,
@@ -26,12 +26,14 @@ CHECKS: Mapping[str, Callable[[], Iterator[Finding]]] = {
 }
 
 
-def examine() -> Iterator[Finding]:
+def examine() -> Iterator[Diagnosis]:
     """All checks in turn; each is done when it is asked for."""
     for name, check in CHECKS.items():
         try:
             yield from check()
         except InputError as problem:
-            yield Finding(Status.FAILED, name, str(problem))
+            yield Diagnosis(Status.FAILED, name, str(problem))
         except ImportError as problem:
-            yield Finding(Status.FAILED, name, f"cannot be checked: {problem}", "install the missing package")
+            yield Diagnosis(
+                Status.FAILED, name, f"cannot be checked: {problem}", "install the missing package"
+            )

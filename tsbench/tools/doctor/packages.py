@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsbench.tools.doctor.finding import REPAIR, Finding, Status, installed
+from tsbench.tools.doctor.finding import REPAIR, Diagnosis, Status, installed
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 _FOR_DEVELOPERS = ("build", "dev", "mutation")
 
 
-def check_packages() -> Iterator[Finding]:
+def check_packages() -> Iterator[Diagnosis]:
     """What the installed tsbench asks for, and the versions that are known to work together."""
     try:
         asked = requires("tsbench") or []
     except PackageNotFoundError:
-        yield Finding(Status.FAILED, "packages", "tsbench itself is not installed", REPAIR)
+        yield Diagnosis(Status.FAILED, "packages", "tsbench itself is not installed", REPAIR)
         return
     lock = Path(__file__).resolve().parents[3] / "requirements.lock"
     pins = locked(lock.read_text(encoding="utf-8")) if lock.is_file() else []
@@ -32,7 +32,9 @@ def locked(text: str) -> list[str]:
     return [line.rstrip(" \\") for line in text.splitlines() if line[:1].isalnum()]
 
 
-def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Finding]:
+def judge_packages(
+    asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]
+) -> Iterator[Diagnosis]:
     """asked: requirement lines with markers; pins: of a clone's lock file. there: version by package name."""
     from packaging.requirements import Requirement
 
@@ -44,22 +46,22 @@ def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str
         (extras.setdefault(extra, []) if extra else core).append(requirement)
     wrong = _unmet(core, there)
     if wrong:
-        yield Finding(Status.FAILED, "packages", f"not as required: {', '.join(wrong)}", REPAIR)
+        yield Diagnosis(Status.FAILED, "packages", f"not as required: {', '.join(wrong)}", REPAIR)
     else:
-        yield Finding(Status.OK, "packages", f"all {len(core)} required packages are there")
+        yield Diagnosis(Status.OK, "packages", f"all {len(core)} required packages are there")
     for extra, wanted in sorted(extras.items()):
         if extra in _FOR_DEVELOPERS and not pins:
             continue
         wrong = _unmet(wanted, there)
         text = f"extra {extra}: " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
         remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
-        yield Finding(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
+        yield Diagnosis(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
     pinned = [r for r in map(Requirement, pins) if r.marker is None or r.marker.evaluate()]
     other = [f"{r.name} {there[r.name]} instead of {r.specifier}" for r in pinned
              if r.name in there and not r.specifier.contains(there[r.name], prereleases=True)]  # fmt: skip
     if other:
         text = f"other versions than those known to work together: {', '.join(other)}"
-        yield Finding(Status.NOTE, "packages", text, f"if something fails: {REPAIR}")
+        yield Diagnosis(Status.NOTE, "packages", text, f"if something fails: {REPAIR}")
 
 
 def _unmet(wanted: Iterable[Requirement], there: Mapping[str, str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.extracts import extract_info
 from tsbench.dataset.maps.lines import cut
 from tsbench.dataset.maps.source import SourceNetwork
@@ -16,7 +16,7 @@ from tsbench.dataset.maps.utm import Floats
 from tsbench.scenarios.map_pool import PoolRow, map_id
 
 
-def piece_line(source: SourceNetwork, piece: Piece) -> Floats:
+def piece_line(source: SourceNetwork, piece: EdgePiece) -> Floats:
     return cut(source.line(piece.row), piece.start, min(piece.end, float(source.lengths[piece.row])))
 
 
@@ -31,7 +31,7 @@ def make_row(
     family: str,
     shape: str,
     ids: Sequence[str],
-    pieces: Sequence[Piece],
+    pieces: Sequence[EdgePiece],
     main: Sequence[int],
     junctions: Iterable[int],
     curvature: float,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.families.common import make_row
 from tsbench.dataset.maps.lines import chord_over_arc, cut, length
 from tsbench.dataset.maps.source import SourceNetwork
@@ -55,19 +55,19 @@ def find_corridors(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
         yield _row(source, row, span)
 
 
-def corridor_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
+def corridor_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
     """The pieces of a corridor crop: the edge's span and the same of its opposite."""
     start, end = detail["span"]
     return _pieces(source, source.edge_row[detail["edge"]], (start, end))
 
 
-def _pieces(source: SourceNetwork, row: int, span: tuple[float, float]) -> list[Piece]:
+def _pieces(source: SourceNetwork, row: int, span: tuple[float, float]) -> list[EdgePiece]:
     start, end = span
-    pieces = [Piece(row, start, end)]
+    pieces = [EdgePiece(row, start, end)]
     opposite = int(source.opposite[row])
     if opposite >= 0:
         total = float(source.lengths[opposite])
-        pieces.append(Piece(opposite, max(0.0, total - end), total - start))
+        pieces.append(EdgePiece(opposite, max(0.0, total - end), total - start))
     return pieces
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tsbench.dataset.maps.arms import arms_of
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.families.common import make_row
 from tsbench.dataset.maps.families.junction import junction_shape
 from tsbench.dataset.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length
@@ -139,14 +139,14 @@ def _way(tree: dict[int, _Reach], target: int) -> list[int]:
     return way[::-1]
 
 
-def dual_path_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
+def dual_path_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
     """The pieces of a dual-path crop: approach, both ways, and every road at their nodes for 40 m."""
     row = source.edge_row
     short, compliant = ([row[edge] for edge in detail[way]] for way in ("short", "compliant"))
     return _pieces(source, row[detail["signed_edge"]], short, compliant)
 
 
-def _pieces(source: SourceNetwork, approach: int, short: list[int], compliant: list[int]) -> list[Piece]:
+def _pieces(source: SourceNetwork, approach: int, short: list[int], compliant: list[int]) -> list[EdgePiece]:
     target = short[-1]
     ways = {*short[:-1], *compliant[:-1]}
     reach = _Reaches(source)
@@ -179,15 +179,15 @@ class _Reaches:
         if from_head:
             self._head[row] = max(self._head.get(row, 0.0), from_head)
 
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[EdgePiece]:
         return [self._piece(row) for row in sorted(self._tail.keys() | self._head.keys())]
 
-    def _piece(self, row: int) -> Piece:
+    def _piece(self, row: int) -> EdgePiece:
         total = float(self._source.lengths[row])
         tail, head = self._tail.get(row, 0.0), self._head.get(row, 0.0)
         if (tail and head) or max(tail, head) >= total - 1.0:
-            return Piece(row)
-        return Piece(row, end=tail) if tail else Piece(row, start=total - head)
+            return EdgePiece(row)
+        return EdgePiece(row, end=tail) if tail else EdgePiece(row, start=total - head)
 
 
 def _row(

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.families.corridor import corridor_pieces, find_corridors
 from tsbench.dataset.maps.families.dual_path import dual_path_pieces, find_dual_paths
 from tsbench.dataset.maps.families.junction import find_junctions, junction_pieces
@@ -21,7 +21,7 @@ class Family:
     """`find` yields a source's maps and counts what it refused; `pieces` cuts one by its row's detail."""
 
     find: Callable[[SourceNetwork, Counter[str]], Iterator[PoolRow]]
-    pieces: Callable[[SourceNetwork, dict[str, Any]], list[Piece]]
+    pieces: Callable[[SourceNetwork, dict[str, Any]], list[EdgePiece]]
 
 
 REGISTRY: dict[str, Family] = {

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tsbench.dataset.maps.arms import Arm, arms_of, least_separation, through_pairs
-from tsbench.dataset.maps.cut import Piece, arm_pieces
+from tsbench.dataset.maps.cut import EdgePiece, arm_pieces
 from tsbench.dataset.maps.families.common import make_row
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.scenarios.map_pool import PoolRow
@@ -66,7 +66,7 @@ def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
         rejected[f"junction: {reason}"] += 1
 
 
-def junction_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
+def junction_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
     def row(edge: str | None) -> int | None:
         return None if edge is None else source.edge_row[edge]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.lines import point_at
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.maps.utm import Floats
@@ -84,7 +84,7 @@ def same_arm(source: SourceNetwork, one: Leg, other: Leg) -> bool:
     return float(np.hypot(*(one.outer_end(source) - other.outer_end(source)))) < SAME_ARM_M
 
 
-def leg_pieces(source: SourceNetwork, ring: list[int], legs: list[Leg]) -> list[Piece]:
+def leg_pieces(source: SourceNetwork, ring: list[int], legs: list[Leg]) -> list[EdgePiece]:
     """The ring whole, and of each leg what is kept."""
     spans = {row: (0.0, float("inf")) for row in ring}
     for leg in legs:
@@ -96,7 +96,7 @@ def leg_pieces(source: SourceNetwork, ring: list[int], legs: list[Leg]) -> list[
             span = (start, float("inf") if leg.inwards or whole else left)
             spans[row] = span if row not in spans else _union(spans[row], span)
             left -= total
-    return [Piece(row, *span) for row, span in sorted(spans.items())]
+    return [EdgePiece(row, *span) for row, span in sorted(spans.items())]
 
 
 def _union(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.dataset.maps.cut import Piece
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.extracts import extract_info
 from tsbench.dataset.maps.families.common import make_row
 from tsbench.dataset.maps.families.legs import Leg, find_legs, leg_pieces, same_arm
@@ -77,7 +77,7 @@ def _maps_of_entry(source: SourceNetwork, ring: list[int], entry: int) -> Iterat
             yield _row(source, cut, entry, leave, rank)
 
 
-def roundabout_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[Piece]:
+def roundabout_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
     """The pieces of a roundabout crop: ring and legs; the entry may be cut further out than the rest."""
     rows = [source.edge_row[edge] for edge in detail["ring"]]
     ring = _cut(source, rows, detail["entry"], detail["entry_cut_m"], detail["arm_cut_m"])
