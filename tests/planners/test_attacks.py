@@ -12,16 +12,17 @@ import tsbench
 
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
-ALL = ("Remembers", *WATCHERS, "Follows")
+ALL = ("Remembers", *WATCHERS, "Follows", "Unended")
 TYPES = ("main_road", "yield", "speed_limit")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
     def drive(out: Path) -> None:
+        attacks = [f"{ROOT}/examples/attacks.py:{name}" for name in ALL]
         tsbench.evaluate(
-            [*(f"{ROOT}/examples/attacks.py:{name}" for name in ALL), "blind"], split="dev", types=list(TYPES),
-            limit=12, workers=2, out=out / "run", trace="none",
+            [*attacks, f"{ROOT}/examples/peeks.py:Peeks", "blind"], split="dev", types=list(TYPES), limit=12,
+            workers=2, out=out / "run", trace="none",
         )  # fmt: skip
 
     return tsbench.load_run(made_once(tmp_path_factory, "attacks", drive) / "run")
