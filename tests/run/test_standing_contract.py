@@ -113,6 +113,18 @@ def test_other_contracts_without_a_comparison_end_the_chain(
     assert edition_of(SECOND["test"]) == "2031.1+local"
 
 
+def test_a_split_with_the_same_contract_keeps_what_was_compared(
+    entered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the scenes of one split are built anew, and the code stays."""
+    released_as(monkeypatch, SECOND, state(FIRST))
+    last = released_as(monkeypatch, {"test": SECOND["test"], "dev": THIRD["dev"]}, None)
+    assert last.same == (state({"test": FIRST["test"]}),)
+    assert standing_contract(SECOND["test"]) == FIRST["test"]
+    assert standing_contract(THIRD["dev"]) == THIRD["dev"]
+    assert edition_of(SECOND["dev"]) == "2031.1+local"
+
+
 def test_only_the_state_entered_last_can_have_been_compared(
     entered: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

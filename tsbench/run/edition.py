@@ -179,7 +179,7 @@ def release(same: SameResults | None = None) -> Mapping[str, str]:
     """Write the contracts of this tsbench down as those of its version; returns them by split.
 
     same: the state before, where it was shown to have the same results. Without it, no earlier state is known to have
-    the results of changed contracts.
+    the results of changed contracts; splits whose contracts have not changed keep theirs.
     """
     *older, last = editions()
     now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
@@ -189,10 +189,14 @@ def release(same: SameResults | None = None) -> Mapping[str, str]:
 
 
 def _same(before: Edition, now: Mapping[str, str], same: SameResults | None) -> tuple[SameResults, ...]:
-    if before.now() == now:
-        return before.same
+    """The states with the results of `now`. Where a split's contract has changed, nothing of before has its results."""
     if same is None:
-        return ()
+        kept = {split for split, contract in before.now().items() if now.get(split) == contract}
+        left = (
+            replace(state, contracts={k: v for k, v in state.contracts.items() if k in kept})
+            for state in before.same
+        )
+        return tuple(state for state in left if state.contracts)
     if dict(same.contracts) != dict(before.now()):
         raise InputError(f"{before.name}: the state that was compared is not the one that was entered last")
     return (*before.same, same)
