@@ -43,7 +43,7 @@ def test_it_drives_five_scenes(seen: dict[str, Any]) -> None:
 
 def test_it_minds_the_limit_that_commonroad_reads(seen: dict[str, Any]) -> None:
     limit, freed, *_ = seen["driven"]
-    # The one that is over behind the ego, and its own.
+    # The one behind the ego, and its own.
     posted = [value for code, value, *_ in seen["told"][0]["plates"] if code == "3.24"]
     assert sorted(posted) == [20.0, 70.0]
     assert freed["fastest"] > limit["fastest"]
@@ -58,18 +58,22 @@ def test_lanelets_are_the_roads_lanes(seen: dict[str, Any]) -> None:
 
 
 def test_a_limit_holds_from_its_plate_on(seen: dict[str, Any]) -> None:
-    limits = [plate for told in seen["told"] for plate in told["plates"] if plate[0] == "3.24"]
-    assert limits
-    for _, value, before, behind in limits:
-        assert before is None
-        assert behind == pytest.approx(value / 3.6, abs=1e-3)
+    found = [[plate for plate in told["plates"] if plate[0] == "3.24"] for told in seen["told"]]
+    assert any(found)
+    for limits in found:
+        for plate in limits:
+            _, value, before, behind = plate
+            # Until then none does, or that of an earlier plate.
+            assert before in (None, *(other[3] for other in limits if other is not plate))
+            assert behind == pytest.approx(value / 3.6, abs=1e-3)
 
 
 def test_a_limit_is_over_at_its_end_plate(seen: dict[str, Any]) -> None:
-    """In the first scene one begins and ends behind the ego."""
-    ((_, value, before, behind),) = [plate for plate in seen["told"][0]["plates"] if plate[0] == "3.25"]
-    assert before == pytest.approx(value / 3.6, abs=1e-3)
-    assert behind is None
+    """Behind the ego: in the first scene one that began before the map does, in its other half one that began there."""
+    for plates, began in ((seen["told"][0]["plates"], False), (seen["ended"], True)):
+        ((_, value, before, behind),) = [plate for plate in plates if plate[0] == "3.25"]
+        assert before == (pytest.approx(value / 3.6, abs=1e-3) if began else None)
+        assert behind is None
 
 
 def test_road_users_and_obstacles_are_all_there(seen: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from dataclasses import replace
 
 import commonroad_dc.pycrcc as collision
 import numpy as np
@@ -161,11 +162,16 @@ def main() -> None:
         said.append(told())
     # The last of the five has a junction.
     roads = {"edges": edges(), "ways": ways(), "masked": masked()}
+    # Of the first scene's other half the first second.
+    pair = row(*FIVE[0]).pair_id
+    other = next(r for r in read_table(table_path("dev")) if r.pair_id == pair and r.half == CONTRAST)
+    runner.run(replace(other, horizon=10))
+    ended = told()["plates"]
     again = runner.run(row(*FIVE[0]))
     first = runner.run(row(*FIVE[0]))
     runner.close()
     same = again.commands.tobytes() == first.commands.tobytes()
-    print(json.dumps({"driven": driven, "told": said, "same": same, **roads}))
+    print(json.dumps({"driven": driven, "told": said, "ended": ended, "same": same, **roads}))
 
 
 main()
