@@ -19,16 +19,11 @@ from tsbench.rules.open_speed import at_metre, bend_speeds
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S, ActorKind
 
-# So slow, as a share of the open speed, is just not needless; from so far before a junction, or people, it is.
-_LEAST, _CREEP_M, _WALKS_M, _CALM_MPS2, _HARD_MPS2, _SHOWS_M, _PASSAGE_M = (
-    0.53,
-    18.0,
-    9.0,
-    2.5,
-    6.0,
-    5.0,
-    20.0,
-)
+# So slow, as a share of the open speed, is just not needless. So far before a junction, or people, it is that slow.
+_LEAST, _CREEP_M, _WALKS_M = 0.53, 18.0, 9.0
+# Others show nothing before that; behind the passage it hurries no more.
+_SHOWS_M, _PASSAGE_M = 5.0, 20.0
+_CALM_MPS2, _HARD_MPS2 = 2.5, 6.0
 # SUMO's cars brake for a line that binds them as late as they can. Who is nearer than that and does not, will not.
 _LATEST_MPS2, _NEAR_M, _COMES_S = 7.5, 6.0, 6.0
 # Who crosses the ego's way, by number: speed, acceleration, way to its own line.

@@ -58,14 +58,14 @@ def test_lanelets_are_the_roads_lanes(seen: dict[str, Any]) -> None:
 
 
 def test_a_limit_holds_from_its_plate_on(seen: dict[str, Any]) -> None:
-    found = [[plate for plate in told["plates"] if plate[0] == "3.24"] for told in seen["told"]]
-    assert any(found)
-    for limits in found:
-        for plate in limits:
-            _, value, before, behind = plate
-            # Until then none does, or that of an earlier plate.
-            assert before in (None, *(other[3] for other in limits if other is not plate))
-            assert behind == pytest.approx(value / 3.6, abs=1e-3)
+    limits = [
+        (k, *plate) for k, told in enumerate(seen["told"]) for plate in told["plates"] if plate[0] == "3.24"
+    ]
+    assert limits
+    for k, _, value, before, behind in limits:
+        # In the first scene the limit of 20 takes the place of the one of 70.
+        assert before == (pytest.approx(70.0 / 3.6, abs=1e-3) if (k, value) == (0, 20.0) else None)
+        assert behind == pytest.approx(value / 3.6, abs=1e-3)
 
 
 def test_a_limit_is_over_at_its_end_plate(seen: dict[str, Any]) -> None:

@@ -16,6 +16,7 @@ from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
+    UnfitMapError,
     passenger_lanes,
     plate_beside,
     require,
@@ -81,9 +82,9 @@ def _with_same_limits(
     edges = _leading_to(task, signed)
     if edges:
         limit = _posts(task, signed, edges, 1, within_m=SIGN_RANGE_M)
-        end = _beside(task, signed, edges, signed.signs[1], limit)
-        require(bool(end), "no room for an end of the other direction's limit beside the zone's")
-        return _on_posts(signed, contrast, [(limit[0], b, a), (end[0], end_b, end_a)])
+        require(bool(limit), "no room for the other direction's limit")
+        end = _beside(task, signed, edges, signed.signs[1], limit[0])
+        return _on_posts(signed, contrast, [(limit[0], b, a), (end, end_b, end_a)])
     signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
     posts = _behind(task, signed, 2)
     require(len(posts) == 2, "no room behind the ego for another limit")
@@ -178,30 +179,31 @@ def _posts(
         # In a bend the post may stand beside another place of its road than it is meant for.
         on_its_place = abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
         near = math.dist(start, (post.x, post.y)) < within_m
-        others = (*arrangement.signs, *found)
-        if on_its_place and near and all(math.dist((post.x, post.y), (p.x, p.y)) > _APART_M for p in others):
+        if on_its_place and near and _is_apart(post, (*arrangement.signs, *found)):
             found.append(post)
     return found
 
 
+def _is_apart(post: SignInstance, others: Sequence[SignInstance]) -> bool:
+    return all(math.dist((post.x, post.y), (other.x, other.y)) > _APART_M for other in others)
+
+
 def _beside(
-    task: SceneTask,
-    arrangement: Arrangement,
-    edges: Sequence[str],
-    sign: SignInstance,
-    found: Sequence[SignInstance],
-) -> list[SignInstance]:
-    """A post on one of the edges at the height of a sign or a little off it, apart from all others; [] without room."""
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], sign: SignInstance, other: SignInstance
+) -> SignInstance:
+    """A post on one of the edges at the height of a sign or a little off it, apart from all of them and another.
+
+    Raises UnfitMapError where there is no room.
+    """
     off = float(task.rng.uniform(-BESIDE_M, BESIDE_M))
-    for edge in edges if found else ():
+    for edge in edges:
         line = task.network.edge_lanes(edge)[0].line
         s = line.project(sign.x, sign.y)[0] + off
-        if not BESIDE_M < s < line.length - BESIDE_M:
-            continue
-        post = _post(task, arrangement, edge, s, len(found))
-        if all(math.dist((post.x, post.y), (p.x, p.y)) > _APART_M for p in (*arrangement.signs, *found)):
-            return [post]
-    return []
+        if BESIDE_M < s < line.length - BESIDE_M:
+            post = _post(task, arrangement, edge, s, 1)
+            if _is_apart(post, (*arrangement.signs, other)):
+                return post
+    raise UnfitMapError("no room for an end of the other direction's limit beside the zone's")
 
 
 def _behind(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:
