@@ -10,11 +10,33 @@ from hypothesis import strategies as st
 from simworld import ego_at
 
 from tsbench.roads.network import RoadNetwork
-from tsbench.sim.convoy import RELEASE_AT_M, WALKERS_AT_M, ConvoyRelease, predicted_arrival
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.convoy import (
+    LEAST_DIFFERENCE_MPS,
+    LOWEST_SHARE,
+    RELEASE_AT_M,
+    WAITS_MPS,
+    WALKERS_AT_M,
+    ConvoyRelease,
+    Showing,
+    predicted_arrival,
+)
 from tsbench.sim.scene import ConvoyPlan, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
 
 PLAN = ConvoyPlan("s_in_0", 4.0, 3.0, 13.89, 5.0, ("convoy_0",))
+
+
+def test_who_is_shown_something_waits_needlessly_in_the_other_half() -> None:
+    """By the thresholds of the rule that judges it there, at any speed that is open to it."""
+    t = load_catalog().needless.thresholds
+    assert pytest.approx(t["lowest_speed_ratio"] * t["cruise_ratio"]) == LOWEST_SHARE
+    assert (t["least_difference_mps"], t["standing_mps"]) == (LEAST_DIFFERENCE_MPS, WAITS_MPS)
+    for cruise in (5.0, 8.0, 13.89, 16.67):
+        waits = Showing.of(WalkersPlan("s_in_0", 1.0, 60.0, cruise, cruise, ("walker_0",), (1.2,))).waits_mps
+        open_speed = t["cruise_ratio"] * cruise
+        assert waits < t["lowest_speed_ratio"] * open_speed
+        assert waits <= open_speed - t["least_difference_mps"]
 
 
 def slowly(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
@@ -92,10 +114,10 @@ def test_who_leaves_its_lane_is_not_past_its_line(cross: RoadNetwork) -> None:
 
 
 def test_people_step_out_only_before_who_could_not_stop_any_more(cross: RoadNetwork) -> None:
-    """However long they need: not before the 5 m mark, or what 6 m/s2 would still do."""
+    """However long they need: 5 m before the line for who waits, else where 6 m/s2 no longer stop it before them."""
     plan = WalkersPlan("s_in_0", 1.0, 60.0, 13.89, 13.89, ("walker_0",), (1.2,))
     length = cross.lane("s_in_0").line.length
-    for speed, latest in ((3.0, 5.0), (7.0, 5.0), (12.0, 12.0)):
+    for speed, latest in ((3.0, 5.0), (7.0, 49 / 12 - 1), (12.0, 11.0)):
         release = ConvoyRelease(plan, cross)
         for to_line in (30.0, latest + 0.1, latest - 0.1):
             told = release.update(ego_at(cross, "s_in_0", length - to_line - EGO_LENGTH_M / 2, speed))
@@ -106,7 +128,7 @@ def test_people_are_let_go_nearer_than_vehicles(cross: RoadNetwork) -> None:
     length = cross.lane("s_in_0").line.length
     release = ConvoyRelease(WalkersPlan("s_in_0", 1.0, 0.0, 13.89, 13.89, ("walker_0",), (1.2,)), cross)
     told = [
-        release.update(ego_at(cross, "s_in_0", length - to_line - EGO_LENGTH_M / 2, 5.0))
+        release.update(ego_at(cross, "s_in_0", length - to_line - EGO_LENGTH_M / 2, 3.0))
         for to_line in (RELEASE_AT_M, WALKERS_AT_M + 0.1, WALKERS_AT_M)
     ]
     assert told == [False, False, True]

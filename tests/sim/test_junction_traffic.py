@@ -53,12 +53,12 @@ class Stage:
         self.traffic.begin()
         sim.step()
 
-    def stand(self, before_line: float, seconds: float) -> dict[str, tuple[str, float]]:
-        """The ego's front stands so far before its line for a while; where everybody is then."""
+    def stand(self, before_line: float, seconds: float, speed: float = 0.0) -> dict[str, tuple[str, float]]:
+        """The ego's front is so far before its line for a while, as if it had that speed; where everybody is then."""
         s = self.line_m - before_line - EGO_LENGTH_M / 2
         m = motion_at(self.network, "s_in_0", s)
         ego = EgoState(
-            m.x, m.y, m.heading, 0.0, 0.0, 0.0, 0.0, self.network.lane_index["s_in_0"], s, 0.0, True
+            m.x, m.y, m.heading, speed, 0.0, 0.0, 0.0, self.network.lane_index["s_in_0"], s, 0.0, True
         )
         for _ in range(round(seconds / DT_S)):
             self.traffic.update(ego)
@@ -85,6 +85,19 @@ def test_everybody_waits_for_who_stands_far_from_its_line(sim: Simulation, on_cr
     there = stage.stand(SHOWS_AT_M - 0.2, 0.6)
     assert "bg_001" in there
     assert there["convoy_0"][0] != "w_in_0"
+
+
+def test_who_is_under_way_is_shown_nothing_before_it_is_too_late(
+    sim: Simulation, on_cross: SceneMaker
+) -> None:
+    """However slowly it comes: it could still stop where it would meet the convoy."""
+    stage = Stage(sim, scene(on_cross, "slowly"))
+    assert stage.scene.convoy is not None
+    for speed in (1.5, 3.0, 5.0):
+        assert "bg_000" not in stage.stand(speed**2 / 12.0, 3.0, speed)
+    late = 12.0 - stage.scene.convoy.ego_zone_m
+    assert "bg_000" not in stage.stand(late + 0.2, 0.5, 12.0)
+    assert "bg_000" in stage.stand(late - 0.2, 0.5, 12.0)
 
 
 def test_who_is_early_meets_them_by_their_own_time(sim: Simulation, on_cross: SceneMaker) -> None:

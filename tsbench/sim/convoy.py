@@ -7,18 +7,25 @@ only; planners never see the plan.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.scene import ReleasePlan, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 RELEASE_AT_M = 12.0
-# Pedestrians: nearer, or who always drives at half speed could wait for them to step out and stop then.
+# Pedestrians wait no longer for an ego that is so near.
 WALKERS_AT_M = 3.0
-# Until the ego's front is so near to its line, nobody shows what the plates say.
+# What the plates say is shown to an ego that waits within so many metres of its line, or is under way and could no
+# longer stop with this deceleration before the zone in which it meets others.
 SHOWS_AT_M = 5.0
-# What others do may tell sooner only an ego that could no longer stop at its line with this deceleration.
 LATE_BRAKE_MPS2 = 6.0
+# So slow is an ego that waits at a junction.
+WAITS_MPS = 1.0
+# At a crossing, where nobody has to wait, one that is slower than is allowed where no plate asks for it: this share of
+# what its road allows, less this difference (lowest_speed_ratio x cruise_ratio and least_difference_mps of
+# sign_catalog/rules/needless.yaml).
+LOWEST_SHARE, LEAST_DIFFERENCE_MPS = 0.35, 0.5
 _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
@@ -38,6 +45,32 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
         gone += v * _STEP_S
         time += _STEP_S
     return time - (gone - to_zone) / max(v, 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Showing:
+    """When others may show an ego what the plates say: only where that comes too late to go by it.
+
+    zone_m: from the ego's line to the zone in which it meets them. waits_mps: slower than this it waits, which is
+    needless in the half in which nobody has to.
+    """
+
+    zone_m: float = 0.0
+    waits_mps: float = WAITS_MPS
+
+    @classmethod
+    def of(cls, plan: ReleasePlan | None) -> Showing:
+        """As of a convoy or of pedestrians, None: of nobody who is held for the ego."""
+        if plan is None:
+            return cls()
+        if isinstance(plan, WalkersPlan):
+            return cls(plan.ego_zone_m, LOWEST_SHARE * plan.ego_cruise_mps - LEAST_DIFFERENCE_MPS)
+        return cls(plan.ego_zone_m)
+
+    def may(self, to_line: float, speed: float) -> bool:
+        """May they by now? to_line: metres from the ego's front to its line."""
+        waits = to_line <= SHOWS_AT_M and speed < self.waits_mps
+        return waits or to_line + self.zone_m <= speed * speed / (2.0 * LATE_BRAKE_MPS2)
 
 
 class Approach:
@@ -75,6 +108,7 @@ class ConvoyRelease:
         self.approach = Approach(lane)
         self._walkers = isinstance(plan, WalkersPlan)
         self._latest_m = WALKERS_AT_M if self._walkers else RELEASE_AT_M
+        self.showing = Showing.of(plan)
         self._until_past = isinstance(plan, WalkersPlan) and plan.until_past
         ways = [sum(network.lanes[v].line.length for v in c.via) for c in network.outgoing[lane.index]]
         self._through_m = max(ways, default=0.0)
@@ -95,10 +129,10 @@ class ConvoyRelease:
         if self._until_past:
             # The ego's centre is behind the junction that the line leads into.
             return -to_line - EGO_LENGTH_M / 2 > self._through_m
+        if self._walkers and not self.showing.may(to_line, speed):
+            return False
         if to_line <= self._latest_m:
             return True
-        if self._walkers and to_line > max(SHOWS_AT_M, speed * speed / (2.0 * LATE_BRAKE_MPS2)):
-            return False
         plan = self.plan
         eta = predicted_arrival(
             to_line, to_line + plan.ego_zone_m, speed, plan.ego_cruise_mps, plan.ego_turn_mps

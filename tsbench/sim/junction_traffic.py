@@ -1,15 +1,16 @@
-"""Everybody but the ego at a junction whose plates could be exchanged: until the ego is at its line they tell nothing.
+"""Everybody but the ego at a junction whose plates could be exchanged: they tell nothing until it is too late.
 
-Who has priority is seen in what others do. So until the ego's front has been 5 m before its line, however late that
-is, SUMO's right of way moves nobody: the convoy comes as the release says and stops before its own line, who waits on
-another arm waits on, and who would enter the scene enters later. Source: docs/spec/scenes.md, "Junction". Units: m, s.
+Who has priority is seen in what others do. So until the ego waits at its line, or could no longer stop before it meets
+the convoy, however late that is, SUMO's right of way moves nobody: the convoy comes as the release says and stops
+before its own line, who waits on another arm waits on, and who would enter the scene enters later.
+Source: docs/spec/scenes.md, "Junction". Units: m, s.
 """
 
 from __future__ import annotations
 
 from tsbench.signs.contrast import PassageParams
 from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
-from tsbench.sim.convoy import SHOWS_AT_M, Approach, ConvoyRelease
+from tsbench.sim.convoy import Approach, ConvoyRelease, Showing
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import WAITING_ID, LateEntry, late_entries
 from tsbench.sim.sumo import Simulation
@@ -42,6 +43,7 @@ class JunctionTraffic:
         self._approach = (
             self._release.approach if self._release else Approach(scene.network.lane(scene.start.lane))
         )
+        self._showing = Showing.of(scene.convoy)
         self._silent = exchangeable(scene)
         self._waits = self._release is not None
         self._late: tuple[LateEntry, ...] = ()
@@ -68,7 +70,7 @@ class JunctionTraffic:
                 self._sim.release(vehicle, heeds_priority=not self._silent)
         if not self._silent:
             return
-        if to_line <= SHOWS_AT_M:
+        if self._showing.may(to_line, ego.speed):
             self._speak()
         elif self._convoy and not self._waits:
             self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)

@@ -13,7 +13,7 @@ from tsbench.core.seeds import rng_of
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.pure_pursuit import AHEAD_S, LEAST_AHEAD_M
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.sim.convoy import SHOWS_AT_M, Approach
+from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.ego import pursue
 from tsbench.sim.world import DT_S, Agents, EgoState
 
@@ -33,20 +33,23 @@ _TRIED = 2
 class Habit:
     """One way to watch.
 
-    stops: of each stop the place of the front, m before the line, and its time, s. top_speed: at most, m/s.
-    beside: from so many metres before the line on, for 48 m, so far to the left, m; None: in its lane.
+    stops: of each stop the place of the front, m before the line, and its time, s. top_speed: at most, m/s. slow: from
+    so many metres before the line on, at most so fast, m/s; None: as the road allows. beside: from so many metres
+    before the line on, for 48 m, so far to the left, m; None: in its lane.
     """
 
     name: str
     stops: tuple[tuple[float, float], ...] = ()
     top_speed: float = math.inf
     beside: tuple[float, float] | None = None
+    slow: tuple[float, float] | None = None
 
 
 HABITS = (
     *(Habit(f"stands at {m:.0f} m", ((m, 40.0),)) for m in (45.0, 30.0, 20.0, 13.0, 8.0, 5.5)),
     Habit("crawls", top_speed=_CRAWL_MPS),
     Habit("stops and goes", tuple((m, 3.0) for m in (50.0, 40.0, 30.0, 20.0, 14.0, 10.0, 6.0))),
+    *(Habit(f"comes at {v:g} m/s", slow=(18.0, v)) for v in (2.0, 3.0, 4.5)),
     Habit("takes the lane beside", ((20.0, 20.0),), beside=(55.0, _OTHER_LANE_M)),
     Habit("takes the verge", ((20.0, 20.0),), beside=(45.0, -_VERGE_M)),
 )
@@ -58,10 +61,10 @@ def drawn_habits(pair: str) -> tuple[Habit, ...]:
     return tuple(HABITS[k] for k in sorted(drawn.tolist()))
 
 
-def braking_if_early(approach: Approach, ego: EgoState) -> float | None:
-    """Deceleration that still stops the ego at its line; None where others may show by now what the plates say."""
+def braking_if_early(approach: Approach, showing: Showing, ego: EgoState) -> float | None:
+    """Deceleration that still stops the ego before it meets others; None where they may show by now what plates say."""
     to_line = approach.to_line(ego)
-    return None if to_line <= SHOWS_AT_M else ego.speed**2 / (2.0 * to_line)
+    return None if showing.may(to_line, ego.speed) else ego.speed**2 / (2.0 * (to_line + showing.zone_m))
 
 
 class Watcher:
@@ -95,7 +98,9 @@ class Watcher:
                 accel = min(accel, -ego.speed / DT_S)
             elif ego.speed**2 > 2.0 * _BRAKE_MPS2 * max(room - 0.3, 0.0):
                 accel = min(accel, -_BRAKE_MPS2 if room > 0.0 else -_HARD_MPS2)
-        beside = self._habit.beside
+        slow, beside = self._habit.slow, self._habit.beside
+        if slow is not None and to_line < slow[0]:
+            accel = min(accel, max((slow[1] - ego.speed) / 0.5, -_BRAKE_MPS2))
         if beside is not None and beside[0] - _BESIDE_M < to_line < beside[0]:
             route = observation.route
             ahead = route.s + max(LEAST_AHEAD_M + _SWING_M, AHEAD_S * ego.speed)

@@ -33,8 +33,8 @@ _OFF_M = 0.5
 BESIDE_M = 5.0
 # Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
 _BEHIND_M = 2.0
-# Places that are tried on each edge.
-_TRIES = 4
+# Places that are tried on each edge: in sight from one place, from two.
+_TRIES = (4, 16)
 # How often a limit that is over stands behind the ego, and not the plate of an obstacle.
 _LIMITS_SHARE = 0.6
 
@@ -47,10 +47,10 @@ def with_same_plates(
     """Both halves with posts more, so that they have the same plates: only where each stands differs.
 
     What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
-    ego's start: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
-    it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
-    over there, as the plate of an obstacle is. Where there is no room for all, the rest stay different. For limits
-    that end see `_with_same_limits`.
+    ego's start: at a junction on roads that lead away from it, in sight from the ego's line too; else on roads that
+    lead to the ego's way or run against it, for routing, where these are too few, also on roads that lead away; on a
+    one-way road behind the ego, if it is over there, as the plate of an obstacle is. Where there is no room for all,
+    the rest stay different. For limits that end see `_with_same_limits`.
     """
     ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
     swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
@@ -165,11 +165,16 @@ def _in_order(plates: Counter[_Plate]) -> list[_Plate]:
 def _posts(
     task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int, within_m: float
 ) -> list[SignInstance]:
-    """Up to `count` posts beside edges, spread over them, near the ego's start and apart from all others."""
+    """Up to `count` posts beside edges, spread over them and apart from all others.
+
+    within_m: of the ego's start, at a junction of its line, too.
+    """
     found: list[SignInstance] = []
-    start = task.network.lane(arrangement.start.lane).line.point_at(arrangement.start.s)
+    way = task.network.lane(arrangement.start.lane).line
+    places = [arrangement.start.s, *([way.length] if task.row.family == "junction" else [])]
+    seen_from = [way.point_at(s) for s in places]
     order = [edges[int(k)] for k in task.rng.permutation(len(edges))]
-    for edge in order * _TRIES:
+    for edge in order * _TRIES[len(places) - 1]:
         if len(found) == count:
             break
         line = task.network.edge_lanes(edge)[0].line
@@ -178,7 +183,7 @@ def _posts(
         )
         # In a bend the post may stand beside another place of its road than it is meant for.
         on_its_place = abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
-        near = math.dist(start, (post.x, post.y)) < within_m
+        near = all(math.dist(place, (post.x, post.y)) < within_m for place in seen_from)
         if on_its_place and near and _is_apart(post, (*arrangement.signs, *found)):
             found.append(post)
     return found
