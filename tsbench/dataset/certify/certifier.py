@@ -30,7 +30,7 @@ from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.convoy import LATE_BRAKE_MPS2, Approach, Showing
+from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.sumo import Simulation
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
@@ -165,20 +165,18 @@ class Certifier:
         self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
     ) -> tuple[float, float] | None:
         """When others first do something else in the contrast half, under a watching driver's commands of the signed
-        one, and the braking that would still stop it then; None where that is too late: it waits at its line by then,
-        or the braking is more than a certificate asks for.
+        one, and the braking that would still stop it then; None where that is too late, or it has waited at its line.
         """
         scene, _ = self._loader.load(signed)
         approach = Approach(scene.network.lane(scene.start.lane))
         drive = self._run(LoadedPlanner(habit.name, lambda: Watcher(habit, approach)), signed)
         facts, same = drive.result.facts, self._replay(drive, contrast).result.facts
         tick = None if facts is None or same is None else first_difference(facts, same)
-        brake = (
-            None
-            if tick is None
-            else braking_if_early(approach, Showing.of(scene.convoy or scene.walkers), tick.ego)
-        )
-        return None if tick is None or brake is None or brake >= LATE_BRAKE_MPS2 else (tick.time, brake)
+        if facts is None or tick is None:
+            return None
+        egos = [snapshot.ego for snapshot in facts.snapshots if snapshot.time <= tick.time]
+        brake = braking_if_early(approach, Showing.of(scene.convoy or scene.walkers), egos)
+        return None if brake is None else (tick.time, brake)
 
     def _planner(self, name: str) -> LoadedPlanner:
         if name not in self._loaded:

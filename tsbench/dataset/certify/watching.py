@@ -1,12 +1,14 @@
 """Drivers that read no plate and wait for others to tell: they stand, crawl, stop and go, or leave their lane.
 
-Whatever they do, others must do the same in both halves of a pair until the ego's front is 5 m before its line.
+Whatever they do, others must do the same in both halves of a pair until the ego waits at its line, or cannot stop any
+more before it meets them.
 Source: docs/spec/contrast.md, "Reaction must not be enough". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tsbench.core.seeds import rng_of
@@ -61,10 +63,15 @@ def drawn_habits(pair: str) -> tuple[Habit, ...]:
     return tuple(HABITS[k] for k in sorted(drawn.tolist()))
 
 
-def braking_if_early(approach: Approach, showing: Showing, ego: EgoState) -> float | None:
-    """Deceleration that still stops the ego before it meets others; None where they may show by now what plates say."""
-    to_line = approach.to_line(ego)
-    return None if showing.may(to_line, ego.speed) else ego.speed**2 / (2.0 * (to_line + showing.zone_m))
+def braking_if_early(approach: Approach, showing: Showing, egos: Sequence[EgoState]) -> float | None:
+    """Deceleration with which the last of these states still stops before it meets others, m/s2.
+
+    None where others might show what plates say by then: who has waited once has been told.
+    """
+    to_lines = [approach.to_line(ego) for ego in egos]
+    if any(showing.may(to_line, ego.speed) for to_line, ego in zip(to_lines, egos, strict=True)):
+        return None
+    return egos[-1].speed ** 2 / (2.0 * (to_lines[-1] + showing.zone_m))
 
 
 class Watcher:
