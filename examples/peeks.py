@@ -1,7 +1,7 @@
-"""A driver that reads no plate and still passes pairs of priority types: docs/without_reading.md.
+"""A driver that reads no plate and comes slowly, so as to see what others do: docs/without_reading.md.
 
-It comes to its line at half the speed that is open, which is just not needless. There it can still stop when the first
-vehicle of another arm brakes hard for its own line, or does not. Units: m, s, m/s, m/s2.
+It comes to its line at half the speed that is open, which is just not needless, and stops there if the first vehicle of
+another arm does not brake hard for its own line. Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations
@@ -19,9 +19,12 @@ from tsbench.rules.open_speed import at_metre, bend_speeds
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S, ActorKind
 
+# What is needless, as it is judged: the speed that is open to the ego comes from this.
+_NEEDLESS = load_catalog().needless
+_RULE, _CRUISE = _NEEDLESS.thresholds, _NEEDLESS.thresholds["cruise_ratio"]
 # So slow, as a share of the open speed, is just not needless. So far before a junction, or people, it is that slow.
 _LEAST, _CREEP_M, _WALKS_M = 0.53, 18.0, 9.0
-# Others show nothing before that; behind the passage it hurries no more.
+# So near it looks at what others do; behind the passage it hurries no more.
 _SHOWS_M, _PASSAGE_M = 5.0, 20.0
 _CALM_MPS2, _HARD_MPS2 = 2.5, 6.0
 # SUMO's cars brake for a line that binds them as late as they can. Who is nearer than that and does not, will not.
@@ -49,10 +52,10 @@ class Peeks:
             self._strip = next((c for c in self._map.crossings.values() if ways & set(c.edges)), None)
             self._road = Polite(self._context, "" if self._strip else self._edge)
         if path is not self._path:
-            self._path, self._line = path, self._road._line_on(path)
-            self._bends = bend_speeds(path.line, load_catalog().needless)
+            self._path, self._line = path, self._road.line_on(path)
+            self._bends = bend_speeds(path.line, _NEEDLESS)
         front, limit = seen.route.s + HALF_LENGTH_M, path.limit_at(seen.route.s)
-        calm = min(math.sqrt(self._open**2 + 3.0 * v * DT_S), 0.7 * limit)
+        calm = min(math.sqrt(self._open**2 + 2.0 * _RULE["calm_mps2"] * v * DT_S), _CRUISE * limit)
         self._open = max(v, min(max(self._open, calm), limit, at_metre(self._bends, front)))
         return Control(self._wanted(seen, command.acceleration, self._line - front, limit), command.steering)
 
@@ -72,7 +75,7 @@ class Peeks:
             return min(plain if plain < 0.0 else 3.0, 4.0 * (max(self._open, _LEAST * limit) - v))
         if self._verdict:
             return plain
-        wanted = min(plain, 2.0 * (max(self._open, 0.7 * limit) - v))
+        wanted = min(plain, 2.0 * (max(self._open, _CRUISE * limit) - v))
         return min(wanted, max((least - v) / 0.2, -3.0)) if self._slow else wanted
 
     def _judge(self, seen: Observation, cars: _Cars, to_line: float, v: float) -> str:

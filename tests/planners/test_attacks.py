@@ -1,4 +1,4 @@
-"""The drivers of examples/attacks.py: each does what it is named for, and none passes a pair by it."""
+"""The drivers of examples/attacks.py and peeks.py: each does what it is named for, and none passes a pair by it."""
 
 from __future__ import annotations
 
@@ -12,18 +12,23 @@ import tsbench
 
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
-ALL = ("Remembers", *WATCHERS, "Follows", "Unended")
+WHERE = dict.fromkeys(("Remembers", *WATCHERS, "Follows", "Unended"), "attacks") | {"Peeks": "peeks"}
 TYPES = ("main_road", "yield", "speed_limit")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
     def drive(out: Path) -> None:
-        attacks = [f"{ROOT}/examples/attacks.py:{name}" for name in ALL]
+        attacks = [f"{ROOT}/examples/{file}.py:{name}" for name, file in WHERE.items()]
         tsbench.evaluate(
-            [*attacks, f"{ROOT}/examples/peeks.py:Peeks", "blind"], split="dev", types=list(TYPES), limit=12,
-            workers=2, out=out / "run", trace="none",
-        )  # fmt: skip
+            [*attacks, "blind"],
+            split="dev",
+            types=list(TYPES),
+            limit=12,
+            workers=2,
+            out=out / "run",
+            trace="none",
+        )
 
     return tsbench.load_run(made_once(tmp_path_factory, "attacks", drive) / "run")
 
@@ -34,7 +39,7 @@ def rows(run: tsbench.Run, planner: str) -> pd.DataFrame:
 
 def test_none_passes_a_pair(run: tsbench.Run) -> None:
     assert not run.episodes.error.notna().any()
-    for name in ALL:
+    for name in WHERE:
         passed = rows(run, name).groupby("pair_id").scd.all()
         assert len(passed) == 2 * len(TYPES)
         assert not passed.any(), f"{name}: {list(passed.index[passed])}"
@@ -45,7 +50,7 @@ def test_who_remembers_meets_each_scene_for_the_first_time(run: tsbench.Run) -> 
     assert rows(run, "Remembers")[told].equals(rows(run, "blind")[told])
 
 
-@pytest.mark.parametrize("name", WATCHERS)
+@pytest.mark.parametrize("name", [*WATCHERS, "Peeks"])
 def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: str) -> None:
     ours, blind = rows(run, name), rows(run, "blind")
     both = (ours.scenario_type == "main_road") & (ours.outcome == "arrived") & (blind.outcome == "arrived")

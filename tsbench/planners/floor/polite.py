@@ -45,7 +45,7 @@ class Polite(RuleConstraint):
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         if route.path is not self._path:
-            self._path, self._line = route.path, self._line_on(route.path)
+            self._path, self._line = route.path, self.line_on(route.path)
         to_go, v = self._line - route.s - HALF_LENGTH_M, observation.ego.speed
         blocked = self._blocked(observation)
         if to_go < 0.0 or to_go > _WATCH_M:
@@ -61,7 +61,8 @@ class Polite(RuleConstraint):
             most = min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2 if full_stop else _HARD_MPS2))
         return -math.inf, most
 
-    def _line_on(self, path: RoutePath) -> float:
+    def line_on(self, path: RoutePath) -> float:
+        """Metres along a path to where the road ends at the junction, or the first crossing begins; -inf: not on it."""
         if self._approach:
             ends = [p.s1 for p in path.pieces if self._map.lanes[p.lane].edge == self._approach]
             return max(ends, default=-math.inf)
