@@ -1,4 +1,4 @@
-"""Before a line or a crossing: as slowly as is not needlessly slow, watching whether who comes brakes or walks.
+"""Before a line or a crossing: it obeys, as if a plate asked for it. What others do tells nothing in time.
 
 Units: m, s, m/s, m/s2.
 """
@@ -14,15 +14,14 @@ from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.navigation import RouteView
-from tsbench.sim.world import DT_S, ActorKind
+from tsbench.sim.world import ActorKind
 
-# Shares of the limit that are just not needlessly slow, on the passage as a whole and at its slowest place.
-_ON_THE_WHOLE, _AT_LEAST = 0.53, 0.38
+# Shares of the limit, on the passage as a whole and at its slowest place: there people step out before who comes.
+_ON_THE_WHOLE, _SLOWEST = 0.53, 0.25
 _WATCH_M, _SLOW_M = 40.0, 12.0
 _DECIDE_M = 5.5
 _BRAKE_MPS2, _HARD_MPS2 = 2.5, 6.0
-_COMES_S, _LOOK_M = 5.0, 60.0
-_BRAKES_MPS2 = -0.8
+_COMES_S = 5.0
 _STANDS_MPS = 0.2
 _HOLD_M = 1.0
 _WALKS_MPS = 0.2
@@ -30,7 +29,7 @@ _KERB_M = 3.0
 
 
 class Polite(RuleConstraint):
-    """Stops for who comes and does not brake; where nobody is to be seen it makes a full stop, in case that is asked.
+    """Makes a full stop before a junction, and waits there for who comes; before a crossing, slows for who steps out.
 
     approach: the edge at whose end the line is; "": the route's first crossing is meant, and people.
     """
@@ -39,9 +38,7 @@ class Polite(RuleConstraint):
         self._map, self._approach = context.network, approach
         self._path: RoutePath | None = None
         self._line = math.inf
-        self._speeds: dict[int, float] = {}
-        self._braking: dict[int, float] = {}
-        self._stopped = self._anybody = False
+        self._stopped = False
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         if route.path is not self._path:
@@ -55,8 +52,8 @@ class Polite(RuleConstraint):
         limit = route.path.limit_at(route.s)
         most = slow_to(v, _ON_THE_WHOLE * limit, 0.0, _BRAKE_MPS2)
         if to_go < _SLOW_M:
-            most = min(most, slow_to(v, _AT_LEAST * limit, to_go - _DECIDE_M, _BRAKE_MPS2))
-        full_stop = bool(self._approach) and not self._anybody and not self._stopped
+            most = min(most, slow_to(v, _SLOWEST * limit, to_go - _DECIDE_M, _BRAKE_MPS2))
+        full_stop = bool(self._approach) and not self._stopped
         if full_stop or (blocked and (to_go < _DECIDE_M or v * v > 2.0 * _HARD_MPS2 * to_go)):
             most = min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2 if full_stop else _HARD_MPS2))
         return -math.inf, most
@@ -74,17 +71,14 @@ class Polite(RuleConstraint):
         return min(places, default=-math.inf)
 
     def _blocked(self, observation: Observation) -> bool:
-        """Does anybody come who does not brake, or set foot on the road?"""
+        """Does anybody come, or set foot on the road?"""
         return self._vehicles(observation) if self._approach else self._people(observation)
 
     def _vehicles(self, observation: Observation) -> bool:
         actors, lanes = observation.actors, self._map.lanes
         junction, found = self._map.edges[self._approach].target, False
         for k, index in enumerate(actors.lane.tolist()):
-            name, speed = int(actors.ids[k]), float(actors.speed[k])
-            change = (speed - self._speeds.get(name, speed)) / DT_S
-            self._speeds[name] = speed
-            self._braking[name] = 0.5 * (self._braking.get(name, 0.0) + change)
+            speed = float(actors.speed[k])
             # Who stands while the ego does would be waited for for ever.
             both_stand = max(speed, observation.ego.speed) < _STANDS_MPS
             if index < 0 or both_stand or lanes[index].edge == self._approach:
@@ -96,10 +90,7 @@ class Polite(RuleConstraint):
                 found = found or math.hypot(middle.x - x, middle.y - y) < 15.0
             elif self._map.edges[lane.edge].target == junction:
                 left = lane.line.length - lane.line.project(x, y)[0] - 0.5 * float(actors.length[k])
-                coming = left < _LOOK_M
-                self._anybody = self._anybody or coming
-                near = left / max(speed, 2.0) < _COMES_S
-                found = found or (near and self._braking[name] > _BRAKES_MPS2)
+                found = found or left / max(speed, 2.0) < _COMES_S
         return found
 
     def _people(self, observation: Observation) -> bool:
