@@ -21,14 +21,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
     def drive(out: Path) -> None:
         attacks = [f"{ROOT}/examples/{file}.py:{name}" for name, file in WHERE.items()]
         tsbench.evaluate(
-            [*attacks, "blind"],
-            split="dev",
-            types=list(TYPES),
-            limit=12,
-            workers=2,
-            out=out / "run",
+            [*attacks, "blind", "idm"], split="dev", types=list(TYPES), limit=12, workers=2, out=out / "run",
             trace="none",
-        )
+        )  # fmt: skip
 
     return tsbench.load_run(made_once(tmp_path_factory, "attacks", drive) / "run")
 
@@ -52,7 +47,8 @@ def test_who_remembers_meets_each_scene_for_the_first_time(run: tsbench.Run) -> 
 
 @pytest.mark.parametrize("name", [*WATCHERS, "Peeks"])
 def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: str) -> None:
-    ours, blind = rows(run, name), rows(run, "blind")
-    both = (ours.scenario_type == "main_road") & (ours.outcome == "arrived") & (blind.outcome == "arrived")
+    ours, idm = rows(run, name), rows(run, "idm")
+    junctions = ours.pair_id.str.startswith(("main_road", "yield"))
+    both = junctions & (ours.outcome == "arrived") & (idm.outcome == "arrived")
     assert both.any()
-    assert (ours.steps[both] > blind.steps[both]).all()
+    assert (ours.steps[both] > idm.steps[both]).all()

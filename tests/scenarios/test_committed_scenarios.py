@@ -37,11 +37,8 @@ EDITIONS = scene_editions(SCENARIOS)
 # Of the splits that are of edition 2026.3, the pairs whose plates differ, by type.
 ROOM_WANTING = {
     "dev": {"min_speed": 5, "direction_straight": 4},
-    "test": {
-        "min_speed": 23, "direction_straight": 20, "crosswalk": 10, "direction_right": 10, "secondary_road": 6,
-        "speed_limit": 1, "zone_speed_limit": 1,
-    },
-}  # fmt: skip
+    "test": {"min_speed": 23, "direction_straight": 20, "crosswalk": 10, "direction_right": 10},
+}
 # Maps that the pool has not for some types of routing: said in docs/dataset.md, by type.
 MOST_SHORT = {"test": 0, "dev": 8, "train": 80}
 

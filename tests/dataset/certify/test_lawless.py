@@ -59,8 +59,8 @@ def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
     assert not [r.error for r in results if r.error]
     caught = [r.facts is not None and not r.facts.target.compliant for r in results]
     assert len(caught) >= 5
-    # Of ten, one may be among the rest; of `yield` three: who comes fast enough is past before the convoy (12 %).
-    assert sum(caught) >= len(caught) - (3 if type_id == "yield" else 1)
+    # Of ten, one may be among the rest; at junctions three: who comes fast is past before the convoy (10 to 16 %).
+    assert sum(caught) >= len(caught) - (3 if type_id in ("yield", "main_road", "secondary_road") else 1)
 
 
 @pytest.mark.parametrize("type_id", sorted(ROWS))

@@ -21,7 +21,7 @@ _SLOW = replace(_FAST, top_speed=_CRAWL_MPS)
 class Lawless:
     """Drives 1.3 times the road's limit along the navigation's way, in its lane, as if it were alone.
 
-    Where the sign asks for a least speed it crawls: a fast driver could not break that.
+    Where a sign on that way asks for a least speed it crawls: a fast driver could not break that.
     """
 
     privileged = False
@@ -36,7 +36,8 @@ class Lawless:
         self._context = context
 
     def act(self, observation: Observation) -> Control:
-        if observation.step == 0 and any(s.code == _MIN_SPEED for s in observation.signs):
+        own = observation.route.path.edges
+        if observation.step == 0 and any(s.code == _MIN_SPEED and s.edge in own for s in observation.signs):
             self._driver = Idm(_SLOW)
             self._driver.reset(self._context)
         return self._driver.act(replace(observation, actors=Agents.none(), obstacles=()))
