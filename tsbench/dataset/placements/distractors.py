@@ -33,8 +33,8 @@ _OFF_M = 0.5
 BESIDE_M = 5.0
 # Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
 _BEHIND_M = 2.0
-# Places that are tried on each edge: in sight from one place, from two.
-_TRIES = (4, 16)
+# Places that are tried on each edge; at a junction, where the post must be in sight from the ego's line, too.
+_TRIES, _TRIES_AT_JUNCTION = 4, 16
 # How often a limit that is over stands behind the ego, and not the plate of an obstacle.
 _LIMITS_SHARE = 0.6
 
@@ -171,10 +171,10 @@ def _posts(
     """
     found: list[SignInstance] = []
     way = task.network.lane(arrangement.start.lane).line
-    places = [arrangement.start.s, *([way.length] if task.row.family == "junction" else [])]
-    seen_from = [way.point_at(s) for s in places]
+    at_junction = task.row.family == "junction"
+    seen_from = [way.point_at(s) for s in (arrangement.start.s, *((way.length,) if at_junction else ()))]
     order = [edges[int(k)] for k in task.rng.permutation(len(edges))]
-    for edge in order * _TRIES[len(places) - 1]:
+    for edge in order * (_TRIES_AT_JUNCTION if at_junction else _TRIES):
         if len(found) == count:
             break
         line = task.network.edge_lanes(edge)[0].line
