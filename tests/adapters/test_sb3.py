@@ -173,7 +173,7 @@ def test_what_it_cannot_take_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=match):
             convert(file, tmp_path / "out", **{**PLAIN, **changes})
 
-    refused("answers 2 numbers, which aim and steer of the environment takes", action="exit")
+    refused("answers 2 numbers, which aim and steer and cruise of the environment takes", action="exit")
     refused("--name mine: expected a class name", name="mine")
     refused("--draws is for PPO and A2C", saved(tmp_path, policy("sac")), draws=True)
     from stable_baselines3 import PPO

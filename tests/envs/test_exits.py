@@ -70,7 +70,7 @@ def test_the_exits_are_from_right_to_left() -> None:
 
 
 def test_an_unknown_action_is_refused() -> None:
-    with pytest.raises(InputError, match=r"action 'fly': expected aim \| steer \| exit"):
+    with pytest.raises(InputError, match=r"action 'fly': expected aim \| steer \| cruise \| exit"):
         DriveEnv(split="dev", action="fly")
 
 

@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.envs import GROUPS
 from tsbench.envs.drive import DriveEnv
 from tsbench.envs.reward import RewardSpec
-from tsbench.envs.scene import LANE, POINTS, SceneSeen
+from tsbench.envs.scene import LANE, PLATE, POINTS, SceneSeen
 from tsbench.signs.model import Group
 
 FULL = np.array([1.0, 0.0], dtype=np.float32)
@@ -49,13 +49,25 @@ def test_plates_and_ways_are_told_and_masked_plates_are_not() -> None:
     shown, hidden = seen[False], seen[True]
     there = shown["plates_mask"] > 0
     assert there.any()
-    assert (shown["plates"][there, 6:].sum(axis=1) == 1.0).all()
+    assert (shown["plates"][there, 4 + len(PLATE) :].sum(axis=1) == 1.0).all()
     assert not hidden["plates"][:, 4:-1].any()
     assert (hidden["plates"][there, -1] == 1.0).all()
     near = shown["lanes"][shown["lanes_mask"] > 0]
     route = near[:, 2 * POINTS + LANE.index("on_route")] > 0
     assert route.any()
     assert (near[route, 2 * POINTS + LANE.index("leads")] == 1.0).all()
+
+
+def test_plates_are_the_scene_without_its_lanes() -> None:
+    seen = {}
+    for kind in ("scene", "plates"):
+        made = DriveEnv(split="dev", types="yield", observation=kind)
+        seen[kind] = made.reset(options={"scenario": min(made._by_id)})[0]
+        assert made.observation_space.contains(seen[kind])
+        made.close()
+    scene, plates = seen["scene"], seen["plates"]
+    assert scene.keys() - plates.keys() == {"lanes", "lanes_mask"}
+    assert all(np.array_equal(plates[name], scene[name]) for name in plates)
 
 
 def test_violations_are_told_and_weigh_only_when_asked() -> None:

@@ -125,7 +125,9 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
 @planners.command("from-sb3")
 @click.argument("model", metavar="MODEL.zip", type=options.FILE)
 @click.option(
-    "--action", type=click.Choice(("aim", "steer", "exit")), help="As in training.  [default: aim, exit]"
+    "--action",
+    type=click.Choice(("aim", "steer", "cruise", "exit")),
+    help="As in training.  [default: aim, exit]",
 )
 @click.option(
     "--hold",

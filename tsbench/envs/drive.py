@@ -18,6 +18,7 @@ from gymnasium import spaces
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.home import expanded_text
 from tsbench.data.cities import check_driven
+from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import RewardSpec, RouteReward
@@ -28,7 +29,6 @@ from tsbench.metrics.episode import is_scd
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.rl.actions import ACTIONS
 from tsbench.run.arguments import switch, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
 from tsbench.run.stepped_episode import Judged, Step, process_episode
@@ -56,13 +56,13 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """One scenario per episode, drawn from the table of a split.
 
     split: train | dev | test. types: type ids and groups (a sequence, or words between commas), None = all.
-    observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled). action:
-    aim (acceleration, place beside the route) | steer (acceleration, steering angle), both (2,) in -1..1 | exit (as
-    aim, and the turn to take at the next junction, (3,)). hold: ticks of 0.1 s per step. variants: as in
-    `tsbench run`. mask_signs: remove sign identity (of `objects` and `scene`). reward: figures of the reward, or a
-    callable that is given a step's terms. half: both | signed | contrast. more: types and groups whose scenarios are
-    drawn three times as often. perception: a level's name or file, as in `tsbench run`. render_mode: rgb_array |
-    human (a window) | None.
+    observation: vector (275,) | bev (raster and measurements) | objects | scene (plates and roads, scaled) | plates
+    (scene without roads). action: aim (acceleration, place beside the route) | steer (acceleration, steering angle) |
+    cruise (speed, place beside the route), all (2,) in -1..1 | exit (as aim, and the turn to take at the next
+    junction, (3,)). hold: ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity
+    (of `objects`, `scene`, `plates`). reward: figures of the reward, or a callable that is given a step's terms.
+    half: both | signed | contrast. more: types and groups whose scenarios are drawn three times as often. perception:
+    a level's name or file, as in `tsbench run`. render_mode: rgb_array | human (a window) | None.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (as Gymnasium declares it)
@@ -88,7 +88,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         check_driven()
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
-        _known("action", action, (*ACTIONS, EXIT))
+        _known("action", action, (*PLAIN, EXIT))
         _known("variants", variants, VARIANTS)
         ticks, masked = whole_number("hold", hold, unit=" tick"), switch("mask_signs", mask_signs)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
@@ -105,7 +105,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
-        self._act = ACTIONS.get(action)
+        self._act = PLAIN.get(action)
         self._hold, self._mask, self._level = ticks, masked, load_level(expanded_text(str(perception)))
         self._view: View | None = None
         self._context: PlannerContext | None = None

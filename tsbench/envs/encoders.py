@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -53,4 +54,5 @@ def _bev() -> ObservationEncoder:
 
 KINDS: dict[str, Callable[[], ObservationEncoder]] = {
     "vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen, "scene": SceneSeen,
+    "plates": partial(SceneSeen, lanes=False),
 }  # fmt: skip

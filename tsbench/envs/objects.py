@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from tsbench.envs.plates import ADDRESSED, AddressedLanes
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.signs.catalog import load_catalog
 
@@ -23,7 +24,7 @@ EGO = ("speed", "acceleration", "steering", "yaw_rate", "offset", "remaining", "
 ROUTE = ("forward", "left")
 ACTORS = ("there", "forward", "left", "cos", "sin", "speed", "length", "width", "kind")
 OBSTACLES = ("there", "forward", "left", "cos", "sin", "length", "width")
-SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value")
+SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value", *ADDRESSED)
 ROWS = {"route": 20, "actors": 30, "obstacles": 8, "signs": 8}
 
 _FAR_M = 1000.0
@@ -35,6 +36,7 @@ class ObjectsSeen:
 
     def __init__(self) -> None:
         self._codes = {code: k + 1 for k, code in enumerate(sorted(load_catalog().signs))}
+        self._addressed = AddressedLanes()
         columns = {"route": ROUTE, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
         shapes: dict[str, tuple[int, ...]] = {name: (ROWS[name], len(columns[name])) for name in columns}
         self.space: spaces.Space[Any] = spaces.Dict(
@@ -45,10 +47,11 @@ class ObjectsSeen:
         )
 
     def reset(self, context: PlannerContext) -> None:
-        """Nothing is kept."""
+        """An episode begins."""
+        self._addressed.reset(context)
 
     def encode(self, observation: Observation) -> Any:
-        """ego (7,), route (20, 2) each metre from 1 m on, actors (30, 9), obstacles (8, 7), signs (8, 7)."""
+        """ego (7,), route (20, 2) each metre from 1 m on, actors (30, 9), obstacles (8, 7), signs (8, 10)."""
         o, ego = observation, observation.ego
         c, s = math.cos(ego.heading), math.sin(ego.heading)
 
@@ -75,8 +78,8 @@ class ObjectsSeen:
             "signs": _table(
                 "signs", len(SIGNS),
                 (
-                    (1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0)
-                    for p in o.signs
+                    (1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0, *whose)
+                    for p, whose in zip(o.signs, self._addressed(o), strict=True)
                 ),
             ),
         }  # fmt: skip

@@ -1,7 +1,8 @@
 """`scene`: plates and roads as tables of scaled numbers, for networks that shall learn what a plate asks.
 
 Every number lies in -1..1 and every table has a mask (1 = there). Places are in the ego's frame (forward, left) over
-`FAR_M`, angles as cosine and sine against its heading. Rows are sorted by distance.
+`FAR_M`, angles as cosine and sine against its heading. Rows are sorted by distance, and plates on the navigation's way
+stand before the others.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
+from tsbench.envs.plates import ADDRESSED, AddressedLanes
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.signs.catalog import load_catalog
@@ -24,9 +26,12 @@ from tsbench.sim.world import ActorKind
 Table = npt.NDArray[np.float32]
 Floats = npt.NDArray[np.float64]
 
-FAR_M, SPEED_MPS, LIMIT_KMH, LENGTH_M, WIDTH_M, WAY_M = 100.0, 30.0, 130.0, 20.0, 5.0, 1000.0
-ROWS = {"plates": 8, "lanes": 32, "actors": 24, "obstacles": 8}
+FAR_M, SPEED_MPS, LIMIT_KMH, LENGTH_M, WIDTH_M, WAY_M, LANES = 100.0, 30.0, 130.0, 20.0, 5.0, 1000.0, 4.0
+ROWS = {"plates": 8, "lanes": 64, "actors": 24, "obstacles": 8}
 EGO = ("speed", "acceleration", "steering", "yaw_rate", "offset", "remaining", "limit")
+# Of a plate, behind its pose and before the one-hot code; `lanes_left` over `LANES`.
+PLATE = ("has_value", "value", *ADDRESSED)
+_ON_ROUTE = 4 + PLATE.index("on_route")
 # Of a piece of a lane, behind its points.
 LANE = ("width", "speed", "junction", "on_route", "leads", "way")
 POINTS, ROUTE = 8, 20
@@ -34,27 +39,37 @@ _PIECE_M, _ROUTE_STEP_M, _YAW_RADPS, _ACCEL_MPS2 = 40.0, 2.5, 1.0, 10.0
 
 
 class SceneSeen:
-    """A dictionary of tables; `codes` are the catalogue's signs in the order of the one-hot columns, then masked."""
+    """A dictionary of tables; `codes` are the catalogue's signs in the order of the one-hot columns, then masked.
 
-    def __init__(self) -> None:
+    lanes: with roads; without them it is `plates`.
+    """
+
+    def __init__(self, lanes: bool = True) -> None:
+        self._with_lanes = lanes
         self.codes = (*sorted(load_catalog().signs), "")
         self._column = {code: k for k, code in enumerate(self.codes)}
         self._kind = {int(kind): k for k, kind in enumerate(ActorKind)}
+        self._addressed = AddressedLanes()
         columns = {
-            "plates": 6 + len(self.codes), "lanes": 2 * POINTS + len(LANE),
+            "plates": 4 + len(PLATE) + len(self.codes), "lanes": 2 * POINTS + len(LANE),
             "actors": 7 + len(self._kind), "obstacles": 6,
         }  # fmt: skip
+        if not lanes:
+            del columns["lanes"]
         shapes: dict[str, tuple[int, ...]] = {"ego": (len(EGO),), "route": (ROUTE, 2)}
         shapes |= {name: (ROWS[name], width) for name, width in columns.items()}
         self._shapes = shapes
         tables: dict[str, spaces.Space[Any]] = {
             name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()
         }
-        masks = {f"{name}_mask": spaces.Box(0.0, 1.0, (rows,), np.float32) for name, rows in ROWS.items()}
+        masks = {f"{name}_mask": spaces.Box(0.0, 1.0, (ROWS[name],), np.float32) for name in columns}
         self.space: spaces.Space[Any] = spaces.Dict({**tables, **masks})
 
     def reset(self, context: PlannerContext) -> None:
         """Cut the map's lanes into pieces once; find which of them lead to the destination."""
+        self._addressed.reset(context)
+        if not self._with_lanes:
+            return
         ways = ways_to(context.graph, context.destination.edge)
         onto = {v: c.to_lane for c in context.network.connections for v in c.via}
         points, fields, edges = [], [], []
@@ -77,7 +92,7 @@ class SceneSeen:
         self._way: tuple[str, ...] = ()
 
     def encode(self, observation: Observation) -> Any:
-        """ego, route, and plates, lanes, actors and obstacles with a mask each."""
+        """ego, route, and plates, actors, obstacles and lanes with a mask each."""
         o, ego, route = observation, observation.ego, observation.route
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         turn = np.array(((c, -s), (s, c)))
@@ -107,14 +122,16 @@ class SceneSeen:
             "plates": np.hstack((poses(plates), self._identity(o))),
             "actors": np.hstack((poses(o.actors.pose), self._bodies(o))),
             "obstacles": np.hstack((poses(fixed), sizes)),
-            "lanes": self._lanes(route.path.edges, here, place),
         }
+        if self._with_lanes:
+            tables["lanes"] = self._lanes(route.path.edges, here, place)
         for name, rows in tables.items():
             found[name], found[f"{name}_mask"] = self._padded(name, rows)
         return found
 
     def _identity(self, o: Observation) -> Floats:
-        rows = np.zeros((len(o.signs), 2 + len(self.codes)))
+        rows = np.zeros((len(o.signs), len(PLATE) + len(self.codes)))
+        rows[:, 2 : len(PLATE)] = self._addressed(o) / (1.0, LANES, 1.0)
         for k, plate in enumerate(o.signs):
             if plate.value is not None:
                 rows[k, :2] = 1.0, plate.value / LIMIT_KMH
@@ -122,7 +139,7 @@ class SceneSeen:
                 raise InputError(
                     f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it"
                 )
-            rows[k, 2 + self._column[plate.code]] = 1.0
+            rows[k, len(PLATE) + self._column[plate.code]] = 1.0
         return rows
 
     def _bodies(self, o: Observation) -> Floats:
@@ -149,7 +166,8 @@ class SceneSeen:
     def _padded(self, name: str, rows: Floats) -> tuple[Table, Table]:
         table, mask = np.zeros(self._shapes[name], np.float32), np.zeros(ROWS[name], np.float32)
         if name != "lanes":
-            rows = rows[np.argsort(np.hypot(rows[:, 0], rows[:, 1]), kind="stable")]
+            others = -rows[:, _ON_ROUTE] if name == "plates" else np.zeros(len(rows))
+            rows = rows[np.lexsort((np.hypot(rows[:, 0], rows[:, 1]), others))]
         rows = rows[: ROWS[name]]
         table[: len(rows)], mask[: len(rows)] = _scaled(rows), 1.0
         return table, mask

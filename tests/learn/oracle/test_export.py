@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.envs.scene import SceneSeen
+from tsbench.envs.scene import PLATE, SceneSeen
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.export import FORMATS, LEROBOT, PARQUET, WEBDATASET, export
 from tsbench.learn.oracle.ticks import shapes
@@ -79,7 +79,7 @@ def test_the_guides_data_set_gives_drives(tmp_path: Path) -> None:
     found = list(torch.utils.data.DataLoader(names["Ticks"](tmp_path / "ticks.parquet"), batch_size=None))
     expected = sorted(drives, key=lambda drive: drive.scenario_id)
     for (plates, action), drive in zip(found, expected, strict=True):
-        assert plates.shape == (len(drive.commands), 8 * (6 + len(SceneSeen().codes)))
+        assert plates.shape == (len(drive.commands), 8 * (4 + len(PLATE) + len(SceneSeen().codes)))
         assert plates.dtype == action.dtype == torch.float32
         assert np.array_equal(steps_of(action.numpy().astype(np.float64)), drive.commands)
 
@@ -170,7 +170,7 @@ def test_webdataset_samples_are_drives_and_the_same_bytes_each_time(tmp_path: Pa
         facts, table = json.loads(sample["json"]), flat.read_row_group(k)
         assert facts["scenario_id"] == table["scenario_id"][0].as_py()
         plates = np.load(io.BytesIO(sample["plates.npy"]), allow_pickle=False)
-        assert plates.shape == (len(table), 8, 6 + len(facts["signs"]))
+        assert plates.shape == (len(table), 8, 4 + len(PLATE) + len(facts["signs"]))
         assert np.array_equal(
             plates.reshape(len(table), -1), np.array(table["observation.plates"].to_pylist())
         )

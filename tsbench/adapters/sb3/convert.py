@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.adapters.sb3.planner import RELU, TANH, WEIGHTS, mlp, observation_of
+from tsbench.adapters.sb3.planner import READING, RELU, TANH, WEIGHTS, mlp, observation_of
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.envs.actions import PLAIN
 from tsbench.envs.exits import EXIT
-from tsbench.planners.rl.actions import ACTIONS
 from tsbench.planners.weights import Network, Tensors, save_weights
 
 # Most that a member may come to, unpacked.
@@ -91,7 +91,7 @@ def convert(model: Path, out: Path, *, action: str | None, hold: int, draws: boo
     made = save_weights(WEIGHTS, out, tensors, facts)
     text = _PLANNER.format(
         what=f"A policy of Stable-Baselines3 ({family}) that sees `{observation}` and acts by `{facts['action']}`.",
-        name=name, file=(out / "planner.py").name, reads=observation == "scene", chooses=facts["action"] == EXIT,
+        name=name, file=(out / "planner.py").name, reads=observation in READING, chooses=facts["action"] == EXIT,
     )  # fmt: skip
     write_atomic(out / "planner.py", text.encode())
     return made
@@ -158,7 +158,7 @@ def _layer(state: Mapping[str, Any], name: str, new: str) -> Tensors:
 
 
 def _action(model: Path, asked: str | None, actions: int) -> str:
-    numbers = {**dict.fromkeys(ACTIONS, 2), EXIT: 3}
+    numbers = {**dict.fromkeys(PLAIN, 2), EXIT: 3}
     found = asked or {3: EXIT, 2: "aim"}.get(actions, "")
     if numbers.get(found) != actions:
         fitting = [name for name, count in numbers.items() if count == actions]

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gymnasium.spaces.utils import flatdim, flatten
 
 from tsbench.core.errors import InputError
+from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.geometry.elementary import exp
@@ -20,7 +21,6 @@ from tsbench.planners.common.convolution import LARGEST, rectified
 from tsbench.planners.common.fixed_point import BITS, Linear, snap, tanh
 from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.common.quantiles import normal_quantile
-from tsbench.planners.rl.actions import ACTIONS
 from tsbench.planners.weights import Tensors, fitted, network
 
 # Of the two files beside the planner's own.
@@ -30,8 +30,9 @@ _MOST = 2.0
 # More decisions than an episode has.
 _DECISIONS = 1024
 TANH, RELU = "tanh", "relu"
-# Observations whose numbers are scaled.
-SCALED = ("vector", "scene")
+# Observations whose numbers are scaled, and those of them that show plates.
+SCALED = ("vector", "plates", "scene")
+READING = ("plates", "scene")
 
 Array = npt.NDArray[np.float64]
 Mlp = Callable[[Array], Array]
@@ -51,7 +52,7 @@ class Sb3Planner:
         self._seen = KINDS[facts["observation"]]()
         self._exit = ExitAction() if facts["action"] == EXIT else None
         self._hold, self._draws = int(facts["hold"]), bool(facts["draws"])
-        self._plain = ACTIONS.get(facts["action"])
+        self._plain = PLAIN.get(facts["action"])
         self._answer, self._width = _loaded(self.folder)
         self._action: tuple[float, ...] = ()
         self._quantiles: Array

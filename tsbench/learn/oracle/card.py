@@ -17,7 +17,8 @@ NAME = "README.md"
 _SEEN = {
     "state": f"the ego: {', '.join(EGO)}",
     "route": "points of the navigation's way ahead, in the ego's frame",
-    "plates": "plates in sight: place, value, one-hot code; the last column is a post whose plate is not known",
+    "plates": "plates in sight: place, value, whose lane each is for, one-hot code; the last column is a post whose "
+    "plate is not known",
     "plates_mask": "1 where a row of `plates` is one",
     "lanes": "polylines of lanes and of ways through junctions around the ego, with what they are",
     "lanes_mask": "1 where a row of `lanes` is one",
