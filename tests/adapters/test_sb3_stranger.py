@@ -25,13 +25,12 @@ PATIENCE_S = 3 * HANG_S
 CALM = {**os.environ, "OMP_NUM_THREADS": "1"}
 EXAMPLE = """
 import sys
-from functools import partial
 
 sys.path.insert(0, {examples!r})
 import train_sb3
 
 train_sb3.EVERY_S = 0.0
-train_sb3.PPO = partial(train_sb3.PPO, n_steps={short})
+train_sb3.ROLLOUT = {short}
 train_sb3.main()
 """
 
