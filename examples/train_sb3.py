@@ -1,7 +1,7 @@
 """Teach a plain MLP to read plates: PPO of Stable-Baselines3 on the pairs of one group, from scratch.
 
-python examples/train_sb3.py --group speed --steps 2000000 --out runs/sb3-speed
-tsbench planners from-sb3 runs/sb3-speed/model.zip --hold 3
+python examples/train_sb3.py --group speed --steps 800000 --out runs/sb3-speed
+tsbench planners from-sb3 runs/sb3-speed/model.zip --hold 3 --action cruise
 
 A row of `curve.csv`, `curve.png` and a checkpoint each minute; the same command goes on from the last one. Needs the
 extras `learn` and `report` (for the curve).
@@ -151,7 +151,7 @@ def make(group: str, begun: int) -> gymnasium.Env:  # type: ignore[type-arg]
 def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--group", choices=sorted(WIDTHS), default="speed")
-    asked.add_argument("--steps", type=int, default=2_000_000)
+    asked.add_argument("--steps", type=int, default=800_000)
     asked.add_argument("--workers", type=int, default=6)
     asked.add_argument("--seed", type=int, default=0)
     asked.add_argument("--out", type=Path, default=Path("runs/sb3-speed"))
