@@ -29,8 +29,8 @@ ROLLOUT = 2048  # decisions of each process between two updates
 # What a decision costs (the whole way is worth 1), and which share of the way has to be made in PATIENCE_S.
 TIME, LEAST, PATIENCE_S = 0.005, 0.1, 12.0
 SIGNED_FIRST = 20_000  # decisions of each process
-# Logarithm of each action's first standard deviation: acceleration, place beside the route, exit. With SB3's 0 the
-# first policy swerves; with a narrow acceleration it never finds out what braking is worth.
+# Logarithm of each action's first standard deviation: speed (in routing: acceleration), place beside the route, exit.
+# With SB3's 0 the first policy swerves; with a narrow first number it never finds out what braking is worth.
 WIDTHS = {
     "priority": (-0.8, -2.0),
     "speed": (-0.5, -2.0),

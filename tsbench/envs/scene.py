@@ -166,8 +166,8 @@ class SceneSeen:
     def _padded(self, name: str, rows: Floats) -> tuple[Table, Table]:
         table, mask = np.zeros(self._shapes[name], np.float32), np.zeros(ROWS[name], np.float32)
         if name != "lanes":
-            others = -rows[:, _ON_ROUTE] if name == "plates" else np.zeros(len(rows))
-            rows = rows[np.lexsort((np.hypot(rows[:, 0], rows[:, 1]), others))]
+            off_route = 1.0 - rows[:, _ON_ROUTE] if name == "plates" else np.zeros(len(rows))
+            rows = rows[np.lexsort((np.hypot(rows[:, 0], rows[:, 1]), off_route))]
         rows = rows[: ROWS[name]]
         table[: len(rows)], mask[: len(rows)] = _scaled(rows), 1.0
         return table, mask

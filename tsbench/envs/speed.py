@@ -1,4 +1,4 @@
-"""How fast the environment is on this machine: `python -m tsbench.envs.speed [vector|bev|objects|scene] [steps]`.
+"""How fast the environment is here: `python -m tsbench.envs.speed [vector|bev|objects|scene|plates] [steps]`.
 
 Seconds are the processes' own on the CPU, so that other work on the machine counts as little as may be. The ego follows
 its route; episodes are drawn from the test split, their starts are told apart, but where environments are several.
