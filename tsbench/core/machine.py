@@ -1,4 +1,4 @@
-"""What this process may use of its machine, and which process it ends with."""
+"""What this process may use of its machine, which processes another has started, and which process it ends with."""
 
 from __future__ import annotations
 
@@ -6,12 +6,30 @@ import ctypes
 import os
 import signal
 import sys
+from contextlib import suppress
+from pathlib import Path
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def own_cores() -> int:
     return len(os.sched_getaffinity(0))
+
+
+def children_of(pid: int | None = None) -> list[int]:
+    """Ids of the processes that a process (None: this one) has started and not waited for yet; none once it has ended.
+
+    It, its threads and its children may end while this looks: what has ended has none. (`Path.glob` would raise.)
+    """
+    folder, found = Path("/proc", "self" if pid is None else str(pid), "task"), []
+    try:
+        threads = list(folder.iterdir())
+    except (FileNotFoundError, ProcessLookupError):
+        return []
+    for thread in threads:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found += [int(child) for child in (thread / "children").read_text().split()]
+    return found
 
 
 def adopt_orphans() -> None:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from tsbench.core.machine import adopt_orphans, die_with
+from tsbench.core.machine import adopt_orphans, children_of, die_with
 
 # Comes with PyArrow, and is started anew in a child.
 _ALLOCATOR = "jemalloc_bg_thd"
@@ -31,9 +31,13 @@ def shared_with_children() -> frozenset[str]:
     planner adds to it can carry something from one episode to the next.
     """
     own = Path("/proc/self")
-    threads = {task.name: (task / "comm").read_text().strip() for task in (own / "task").iterdir()}
-    found = {f"thread {number}" for number, name in threads.items() if name != _ALLOCATOR}
-    found |= {f"process {child}" for child in _children()}
+    found = set()
+    for thread in (own / "task").iterdir():
+        # One that ends meanwhile is nothing that is shared.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if (thread / "comm").read_text().strip() != _ALLOCATOR:
+                found.add(f"thread {thread.name}")
+    found |= {f"process {child}" for child in children_of()}
     for line in (own / "maps").read_text().splitlines():
         place, rights, _, _, _, *name = line.split(maxsplit=5)
         if rights[1] == "w" and rights[3] == "s":
@@ -105,14 +109,9 @@ def kill_children() -> None:
         with suppress(ChildProcessError):
             while True:
                 os.waitpid(-1, 0)
-    while children := _children():
+    while children := children_of():
         for child in children:
             with suppress(ProcessLookupError):
                 os.kill(child, signal.SIGKILL)
         with suppress(ChildProcessError):
             os.waitpid(-1, 0)
-
-
-def _children() -> list[int]:
-    told = (file.read_text().split() for file in Path("/proc/self/task").glob("*/children"))
-    return [int(child) for children in told for child in children]

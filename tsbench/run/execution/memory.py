@@ -6,6 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from tsbench.core.machine import children_of
+
 _MB = 1e6
 
 
@@ -35,14 +37,7 @@ def resident_mb(pid: int) -> float:
 
 def resident_below_mb(pid: int) -> float:
     """Resident size of all that a process has started and that still runs."""
-    below = 0.0
-    for file in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            children = file.read_text().split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue
-        below += sum(resident_mb(int(child)) + resident_below_mb(int(child)) for child in children)
-    return below
+    return sum(resident_mb(child) + resident_below_mb(child) for child in children_of(pid))
 
 
 def processor_s(pid: int) -> float:
