@@ -50,8 +50,9 @@ PROPOSALS := pdm
 REACTIVE := commonroad-reactive
 READERS := reader careful
 MIRRORED := idm idm-e plant2-ft blind
-# Scenes for a planner that takes seconds for each.
-SUBSET := 270
+# Scenes for a planner that takes half a minute for each. Others drive the same ones, for comparison.
+SUBSET := 58
+COMPARED := idm idm-e
 LEVELS := good production poor
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
 SEEING := plant2-ft readers $(foreach level,$(LEVELS),ft-$(level) readers-$(level))
@@ -74,7 +75,7 @@ results: setup $(if $(ENTRANTS),$(METADRIVE))
 	$(call drive,$(BARE),bare,--trace none)
 	$(if $(ENTRANTS),TSBENCH_METADRIVE=$(METADRIVE) $(call drive,$(ENTRANTS),entrants,--trace none))
 	$(call drive,$(PROPOSALS),pdm,--trace none)
-	$(if $(REACTIVE),$(WITH_COMMONROAD) $(call drive,$(REACTIVE),commonroad,--trace none --limit $(or $(LIMIT),$(SUBSET))))
+	$(if $(REACTIVE),$(WITH_COMMONROAD) $(call drive,$(REACTIVE) $(COMPARED),commonroad,--trace none --limit $(or $(LIMIT),$(SUBSET))))
 	$(call drive,plant2-ft,masked,--trace none --mask-signs)
 	$(call drive,$(READERS),readers)
 	for level in $(LEVELS); do \

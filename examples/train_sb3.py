@@ -22,7 +22,6 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 import tsbench.envs
-from tsbench.envs.reward import RewardSpec
 
 HOLD = 3  # ticks of 0.1 s per decision
 ROLLOUT = 2048  # decisions of each process between two updates
@@ -138,13 +137,9 @@ def steps_of(table: Path) -> int:
 
 
 def make(group: str, begun: int) -> gymnasium.Env:  # type: ignore[type-arg]
-    # What a violation and an act of needless obedience cost is what teaches: the whole way is worth 1.
     action = "exit" if group == "routing" else "cruise"
-    spec = RewardSpec(violation=-1.0, needless=-1.0)
     seen = "scene" if group == "routing" else "plates"
-    environment = gymnasium.make(
-        tsbench.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD, reward=spec
-    )
+    environment = gymnasium.make(tsbench.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD)
     return Strict(environment, begun)
 
 

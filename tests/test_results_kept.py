@@ -30,6 +30,7 @@ MADE = {
     "bare": ("floor", ("bare", "plant2-ft")),
     "north-bayreuth": ("floor", ("north-bayreuth", "north-bayreuth-ft")),
     "mirrored-moscow": ("floor", ("mirrored-moscow",)),
+    "commonroad": ("floor", ("commonroad",)),
 }
 PAGES = ("README.md", "docs/floor.md", "docs/results.md")
 _BLOCK = r"<!-- analysis (\S+) .*?<!-- end -->"

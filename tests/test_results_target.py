@@ -24,7 +24,8 @@ PAGES = ("docs/results.md", "docs/floor.md", "README.md")
 FEW = {
     "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "STYLES": "idm", "NETWORKS": "", "EXPERT": "",
     "BLIND": "blind", "BARE": "tsbench.planners.plant2.ablations:WithoutHalts", "READERS": "reader", "MIRRORED": "idm",
-    "LEVELS": "good", "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "",
+    "LEVELS": "good", "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "idm",
+    "COMPARED": "",
 }  # fmt: skip
 DRIVEN = ("idm", "plant2-ft", "Lawless", "blind")
 _ASKED = re.compile(r"^<!-- analysis (\S+).*? \| planners ([^|>]+?)(?: \||(?: -->))", re.MULTILINE)
@@ -118,10 +119,8 @@ def test_its_defaults_drive_every_planner_that_a_page_asks_for() -> None:
     }
     pooled = re.search(r"analyse \$name (.*) --out", steps)
     assert pooled is not None
-    tables = {
-        "floor": {planner for run in pooled[1].split() for planner in driven[run.removeprefix("runs/x/")]},
-        **driven,
-    }
+    of_all = {planner for run in pooled[1].split() for planner in driven[run.removeprefix("runs/x/")]}
+    tables = {"floor": of_all, "main": of_all, **driven}
     asked = [found for name in PAGES for found in _ASKED.findall((ROOT / name).read_text())]
     assert len(asked) >= 4
     for table, planners in asked:

@@ -14,7 +14,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from tsbench.core.errors import InputError
-from tsbench.envs import DRIVE
+from tsbench.core.paths import city_in_use, using_city
+from tsbench.envs import DRIVE, DRIVE_V0
 from tsbench.envs.drive import DriveEnv
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
@@ -172,6 +173,8 @@ def test_masked_signs_have_no_code() -> None:
         ({"split": "dev", "more": 3}, "more 3: expected types and groups"),
         ({"split": "dev", "mask_signs": "no"}, "mask_signs 'no': expected True or False"),
         ({"split": "dev", "reward": 3}, "reward 3: expected a RewardSpec"),
+        ({"split": "dev", "city": 3}, "city 3: expected"),
+        ({"split": "dev", "city": "atlantis"}, "atlantis"),
     ],
 )
 def test_wrong_options_are_one_line(asked: dict[str, Any], word: str) -> None:
@@ -247,4 +250,32 @@ def test_a_copy_has_the_options_and_the_generator_but_no_episode(
     assert other.observation_space.contains(seen)
     other.step(np.zeros(3 if kind == "scene" else 2, dtype=np.float32))
     other.close()
+    made.close()
+
+
+def test_another_city_is_driven_and_stays_the_environments_own() -> None:
+    made = gymnasium.make(DRIVE, split="dev", city="north-bayreuth")
+    with using_city("north-bayreuth"):
+        there = {row.scenario_id for row in read_table(table_path("dev"))}
+    here = city_in_use()
+    for seed in range(3):
+        _, info = made.reset(seed=seed)
+        assert info["scenario_id"] in there
+        made.step(np.array([0.1, 0.0, 0.0], dtype=np.float32))
+        assert city_in_use() == here
+    made.close()
+    assert not there & {row.scenario_id for row in read_table(table_path("dev"))}
+
+
+@pytest.mark.parametrize(("name", "costs"), [(DRIVE, -1.0), (DRIVE_V0, 0.0)])
+def test_a_violation_costs_in_the_ids_that_show_plates(name: str, costs: float) -> None:
+    made = gymnasium.make(
+        name, split="dev", types="speed_limit", half="signed", observation="vector", action="aim"
+    )
+    told: dict[str, Any] = {}
+    made.reset(seed=0)
+    while not told.get("violations"):
+        assert "outcome" not in told
+        _, _, _, _, told = made.step(np.array([0.5, 0.0], dtype=np.float32))
+    assert told["reward_terms"]["violation"] == costs * len(told["violations"])
     made.close()

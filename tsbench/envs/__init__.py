@@ -2,12 +2,13 @@
 and `tsbench/Priority-v1` and the like for the types of one group.
 
 Or let Gymnasium import it, which also works in worker processes: `gymnasium.make("tsbench.envs:tsbench/Drive-v1")`.
-`-v0` is the same environment with the defaults that `ppo` learned with: it shows no plate.
+`-v0` is the same environment with the defaults that `ppo` learned with: it shows no plate, and violations are free.
 """
 
 from __future__ import annotations
 
 from tsbench.core.extras import missing_extra
+from tsbench.envs.reward import SIGNS
 from tsbench.planners.rl.actions import action_for
 
 try:
@@ -24,10 +25,10 @@ GROUPS = {f"tsbench/{group.title()}-v1": group for group in ("priority", "speed"
 
 # Ticks of the longest horizon, and one: what is too late ends as a failure before this cuts it short.
 MAX_STEPS = 1001
-# Defaults by version. The later one shows all that a sign asks for, and its actions can do it.
-_DEFAULTS = {
+# Defaults by version. The later one shows all that a sign asks for, its actions can do it, and its reward wants it.
+_DEFAULTS: dict[str, dict[str, object]] = {
     "v0": {"observation": "vector", "action": "aim"},
-    "v1": {"observation": "scene", "action": "exit"},
+    "v1": {"observation": "scene", "action": "exit", "reward": SIGNS},
 }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -17,11 +18,12 @@ from gymnasium import spaces
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.home import expanded_text
-from tsbench.data.cities import check_driven
+from tsbench.core.paths import using_city
+from tsbench.data.cities import check_driven, driven_city
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
-from tsbench.envs.reward import RewardSpec, RouteReward
+from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.episode.result import EpisodeResult
@@ -29,7 +31,7 @@ from tsbench.metrics.episode import is_scd
 from tsbench.metrics.progress import route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.run.arguments import switch, type_words, whole_number
+from tsbench.run.arguments import switch, text, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
 from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
@@ -45,7 +47,6 @@ _MORE = 3
 # A callable gets the terms of a step by name, violations and needless obedience as minus their number.
 Terms = Mapping[str, float]
 Reward = Callable[[Terms], float]
-_COUNTED = RewardSpec(violation=-1.0, needless=-1.0)
 _TERMS = ("progress", "violation", "needless", "end")
 _OPTIONS = ("scenario_id", "scenario", "type", "half")
 # Not arriving in time is a failure with its price, and no arbitrary cut.
@@ -62,7 +63,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     junction, (3,)). hold: ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity
     (of `objects`, `scene`, `plates`). reward: figures of the reward, or a callable that is given a step's terms.
     half: both | signed | contrast. more: types and groups whose scenarios are drawn three times as often. perception:
-    a level's name or file, as in `tsbench run`. render_mode: rgb_array | human (a window) | None.
+    a level's name or file, as in `tsbench run`. render_mode: rgb_array | human (a window) | None. city: another data
+    set, as in `tsbench run`.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (as Gymnasium declares it)
@@ -81,11 +83,11 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         half: str = BOTH,
         perception: str = EXACT,
         render_mode: str | None = None,
+        city: str | None = None,
     ) -> None:
         if render_mode is not None:
             _known("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        check_driven()
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
         _known("action", action, (*PLAIN, EXIT))
@@ -93,12 +95,15 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         ticks, masked = whole_number("hold", hold, unit=" tick"), switch("mask_signs", mask_signs)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
+        self._city = None if city is None else driven_city(text("city", city))
         chosen = choose_types(type_words("types", types), load_catalog())
-        rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
-        self._rows = choose_half(choose_variants(rows, variants), half)
-        if not self._rows:
-            raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
-        check_files(self._rows)
+        with self._data_set():
+            check_driven()
+            rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
+            self._rows = choose_half(choose_variants(rows, variants), half)
+            if not self._rows:
+                raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
+            check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
             kinds = choose_types(often, load_catalog())
@@ -113,12 +118,15 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if reward is None or isinstance(reward, RewardSpec):
             self._reward_spec = RewardSpec() if reward is None else reward
         else:
-            self._reward_spec, self._weigh = _COUNTED, reward
+            self._reward_spec, self._weigh = SIGNS, reward
         self._reward: RouteReward
         self._turn: Step | None = None
         self._last: Observation | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
+
+    def _data_set(self) -> AbstractContextManager[None]:
+        return nullcontext() if self._city is None else using_city(self._city)
 
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode."""
@@ -144,7 +152,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
-        turn = process_episode().begin(row, self, self._mask, self._level)
+        with self._data_set():
+            turn = process_episode().begin(row, self, self._mask, self._level)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)

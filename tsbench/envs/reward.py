@@ -44,6 +44,10 @@ class RewardSpec:
     needless: float = 0.0
 
 
+# A violation or an act of needless obedience costs as much as the whole way is worth.
+SIGNS = RewardSpec(violation=-1.0, needless=-1.0)
+
+
 class RouteReward:
     def __init__(self, first: Observation, spec: RewardSpec) -> None:
         self._spec = spec

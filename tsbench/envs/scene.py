@@ -7,8 +7,8 @@ stand before the others.
 
 from __future__ import annotations
 
-import heapq
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from tsbench.core.errors import InputError
 from tsbench.envs.plates import ADDRESSED, AddressedLanes
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph
+from tsbench.roads.shortest_ways import shortest_ways
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import MAX_STEER_RAD
 from tsbench.sim.world import ActorKind
@@ -175,21 +176,17 @@ class SceneSeen:
 
 def ways_to(graph: MapGraph, target: str) -> dict[str, float]:
     """From the start of each edge that leads there, m to the start of `target`, along edges."""
-    before: dict[str, list[str]] = {}
-    for edge in graph.network.edges:
-        for onward in graph.successors(edge):
-            before.setdefault(onward, []).append(edge)
-    best, queue = {target: 0.0}, [(0.0, target)]
-    while queue:
-        cost, edge = heapq.heappop(queue)
-        if cost > best[edge]:
-            continue
-        for source in before.get(edge, ()):
-            way = cost + graph.network.edges[source].length
-            if way < best.get(source, math.inf):
-                best[source] = way
-                heapq.heappush(queue, (way, source))
-    return best
+    edges, roads = list(graph.network.edges), graph.network.edges
+    number = {edge: k for k, edge in enumerate(edges)}
+    before: list[list[int]] = [[] for _ in edges]
+    for edge in edges:
+        for following in graph.successors(edge):
+            before[number[following]].append(number[edge])
+
+    def back(k: int, cost: float) -> Iterator[tuple[int, float]]:
+        return ((source, cost + roads[edges[source]].length) for source in before[k])
+
+    return {edges[k]: reached.cost for k, reached in shortest_ways(number[target], back).items()}
 
 
 def _scaled(values: Floats) -> Table:

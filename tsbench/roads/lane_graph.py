@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -19,6 +18,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import ContraflowLane, contraflow_lanes, open_lanes
 from tsbench.roads.road_map import MapConnection, RoadMap
+from tsbench.roads.shortest_ways import shortest_ways, way_to
 
 Turn = tuple[str, str]
 _BLEND_STEP_M = 2.0
@@ -139,26 +139,19 @@ class MapGraph(Frozen):
         avoid_turns: (from edge, to edge) pairs not to drive; avoid_edges: edges not to enter. Ties are broken by
         the order of edges in the network file.
         """
-        order = {edge: k for k, edge in enumerate(self.network.edges)}
-        queue: list[tuple[float, int, str]] = [(0.0, order[source], source)]
-        best, parent = {source: 0.0}, {source: ""}
-        while queue:
-            cost, _, edge = heapq.heappop(queue)
-            if cost > best[edge]:
-                continue
-            if edge == target:
-                chain = [edge]
-                while parent[chain[-1]]:
-                    chain.append(parent[chain[-1]])
-                return tuple(reversed(chain))
-            for succ in self._next.get(edge, ()):
-                if succ in avoid_edges or (edge, succ) in avoid_turns:
-                    continue
-                total = cost + self.crossing_length(edge, succ) + self.network.edges[succ].length
-                if total < best.get(succ, math.inf):
-                    best[succ], parent[succ] = total, edge
-                    heapq.heappush(queue, (total, order[succ], succ))
-        return None
+        edges = list(self.network.edges)
+        number = {edge: k for k, edge in enumerate(edges)}
+
+        def onward(k: int, cost: float) -> Iterator[tuple[int, float]]:
+            edge = edges[k]
+            for following in self._next.get(edge, ()):
+                if following not in avoid_edges and (edge, following) not in avoid_turns:
+                    length = self.network.edges[following].length
+                    yield number[following], cost + self.crossing_length(edge, following) + length
+
+        goal = number.get(target, -1)
+        way = way_to(goal, shortest_ways(number[source], onward, goal))
+        return tuple(edges[k] for k in way) or None
 
     def path(
         self, edges: tuple[str, ...], lane: int, s: float, destination: Destination, room: float = math.inf

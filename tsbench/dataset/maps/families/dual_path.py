@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import heapq
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from tsbench.dataset.maps.arms import arms_of
@@ -15,6 +13,7 @@ from tsbench.dataset.maps.families.junction import junction_shape
 from tsbench.dataset.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.geometry.angles import U_TURN, turn_class
+from tsbench.roads.shortest_ways import Reached, shortest_ways, way_to
 from tsbench.scenarios.map_pool import SLOTS, PoolRow
 
 MIN_GAIN_M = 20.0
@@ -26,14 +25,6 @@ DESTINATION_M = 40.0
 DESTINATION_MIN_M = 15.0
 DESTINATION_CUT_M = DESTINATION_M + 40.0
 AROUND_M = 40.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Reach:
-    """How an edge is reached: metres from the signed junction to the edge's start, and the edge before."""
-
-    at: float
-    before: int
 
 
 def manoeuvre(source: SourceNetwork, approach: int, leave: int) -> str:
@@ -90,14 +81,18 @@ def _pairs(
     for prohibited, base in exits:
         best: dict[str, tuple[float, str, int, int]] = {}
         for target, short in reach[prohibited].items():
-            ranked = sorted((tree[target].at, leave) for leave, tree in reach.items() if target in tree)
+            ranked = sorted((tree[target].cost, leave) for leave, tree in reach.items() if target in tree)
             # the plain shortest way must be the prohibited one, and the next best the compliant one
             if len(ranked) < 2 or ranked[0][1] != prohibited:
                 continue
             compliant_at, compliant = ranked[1]
             extra = min(float(source.lengths[target]), DESTINATION_M)
-            gain = compliant_at - short.at
-            if gain < MIN_GAIN_M or short.at + extra > MAX_SHORT_M or compliant_at + extra > MAX_COMPLIANT_M:
+            gain = compliant_at - short.cost
+            if (
+                gain < MIN_GAIN_M
+                or short.cost + extra > MAX_SHORT_M
+                or compliant_at + extra > MAX_COMPLIANT_M
+            ):
                 continue
             if source.lengths[target] < DESTINATION_MIN_M or short.before == reach[compliant][target].before:
                 continue
@@ -107,36 +102,21 @@ def _pairs(
                 best[slot] = candidate
         for slot in sorted(best):
             _, _, target, compliant = best[slot]
-            short_way = _way(reach[prohibited], target)
-            long_way = _way(reach[compliant], target)
+            short_way = way_to(target, reach[prohibited])
+            long_way = way_to(target, reach[compliant])
             if not set(short_way[:-1]) & set(long_way[:-1]):
                 yield _row(source, node, approach, shape, slot, short_way, long_way)
 
 
-def _search(source: SourceNetwork, turns: _Turns, node: int, approach: int, leave: int) -> dict[int, _Reach]:
-    """Shortest ways from an exit that do not come back to the signed junction, by edge."""
-    reached: dict[int, _Reach] = {}
-    queue = [(0.0, leave, -1)]
-    while queue:
-        at, row, before = heapq.heappop(queue)
-        if row in reached:
-            continue
-        reached[row] = _Reach(at, before)
+def _search(source: SourceNetwork, turns: _Turns, node: int, approach: int, leave: int) -> dict[int, Reached]:
+    """Shortest ways (m, to an edge's start) from an exit that do not come back to the signed junction, by edge."""
+
+    def onward(row: int, at: float) -> Iterator[tuple[int, float]]:
         end = at + float(source.lengths[row])
-        if end > MAX_COMPLIANT_M or source.head[row] == node:
-            continue
-        for following, _ in turns.after(row):
-            if following not in reached and following != approach:
-                heapq.heappush(queue, (end, following, row))
-    return reached
+        if end <= MAX_COMPLIANT_M and source.head[row] != node:
+            yield from ((following, end) for following, _ in turns.after(row) if following != approach)
 
-
-def _way(tree: dict[int, _Reach], target: int) -> list[int]:
-    """Edges from the exit to the target, both included."""
-    way = [target]
-    while tree[way[-1]].before >= 0:
-        way.append(tree[way[-1]].before)
-    return way[::-1]
+    return shortest_ways(leave, onward)
 
 
 def dual_path_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
