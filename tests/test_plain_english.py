@@ -21,6 +21,8 @@ BANNED = {
     r"\bby lot\b": "at random, in shuffled order",
     r"\bcannot but\b": "has to",
 }
+# Words of a sentence, `code` counted as one; a colon or a semicolon ends it, too.
+MOST_WORDS = 25
 # "Who imports whom" is what everybody calls such a picture.
 SAID = ("Who imports whom", "who imports whom")
 FILES = sorted(
@@ -30,6 +32,18 @@ FILES = sorted(
     for path in (ROOT / folder).glob(f"*.{kind}" if folder == "." else f"**/*.{kind}")
     if "archive" not in path.parts and path.name != "CHANGELOG.md"
 )
+
+_NOT_PROSE = re.compile(r"```.*?```|<!--.*?-->|^[ \t]*\|.*?$", re.MULTILINE | re.DOTALL)
+_ITEM = re.compile(r"\n\s*\n|\n\s*(?:[*-]|\d+\.)\s")
+_END = re.compile(r"(?<=[.!?])[\"')]*\s+(?=[A-Z\"(*\d])|(?<=[;:])\s")
+
+
+def long_sentences(page: str) -> list[str]:
+    """Sentences of a page in Markdown that are too long, tables and code left out."""
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", _NOT_PROSE.sub("", page))
+    text = re.sub(r"`[^`]*`", "Code", text).replace("**", "")
+    sentences = [one for item in _ITEM.split(text) for one in _END.split(" ".join(item.split()))]
+    return [one for one in sentences if len(one.split()) > MOST_WORDS]
 
 
 def found_in(text: str) -> list[tuple[int, str, str]]:
@@ -62,3 +76,19 @@ def test_no_page_and_no_docstring_has_them() -> None:
 )
 def test_the_list_finds_phrases_and_leaves_plates_on_their_posts(text: str, phrases: list[str]) -> None:
     assert sorted(phrase for _, phrase, _ in found_in(text)) == sorted(phrases)
+
+
+def test_no_sentence_of_a_page_is_long() -> None:
+    # What pages of signs say comes from the catalogue, whose every word is part of an edition's contract.
+    pages = [path for path in FILES if path.suffix == ".md" and path.parent.name != "signs"]
+    assert len(pages) > 50
+    found = {str(path.relative_to(ROOT)): long_sentences(path.read_text(encoding="utf-8")) for path in pages}
+    assert {name: long for name, long in found.items() if long} == {}
+
+
+def test_only_what_is_read_as_one_sentence_is_counted() -> None:
+    words = " ".join(["word"] * 20)
+    assert long_sentences(f"A {words}. B {words}; c {words}:\n\n* **D.** E {words}\n* F {words}") == []
+    assert long_sentences(f"```\n{words} {words}\n```\n| {words} {words} |\n") == []
+    assert long_sentences(f"`{words} {words}` and [it](a {words}) {words}.") == []
+    assert long_sentences(f"A {words}, {words}.") == [f"A {words}, {words}."]
