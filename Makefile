@@ -50,7 +50,7 @@ PROPOSALS := pdm
 REACTIVE := commonroad-reactive
 READERS := reader careful
 MIRRORED := idm idm-e plant2-ft blind
-# Scenes for a planner that takes half a minute for each. Others drive the same ones, for comparison.
+# Scenes for a planner that takes some ten seconds for each. Others drive the same ones, for comparison.
 SUBSET := 58
 COMPARED := idm idm-e
 LEVELS := good production poor

@@ -8,8 +8,6 @@ import sys
 import threading
 import time
 
-import pytest
-
 from tsbench.core.machine import children_of
 from tsbench.run.execution.memory import processor_s, resident_below_mb, resident_mb
 
@@ -57,7 +55,6 @@ def test_what_has_ended_has_no_children_and_no_memory() -> None:
     assert resident_mb(child.pid) == resident_below_mb(child.pid) == processor_s(child.pid) == 0.0
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 def test_children_that_end_while_somebody_looks_stop_nobody() -> None:
     restless = subprocess.Popen([sys.executable, "-I", "-S", "-c", RESTLESS])
     try:

@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from tsbench.core.errors import InputError
@@ -173,6 +174,7 @@ def test_masked_signs_have_no_code() -> None:
         ({"split": "dev", "more": 3}, "more 3: expected types and groups"),
         ({"split": "dev", "mask_signs": "no"}, "mask_signs 'no': expected True or False"),
         ({"split": "dev", "reward": 3}, "reward 3: expected a RewardSpec"),
+        ({"split": "dev", "reward": {"violations": -1.0}}, "reward {'violations': -1.0}: "),
         ({"split": "dev", "city": 3}, "city 3: expected"),
         ({"split": "dev", "city": "atlantis"}, "atlantis"),
     ],
@@ -279,3 +281,14 @@ def test_a_violation_costs_in_the_ids_that_show_plates(name: str, costs: float) 
         _, _, _, _, told = made.step(np.array([0.5, 0.0], dtype=np.float32))
     assert told["reward_terms"]["violation"] == costs * len(told["violations"])
     made.close()
+
+
+@pytest.mark.parametrize("name", [DRIVE, DRIVE_V0])
+def test_an_environment_is_made_again_from_its_json(name: str) -> None:
+    made = gymnasium.make(name, split="dev")
+    assert made.spec is not None
+    again = gymnasium.make(EnvSpec.from_json(made.spec.to_json()))
+    assert again.unwrapped._reward_spec == made.unwrapped._reward_spec  # type: ignore[attr-defined]
+    assert again.unwrapped._by_id == made.unwrapped._by_id  # type: ignore[attr-defined]
+    made.close()
+    again.close()

@@ -15,6 +15,7 @@ import driver
 import pytest
 from patience import eventually
 
+from tsbench.core.machine import children_of
 from tsbench.core.paths import data_root
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -44,14 +45,7 @@ def specs(maps: int = 2, variants: int = 10) -> list[ScenarioSpec]:
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:
     """Process ids of the workers of a run, each the child of its reaper."""
-    return [pid for reaper in _children(process.pid) for pid in _children(reaper) if _is_worker(pid)]
-
-
-def _children(pid: int) -> list[int]:
-    try:
-        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except (FileNotFoundError, ProcessLookupError):
-        return []
+    return [pid for reaper in children_of(process.pid) for pid in children_of(reaper) if _is_worker(pid)]
 
 
 def assert_gone(pids: list[int]) -> None:

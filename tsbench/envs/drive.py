@@ -19,6 +19,7 @@ from gymnasium import spaces
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.home import expanded_text
 from tsbench.core.paths import using_city
+from tsbench.core.plain import dataclass_from_json
 from tsbench.data.cities import check_driven, driven_city
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
@@ -61,10 +62,10 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     (scene without roads). action: aim (acceleration, place beside the route) | steer (acceleration, steering angle) |
     cruise (speed, place beside the route), all (2,) in -1..1 | exit (as aim, and the turn to take at the next
     junction, (3,)). hold: ticks of 0.1 s per step. variants: as in `tsbench run`. mask_signs: remove sign identity
-    (of `objects`, `scene`, `plates`). reward: figures of the reward, or a callable that is given a step's terms.
-    half: both | signed | contrast. more: types and groups whose scenarios are drawn three times as often. perception:
-    a level's name or file, as in `tsbench run`. render_mode: rgb_array | human (a window) | None. city: another data
-    set, as in `tsbench run`.
+    (of `objects`, `scene`, `plates`). reward: a RewardSpec, its fields as a mapping, or a callable that is given a
+    step's terms. half: both | signed | contrast. more: types and groups whose scenarios are drawn three times as often.
+    perception: a level's name or file, as in `tsbench run`. render_mode: rgb_array | human (a window) | None. city:
+    another data set, as in `tsbench run`.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (as Gymnasium declares it)
@@ -78,7 +79,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         hold: int = 1,
         variants: str = "all",
         mask_signs: bool = False,
-        reward: RewardSpec | Reward | None = None,
+        reward: RewardSpec | Mapping[str, float] | Reward | None = None,
         more: str | Sequence[str] | None = None,
         half: str = BOTH,
         perception: str = EXACT,
@@ -93,6 +94,9 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         _known("action", action, (*PLAIN, EXIT))
         _known("variants", variants, VARIANTS)
         ticks, masked = whole_number("hold", hold, unit=" tick"), switch("mask_signs", mask_signs)
+        if isinstance(reward, Mapping):
+            # So Gymnasium writes a RewardSpec in an environment's JSON.
+            reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
         self._city = None if city is None else driven_city(text("city", city))
@@ -285,6 +289,13 @@ def _so_far(judged: Judged) -> dict[str, Any]:
     return {
         "violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged,
     }  # fmt: skip
+
+
+def _reward_of(fields: Mapping[str, float]) -> RewardSpec:
+    try:
+        return dataclass_from_json(RewardSpec, fields)
+    except ValueError as problem:
+        raise InputError(f"reward {fields!r}: {problem}") from problem
 
 
 def _known(name: str, value: str, known: Any) -> None:
