@@ -1,6 +1,6 @@
 """Makes the manifest of the data, and the folder that `tsbench data fetch --from` reads.
 
-python packaging/data_sets.py manifest       writes tsbench/data/manifest.json from the files that are here
+python packaging/data_sets.py manifest       writes tsbench/core/data_manifest.json from the files that are here
 python packaging/data_sets.py lay-out DIR    copies the sets' files to DIR, each checked
 """
 
@@ -11,8 +11,8 @@ import shutil
 import sys
 from pathlib import Path
 
+from tsbench.core.data_manifest import MANIFEST, SCHEMA_VERSION, DataFile, data_set, data_sets, sha256_of
 from tsbench.core.paths import SHIPPED_CITIES
-from tsbench.data.manifest import MANIFEST, SCHEMA_VERSION, DataFile, data_set, data_sets, sha256_of
 
 ROOT = Path(__file__).resolve().parent.parent
 # By name: what it is, and its files. `test` is what the wheel tsbench-data carries (tsbench-data/hatch_build.py).

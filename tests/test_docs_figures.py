@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from tsbench.data.manifest import data_sets
+from tsbench.core.data_manifest import data_sets
 from tsbench.planners import registry
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,7 +18,7 @@ class DataFiles(BuildHookInterface[Any]):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
         """Adds each file of the set; refuses one that is not what the manifest says."""
-        manifest = json.loads((CLONE / "tsbench/data/manifest.json").read_text(encoding="utf-8"))
+        manifest = json.loads((CLONE / "tsbench/core/data_manifest.json").read_text(encoding="utf-8"))
         for name, size, sha256 in manifest["sets"]["test"]["files"]:
             content = (CLONE / name).read_bytes()
             if len(content) != size or hashlib.sha256(content).hexdigest() != sha256:

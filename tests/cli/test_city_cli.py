@@ -136,6 +136,8 @@ def test_a_town_with_traffic_on_the_left(
         tsbench.evaluate("idm", split="dev", limit=1, workers=1, out=tmp_path / "wrong")
     with pytest.raises(InputError, match="leftown: is stored in a mirror"):
         DriveEnv(split="dev")
+    with pytest.raises(InputError, match="leftown: is stored in a mirror"):
+        tsbench.load_scenarios("dev")
 
 
 def test_a_city_without_any_scene_says_why_in_one_line(

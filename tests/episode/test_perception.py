@@ -27,7 +27,7 @@ from tsbench.episode.perception import (
     SignDetector,
     in_sight,
 )
-from tsbench.episode.perception_level import PerceptionLevel, load_level
+from tsbench.episode.perception_level import Perception, PerceptionLevel, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import read_trace, write_trace
 from tsbench.planners.base import SignView
@@ -224,7 +224,8 @@ def test_levels_of_files(tmp_path: Path) -> None:
 def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
     """Hashes of the traces of episodes with poor eyes, driven in this order."""
     rows = {row.scenario_id: row for row in read_table(table_path("dev"))}
-    runner, hashes = EpisodeRunner(resolve("idm"), perception=asdict(level("poor", false_per_km=20.0))), {}
+    perception, hashes = Perception(level=level("poor", false_per_km=20.0)), {}
+    runner = EpisodeRunner(resolve("idm"), perception=perception)
     for name in scenarios:
         path = folder / f"{name}.parquet"
         write_trace(path, runner.run(rows[name]))

@@ -17,6 +17,7 @@ from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.episode import outcome as outcome_module
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import Perception
 from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
@@ -273,7 +274,7 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     spec = on_the_road(on_road, "plain")
     bare = runner(root, "Follow").run(spec)
     plain = scripted.Scripted.seen[0].signs[0]
-    masked = runner(root, "Follow", mask_signs=True).run(spec)
+    masked = runner(root, "Follow", perception=Perception(mask_signs=True)).run(spec)
     hidden = {s for o in scripted.Scripted.seen for s in ((x.code, x.value) for x in o.signs)}
     assert hidden == {("", None)}
     first = scripted.Scripted.seen[0].signs[0]

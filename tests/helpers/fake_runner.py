@@ -12,6 +12,7 @@ import numpy as np
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.episode.command import to_command
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import Perception
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
@@ -26,7 +27,7 @@ class FakeRunner:
         self,
         planner: LoadedPlanner,
         *,
-        mask_signs: bool,
+        perception: Perception,
         heartbeat: Callable[[int], None],
     ) -> None:
         self.name, self._factory = planner.name, planner.factory

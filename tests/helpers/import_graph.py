@@ -26,7 +26,7 @@ LAYERS: tuple[dict[str, float], ...] = (
     {"scenarios": 1.5},
     {"sim": 1.5},
     {"roads": 1.5, "signs": 3.0},
-    {"data": 0.5, "geometry": 2.15},
+    {"geometry": 2.15},
     {"core": 1.5},
 )
 LAYER = {package: number for number, layer in enumerate(LAYERS) for package in layer}
@@ -39,7 +39,7 @@ _WINGS = {
     "what makes data": ("#ffe2b8", {"dataset"}),
     "what learns": ("#cdeccd", {"learn", "envs"}),
     "what is asked and shown": ("#e6defa", {"cli", "api", "leaderboard", "tools", "report"}),
-    "what all stand on": ("#e9ecef", {"roads", "signs", "geometry", "data", "core"}),
+    "what all stand on": ("#e9ecef", {"roads", "signs", "geometry", "core"}),
 }
 _COLUMN, _ROW, _BOX_W, _BOX_H, _LEFT, _TOP = 150, 62, 112, 30, 40, 18
 

@@ -16,7 +16,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.paths import using_city
-from tsbench.episode.perception_level import load_level
+from tsbench.episode.perception_level import Perception, load_level
 from tsbench.leaderboard.claim import claim_of
 from tsbench.leaderboard.submission import Submission, episode_of, json_schema, read_submission
 from tsbench.leaderboard.submit import make_submission
@@ -109,7 +109,7 @@ def test_a_perception_level_goes_along(run: Path, make: Make, tmp_path: Path) ->
             made = make()
             (tmp_path / "x.json").write_text(made.to_json())
             assert read_submission(tmp_path / "x.json").perception == poor
-            assert claim_of(tmp_path / "x.json").options == {"perception": asdict(poor)}
+            assert claim_of(tmp_path / "x.json").perception == Perception(level=poor)
             assert made.level == "poor"
         else:
             with pytest.raises(InputError, match=told):

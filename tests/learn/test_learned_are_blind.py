@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners import registry
 from tsbench.scenarios.table import read_table, table_path
@@ -29,7 +30,7 @@ def test_there_are_some() -> None:
 def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
     row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
     commands = [
-        EpisodeRunner(registry.resolve(name), mask_signs=mask, simulation=simulation)
+        EpisodeRunner(registry.resolve(name), perception=Perception(mask_signs=mask), simulation=simulation)
         .run(row)
         .commands.tobytes()
         for mask in (False, True)

@@ -10,7 +10,7 @@ import pytest
 from scripts import load_script
 
 from tsbench.core import paths
-from tsbench.data.manifest import MANIFEST, data_sets
+from tsbench.core.data_manifest import MANIFEST, data_sets
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -39,7 +39,7 @@ def test_what_is_laid_out_is_what_is_fetched(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from tsbench.data.fetch import fetch_set
+    from tsbench.core.fetch import fetch_set
 
     data_sets_script.lay_out(tmp_path / "origin")
     assert "test: " in capsys.readouterr().out

@@ -71,9 +71,9 @@ def test_the_code_comes_with_catalogue_and_weights_and_nothing_else(wheels: Path
 
 def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     inside = names_in(wheels, "tsbench_data-*.whl")
-    asked = json.loads((ROOT / "tsbench/data/manifest.json").read_text(encoding="utf-8"))["sets"]["test"][
-        "files"
-    ]
+    asked = json.loads((ROOT / "tsbench/core/data_manifest.json").read_text(encoding="utf-8"))["sets"][
+        "test"
+    ]["files"]
     assert set(inside) == {f"tsbench_data/{name}" for name, *_ in asked} | {"tsbench_data/__init__.py"}
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside)
     assert kinds == {
@@ -90,7 +90,7 @@ def test_data_that_are_not_the_manifests_are_not_packed(tmp_path: Path) -> None:
     shutil.copytree(
         ROOT / "packaging", clone / "packaging", ignore=shutil.ignore_patterns("build", "__pycache__")
     )
-    for name in ("tsbench/__init__.py", "tsbench/data/manifest.json"):
+    for name in ("tsbench/__init__.py", "tsbench/core/data_manifest.json"):
         (clone / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, clone / name)
     for name in ("scenarios", "sumo_nets"):

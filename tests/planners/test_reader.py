@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
-from tsbench.episode.perception_level import load_level
+from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
 from tsbench.run.log.score import make_record
@@ -17,11 +17,11 @@ def passed(planner: str, right: float | None, kind: str = "direction_right") -> 
     """SCD of the signed and the contrast half of dev's first pair of a type. right: share read; None: exact eyes."""
     rows = [r for r in read_table(table_path("dev")) if r.pair_type == kind]
     halves = sorted((r for r in rows if r.pair_id == rows[0].pair_id), key=lambda r: r.half, reverse=True)
-    level = None
+    level = EXACTLY
     if right is not None:
         poor = load_level("poor")
         assert poor is not None
-        level = asdict(replace(poor, right=right, misread=0.0, ceiling=1.0, false_per_km=0.0))
+        level = Perception(level=replace(poor, right=right, misread=0.0, ceiling=1.0, false_per_km=0.0))
     runner = EpisodeRunner(resolve(planner), perception=level)
     found = [bool(make_record(runner.run(row), privileged=True).row["scd"]) for row in halves]
     runner.close()

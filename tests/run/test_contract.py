@@ -26,12 +26,12 @@ PLACE = Path(tsbench.__file__).parent.parent
 NO_MATTER = {
     "tsbench/planners/builtin.py": "the list of tsbench's planners: run.json has what it says of the one that drives",
     "tsbench/planners/weights.py": "reads how many parameters the listed networks have",
-    "tsbench/data/__init__.py": "of the fetching of weights, whose hash is the planner's",
-    "tsbench/data/fetch.py": "fetches weights, whose hash is the planner's",
-    "tsbench/data/manifest.py": "reads which weights could be fetched",
+    "tsbench/core/fetch.py": "fetches weights, whose hash is the planner's",
+    "tsbench/core/data_manifest.py": "reads which weights could be fetched",
 }
 DRIVEN = """
 import io, json, sys
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.execution.messages import TO_RUN, Finished, Probe, Setup, Start, Task, decode, encode
 from tsbench.run.execution.worker_main import Worker
 from tsbench.run.planner_info import PlannerInfo
@@ -41,7 +41,7 @@ class Line:
     def __init__(self):
         who = PlannerInfo("idm", "idm", False, False, (), None, None)
         row = min(read_table(table_path("test")), key=lambda row: row.horizon)
-        self.told = [Start(tuple(sys.path), ()), Setup((who,), False, "cpu", "all", sys.argv[1], "test", ""),
+        self.told = [Start(tuple(sys.path), ()), Setup((who,), EXACTLY, "cpu", "all", sys.argv[1], "test", ""),
                      Probe("idm"), Task(1, 0, row)]
         self.before = {"tsbench.scenarios.table", "tsbench.core.parquet"}  # of this script
     def makefile(self, mode):

@@ -5,19 +5,18 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from tsbench.api.evaluate import Given
 from tsbench.api.words import keywords
+from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.home import expanded_text
 from tsbench.core.paths import city_in_use, using_city
-from tsbench.data.cities import check_driven, driven_city
-from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
+from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
@@ -50,10 +49,7 @@ class Drive:
     is over. answer: what it returned at the tick before. One at a time: a new one ends the one before.
     """
 
-    def __init__(
-        self, planner: Given | Planner, row: ScenarioSpec, mask_signs: bool = False,
-        perception: PerceptionLevel | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, planner: Given | Planner, row: ScenarioSpec, perception: Perception = EXACTLY) -> None:
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
         self.row, self._city = row, city_in_use()
         self.answer: Control | Trajectory | None = None
@@ -62,7 +58,7 @@ class Drive:
         self._ticks = 0
         self._driver = _driver_of(planner)
         d = self._driver
-        step = process_episode().begin(row, self, mask_signs, perception, d.name, d.privileged, d.floor)
+        step = process_episode().begin(row, self, perception, d.name, d.privileged, d.floor)
         if isinstance(step, EpisodeResult):
             raise InputError(f"{row.scenario_id}: {step.error}")
         self.context: PlannerContext = step.context
@@ -169,9 +165,9 @@ def drive(
     its id. split: where that is not enough. Raises InputError: no such planner or scenario, or a scene that does not
     load.
     """
-    with nullcontext() if city is None else using_city(driven_city(city)):
-        check_driven()
-        return Drive(planner, row_of(scenario, split), mask_signs, load_level(expanded_text(str(perception))))
+    with driving(city):
+        level = load_level(expanded_text(str(perception)))
+        return Drive(planner, row_of(scenario, split), Perception(mask_signs, level))
 
 
 def row_of(scenario: str, split: str | None = None) -> ScenarioSpec:

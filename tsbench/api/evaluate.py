@@ -6,23 +6,22 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from tsbench.api.run import Run
+from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded_text
-from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
-from tsbench.data.cities import check_driven, driven_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
 from tsbench.run.execution.executor import Limits
 from tsbench.run.listener import Listener, listeners_of
+from tsbench.run.options import LEAST_MEMORY_MB, Options
 from tsbench.run.plan import BOTH, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import LEAST_MEMORY_MB, Options, run
+from tsbench.run.session import run
 
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
 Given = str | type[Any] | Callable[..., Any]
@@ -106,8 +105,7 @@ def evaluate(
         overwrite=switch("--overwrite", overwrite), allow_partial=switch("--allow-partial", allow_partial),
         limits=Limits(most_memory=number_of("--memory-limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
-    with nullcontext() if city is None else using_city(driven_city(text("--city", city))):
-        check_driven()
+    with driving(None if city is None else text("--city", city)):
         return Run(run(options, ProgressWatcher(progress_console()), told).folder)
 
 

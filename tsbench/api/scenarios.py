@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from tsbench.api.words import keywords
+from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.paths import dataset_file, using_city
-from tsbench.data.cities import driven_city
+from tsbench.core.paths import dataset_file
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.arguments import text, type_words
 from tsbench.run.plan import choose_types
@@ -67,7 +66,7 @@ def load_scenarios(
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
     wanted = choose_types(type_words("types", types), load_catalog())
-    with nullcontext() if city is None else using_city(driven_city(text("city", city))):
+    with driving(None if city is None else text("city", city)):
         loader = SceneLoader(SceneStore(dataset_file("scenarios")))
         return tuple(
             Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted

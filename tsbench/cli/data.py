@@ -6,9 +6,9 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
+from tsbench.core.data_manifest import DataFile, DataSet, data_set, data_sets
+from tsbench.core.fetch import fetch_set
 from tsbench.core.paths import data_file, fetch_root
-from tsbench.data.fetch import fetch_set
-from tsbench.data.manifest import DataFile, DataSet, data_set, data_sets
 
 
 @click.group()

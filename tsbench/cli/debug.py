@@ -13,11 +13,10 @@ import click
 
 from tsbench.api.drive import Drive, row_of
 from tsbench.cli import EXIT_FAILED, options
+from tsbench.core.cities import check_driven
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.data.cities import check_driven
-from tsbench.episode.perception_level import EXACT, load_level
-from tsbench.leaderboard.claim import level_of
+from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
@@ -54,9 +53,9 @@ def debug(
     `breakpoint()` and `print` in the planner work. Where it stops, what the planner is shown, answered and is held
     against it is printed. Exit code 1 where the planner raises.
     """
-    level = load_level(perception)
+    perceived = Perception(mask_signs, load_level(perception))
     if run is not None:
-        if episode is None or planner or scenario or split or mask_signs or level:
+        if episode is None or planner or scenario or split or perceived != EXACTLY:
             raise InputError("a run has its planner, plates and perception: name RUN and EPISODE alone")
         stored = read_run(run)
         name, _, scenario = episode.rpartition("/")
@@ -65,14 +64,14 @@ def debug(
             names = ", ".join(f"{info.name}/{scenario}" for info in planners_of(stored.manifest))
             raise InputError(f"{run}: {episode}: name one of {names}")
         planner, split = found[0], str(stored.manifest["effective"]["split"])
-        mask_signs, level = bool(stored.manifest["effective"]["mask_signs"]), level_of(stored)
+        perceived = stored.perception
     elif planner is None or scenario is None:
         raise InputError("name what to drive: RUN EPISODE, or --planner and --scenario")
     check_driven()
     row = row_of(scenario, split)
     try:
         # What a run drove in an image is driven here as it stands in its file.
-        _follow(Drive(image_of(planner)[1], row, mask_signs, level), at, png, debugger)
+        _follow(Drive(image_of(planner)[1], row, perceived), at, png, debugger)
     except BdbQuit:
         return
     except InputError:

@@ -11,15 +11,16 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
+from tsbench.core.cities import check_driven
 from tsbench.core.streams import progress_console
-from tsbench.data.cities import check_driven
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
+from tsbench.run.options import LEAST_MEMORY_MB, Options
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import LEAST_MEMORY_MB, Options, RunResult
+from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
 
 # Of `tsbench oracle collect` too.

@@ -27,7 +27,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.home import expanded
 
 CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
-# Those whose data sets are released (tsbench.data): their contracts are, too.
+# Those whose data sets are released (`core.data_manifest`): their contracts are, too.
 SHIPPED_CITIES = ("andorra", "north-bayreuth")
 # Before a city's name: its data set in a mirror, made of the stored one as it is read, with traffic on the left.
 MIRRORED = "mirrored-"
@@ -117,7 +117,7 @@ def _dataset() -> str:
 
 
 def fetch_hint(part: str) -> str:
-    """The words that say how to get a set of the data (tsbench.data) that is not here."""
+    """The words that say how to get a set of the data (`core.data_manifest`) that is not here."""
     city = source_city()
     if city in SHIPPED_CITIES:
         part = city

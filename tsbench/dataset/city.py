@@ -12,12 +12,12 @@ from typing import Any
 import yaml
 
 from tsbench.core.benchmark import MAPS
+from tsbench.core.cities import LEFT, RIGHT, cities_folder, driven_as
 from tsbench.core.errors import InputError
+from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
 from tsbench.core.paths import MIRRORED, city_in_use, using_city
 from tsbench.core.textfile import read_yaml
-from tsbench.data.cities import LEFT, RIGHT, cities_folder, driven_as
-from tsbench.data.fetch import fetch_file
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -16,17 +15,17 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from tsbench.core.cities import check_driven, driven_city
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.home import expanded_text
-from tsbench.core.paths import using_city
+from tsbench.core.paths import city_in_use, using_city
 from tsbench.core.plain import dataclass_from_json
-from tsbench.data.cities import check_driven, driven_city
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception_level import EXACT, load_level
+from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.episode import is_scd
 from tsbench.metrics.progress import route_completion
@@ -93,15 +92,16 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         _known("observation", observation, KINDS)
         _known("action", action, (*PLAIN, EXIT))
         _known("variants", variants, VARIANTS)
-        ticks, masked = whole_number("hold", hold, unit=" tick"), switch("mask_signs", mask_signs)
+        self._hold = whole_number("hold", hold, unit=" tick")
+        masked = switch("mask_signs", mask_signs)
         if isinstance(reward, Mapping):
             # So Gymnasium writes a RewardSpec in an environment's JSON.
             reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
-        self._city = None if city is None else driven_city(text("city", city))
+        self._city = city_in_use() if city is None else driven_city(text("city", city))
         chosen = choose_types(type_words("types", types), load_catalog())
-        with self._data_set():
+        with using_city(self._city):
             check_driven()
             rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
             self._rows = choose_half(choose_variants(rows, variants), half)
@@ -115,7 +115,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
         self._act = PLAIN.get(action)
-        self._hold, self._mask, self._level = ticks, masked, load_level(expanded_text(str(perception)))
+        self._perception = Perception(masked, load_level(expanded_text(str(perception))))
         self._view: View | None = None
         self._context: PlannerContext | None = None
         self._weigh: Reward | None = None
@@ -128,9 +128,6 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._last: Observation | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
-
-    def _data_set(self) -> AbstractContextManager[None]:
-        return nullcontext() if self._city is None else using_city(self._city)
 
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode."""
@@ -156,8 +153,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
-        with self._data_set():
-            turn = process_episode().begin(row, self, self._mask, self._level)
+        with using_city(self._city):
+            turn = process_episode().begin(row, self, self._perception)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
         self._seen.reset(turn.context)

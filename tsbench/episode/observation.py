@@ -9,7 +9,7 @@ import numpy as np
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
 from tsbench.episode.perception import Plate, SignDetection, SignDetector
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.planners.base import Observation, SignView
 from tsbench.roads.destination import Destination
@@ -25,21 +25,21 @@ HISTORY_TICKS = 20
 class Observer:
     """Builds observations for one episode; keeps the ego's history. privileged: for an expert?
 
-    perception: the level of its eyes, with the pair's name, which decides their luck; None: exact.
+    luck: a name from which what imperfect perception does is drawn; an episode has its pair's.
     """
 
     def __init__(
-        self, scene: Scene, view: PlannerMap, mask_signs: bool, privileged: bool = False,
-        perception: tuple[PerceptionLevel, str] | None = None,
+        self, scene: Scene, view: PlannerMap, perception: Perception = EXACTLY, luck: str = "",
+        privileged: bool = False,
     ) -> None:  # fmt: skip
         self._view, self._privileged = view, privileged
         seen = [_plate(view, scene, sign) for sign in scene.signs]
-        self._mask = mask_signs
-        self._signs = [sign.masked() for sign in seen] if mask_signs else seen
+        self._mask = perception.mask_signs
+        self._signs = [sign.masked() for sign in seen] if self._mask else seen
         self._eyes: SignDetector | None = None
-        if perception is not None:
+        if perception.level is not None:
             plates = [Plate(sign.id, sign.role, at) for sign, at in zip(scene.signs, seen, strict=True)]
-            self._eyes = SignDetector(*perception, plates, view.map)
+            self._eyes = SignDetector(perception.level, luck, plates, view.map)
         lane = scene.network.lane_index
         self._obstacles = tuple(
             replace(o, lane=_lane_id(view, lane[o.lane]) if o.lane in lane else "") for o in scene.obstacles

@@ -1,4 +1,4 @@
-"""Perception levels: how well planners perceive plates, as data. Source: docs/spec/perception.md."""
+"""How planners perceive plates, with the levels as data. Source: docs/spec/perception.md."""
 
 from __future__ import annotations
 
@@ -53,6 +53,17 @@ class PerceptionLevel:
     def told(self) -> float:
         """Share of plates that are ever read, right or as a neighbour."""
         return self.right + (1.0 - self.right) * self.misread
+
+
+@dataclass(frozen=True)
+class Perception:
+    """How plates reach a planner in an episode. mask_signs: without code and value; level: None = exactly."""
+
+    mask_signs: bool = False
+    level: PerceptionLevel | None = None
+
+
+EXACTLY = Perception()
 
 
 def load_level(given: str) -> PerceptionLevel | None:

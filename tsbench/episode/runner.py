@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
-from tsbench.core.plain import dataclass_from_json
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.episode import Episode
 from tsbench.episode.observation import Observer, destination_on_map
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
@@ -46,20 +44,18 @@ class EpisodeLoop:
     """Runs episodes one after the other in the process's one simulation; the caller supplies the commands.
 
     heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: those of
-    this process, where somebody else has them already. perception: None = exact.
+    this process, where somebody else has them already.
     """
 
     def __init__(
         self,
         *,
-        mask_signs: bool = False,
-        perception: PerceptionLevel | None = None,
+        perception: Perception = EXACTLY,
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
     ) -> None:
-        self._mask, self._level = mask_signs, perception
-        self._beat = heartbeat
+        self._perception, self._beat = perception, heartbeat
         self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader() if loader is None else loader
         self._catalog: Catalog = load_catalog()
@@ -87,8 +83,7 @@ class EpisodeLoop:
             self._catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )
-            perception = None if self._level is None else (self._level, spec.pair_name)
-            observer = Observer(scene, roads.view, self._mask, privileged, perception)
+            observer = Observer(scene, roads.view, self._perception, spec.pair_name, privileged)
             episode = Episode(self.simulation, scene, roads, self._catalog, observer, self._beat)
             self.episode = episode
             seed = floor_seed(spec.scenario_id) if floor else planner_seed(spec.pair_name)
@@ -144,17 +139,13 @@ class EpisodeLoop:
 
 
 class EpisodeRunner:
-    """Runs episodes one after the other with one planner, made when the first begins. options: as `EpisodeLoop`'s.
-
-    perception: the fields of a `PerceptionLevel`, as they travel to a worker.
-    """
+    """Runs episodes one after the other with one planner, made when the first begins. options: as `EpisodeLoop`'s."""
 
     def __init__(
         self,
         planner: LoadedPlanner,
         *,
-        mask_signs: bool = False,
-        perception: Mapping[str, Any] | None = None,
+        perception: Perception = EXACTLY,
         heartbeat: Callable[[int], None] = _no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
@@ -162,11 +153,7 @@ class EpisodeRunner:
         self._loaded = planner
         self._planner: Planner | None = None
         self._loop = EpisodeLoop(
-            mask_signs=mask_signs,
-            perception=None if perception is None else dataclass_from_json(PerceptionLevel, perception),
-            heartbeat=heartbeat,
-            simulation=simulation,
-            loader=loader,
+            perception=perception, heartbeat=heartbeat, simulation=simulation, loader=loader
         )
 
     @property

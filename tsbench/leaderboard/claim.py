@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.core.plain import dataclass_from_json
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import Perception
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, read_submission
 from tsbench.run.log.manifest import city_of, planners_of
 from tsbench.run.log.read import StoredRun, read_run
@@ -21,8 +20,8 @@ from tsbench.run.planner_info import PlannerInfo
 class Claim:
     """What some file says of one planner's episodes, and how they were driven.
 
-    sha256: of what a submission says, or of a run's file. isolated: the planner had a process of its own. perception:
-    how plates reached it; None: exactly. figures: None where the file has none. episodes: sorted by scenario_id.
+    sha256: of what a submission says, or of a run's file. isolated: the planner had a process of its own. figures: None
+    where the file has none. episodes: sorted by scenario_id.
     """
 
     path: Path
@@ -37,15 +36,9 @@ class Claim:
     device: str
     arithmetic: dict[str, Any]
     isolated: bool
-    mask_signs: bool
-    perception: PerceptionLevel | None
+    perception: Perception
     figures: tuple[Figure, ...] | None
     episodes: tuple[SubmittedEpisode, ...]
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """Of what runs episodes: as `Setup` takes them."""
-        return {} if self.perception is None else {"perception": asdict(self.perception)}
 
 
 def claim_of(path: Path) -> Claim:
@@ -54,8 +47,8 @@ def claim_of(path: Path) -> Claim:
     return Claim(
         path=path, sha256=s.sha256, title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
         city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
-        isolated=s.isolation is not None, mask_signs=False,
-        perception=s.perception, figures=s.figures, episodes=s.episodes,
+        isolated=s.isolation is not None, perception=Perception(level=s.perception),
+        figures=s.figures, episodes=s.episodes,
     )  # fmt: skip
 
 
@@ -70,21 +63,11 @@ def claims_of(folder: Path) -> list[Claim]:
             path=path, sha256=sha256_of(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
             edition=run.edition, contract=run.contract, city=city_of(m), split=str(effective["split"]), planner=info,
             device=str(effective["device"]), arithmetic=m["arithmetic"],
-            isolated=bool(effective.get("isolate", False)), mask_signs=bool(effective["mask_signs"]),
-            perception=level_of(run),
+            isolated=bool(effective.get("isolate", False)), perception=run.perception,
             figures=None, episodes=episodes_of(run, info, told),
         )
         for info in planners_of(m)
     ]  # fmt: skip
-
-
-def level_of(run: StoredRun) -> PerceptionLevel | None:
-    """How plates reached a run's planners, None: exactly. Raises InputError for a malformed level."""
-    told = run.manifest["effective"].get("perception")
-    try:
-        return None if told is None else dataclass_from_json(PerceptionLevel, told)
-    except ValueError as error:
-        raise InputError(f"{run.path}: perception: {error}") from None
 
 
 Events = Mapping[tuple[str, str], list[dict[str, object]]]

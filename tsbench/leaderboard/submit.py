@@ -8,7 +8,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import city_in_use
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.trace import trace_path
-from tsbench.leaderboard.claim import episodes_of, events_of, level_of
+from tsbench.leaderboard.claim import episodes_of, events_of
 from tsbench.leaderboard.submission import Submission, fault_of_words, figures_of, problem_of_level
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import planners_of
@@ -67,7 +67,7 @@ def make_submission(
 
 def _level(run: StoredRun) -> PerceptionLevel | None:
     """How plates reached its planners. Raises InputError for a level under the name of one of tsbench's."""
-    level = level_of(run)
+    level = run.perception.level
     if problem := problem_of_level(level):
         raise InputError(f"{run.path}: {problem}: drive it with a file of another name")
     return level

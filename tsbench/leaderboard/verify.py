@@ -150,7 +150,7 @@ def verify(
     name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
         found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
-    if claim.figures is not None and (problem := problem_of_level(claim.perception)):
+    if claim.figures is not None and (problem := problem_of_level(claim.perception.level)):
         found.append(Mismatch("", problem))
     specs = _draw(claim, table, sample, seed)
     isolated = claim.isolated or (claim.device == "cpu" and not shared_process)
@@ -226,7 +226,7 @@ def _drive(
         # Of an isolated planner the verifier's processes run no code either.
         info = describe(planner).planner if isolated else pool.probe([planner])[0]
         setup = Setup(
-            (info,), claim.mask_signs, claim.device, "none", out, claim.split, claim.contract, options=claim.options,
+            (info,), claim.perception, claim.device, "none", out, claim.split, claim.contract,
             loader=ISOLATED_ALONE if isolated else "",
         )  # fmt: skip
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))

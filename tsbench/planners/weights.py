@@ -19,8 +19,8 @@ import numpy.typing as npt
 import platformdirs
 
 from tsbench.core.errors import InputError
+from tsbench.core.fetch import fetch_file
 from tsbench.core.files import write_atomic, write_json
-from tsbench.data.fetch import fetch_file
 from tsbench.planners.registry import PlannerEntry, Weights
 
 Tensors = dict[str, npt.NDArray[Any]]

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any, Protocol
-from urllib.parse import quote
+from typing import TYPE_CHECKING, Protocol
 
 import pyarrow as pa
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception_level import EXACT, PerceptionLevel, load_level
-from tsbench.planners.common.batching import DEVICES
+from tsbench.episode.perception_level import Perception, load_level
 from tsbench.run.contract import code_changed, contract_hash
 from tsbench.run.edition import edition_of, standing_contract
-from tsbench.run.execution.executor import Executor, Limits
-from tsbench.run.execution.factory import EXECUTORS, make_executor
-from tsbench.run.execution.messages import ISOLATED, RUNNER, Setup
+from tsbench.run.execution.executor import Executor
+from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
@@ -33,46 +29,15 @@ from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
-from tsbench.run.plan import BOTH, TRACES, Request, RunPlan, make_plan
+from tsbench.run.options import Options
+from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import SPLITS
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
     from tsbench.run.isolation.loading import SandboxedPlanner
-
-LEAST_MEMORY_MB = 512
-
-
-@dataclass(frozen=True)
-class Options:
-    """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
-    `runs/`. executor: one of `executor.EXECUTORS`.
-
-    perception: a level's name or file.
-    isolate: planners in processes of their own; image: in containers of this image.
-
-    overwrite: a run that is in the folder is removed first. allow_partial: aggregate over holes too. limits: how long a
-    worker may be silent and how large it may become.
-    runner is for tests: what runs an episode in a worker.
-    """
-
-    request: Request
-    workers: int | None = None
-    executor: str = "local"
-    out: Path | None = None
-    trace: str = "violations"
-    device: str = "cpu"
-    mask_signs: bool = False
-    perception: str = EXACT
-    isolate: bool = False
-    image: str | None = None
-    overwrite: bool = False
-    allow_partial: bool = False
-    limits: Limits = field(default_factory=Limits)
-    runner: str = RUNNER
 
 
 class ProgressListener(Protocol):
@@ -112,12 +77,12 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
     """
-    _check(options)
+    options.check()
     options = _in_image(options)
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
-    level = load_level(options.perception)
-    contract, effective = contract_hash(plan.table, catalog), resolved_options(options, plan, level)
+    perception = Perception(options.mask_signs, load_level(options.perception))
+    contract, effective = contract_hash(plan.table, catalog), options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
@@ -128,10 +93,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         planners = probe(pool, plan.request) if told is None else distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
-        manifest = new_manifest(contract, _asked(options), effective, planners, edition_of(contract))
+        manifest = new_manifest(contract, options.plain(), effective, planners, edition_of(contract))
         if told is not None:
             manifest["isolation"] = {one.planner.name: one.effects for one in told}
-        folder_path = options.out or Path("runs") / default_name(options, names, contract)
+        folder_path = options.out or Path("runs") / options.folder_name(names, contract)
         with closing(RunFolder(folder_path, manifest, keys, options.overwrite)) as folder:
             for line in folder.notices:
                 watcher.notice(line)
@@ -146,9 +111,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             status, journal = "complete", folder.journal
             if journal is not None:
                 setup = Setup(
-                    planners, options.mask_signs, options.device, options.trace, str(folder.path.resolve()),
+                    planners, perception, options.device, options.trace, str(folder.path.resolve()),
                     plan.request.split, contract, runner=options.runner,
-                    options={} if level is None else {"perception": asdict(level)},
                     loader=ISOLATED if options.isolate else "", hidden=hidden,
                 )  # fmt: skip
 
@@ -173,23 +137,6 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             for listener in listeners:
                 listener.finished(ending)
             return ending
-
-
-def _check(options: Options) -> None:
-    """What the command line refuses by itself, for those who call from Python."""
-    choices = {"split": (options.request.split, SPLITS), "trace": (options.trace, TRACES),
-               "device": (options.device, DEVICES), "executor": (options.executor, EXECUTORS)}  # fmt: skip
-    for name, (value, known) in choices.items():
-        if value not in known:
-            raise InputError(f"--{name} {value}: expected {', '.join(known)}")
-    least = {"workers": (options.workers, 1), "memory-limit": (options.limits.most_memory, LEAST_MEMORY_MB)}
-    for name, (number, bound) in least.items():
-        if number is not None and number < bound:
-            raise InputError(f"--{name} {number:g}: expected at least {bound}")
-    if options.isolate and (options.executor != "local" or options.device != "cpu"):
-        raise InputError(
-            "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
-        )
 
 
 def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
@@ -265,20 +212,6 @@ def drive(
         watcher.end()
 
 
-def default_name(options: Options, names: Sequence[str], contract: str) -> str:
-    """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""
-    request = options.request
-    shown = [*names[:3], *([f"and-{len(names) - 3}-more"] if len(names) > 3 else [])]
-    parts = ["+".join(quote(name, safe="") for name in shown), request.split]
-    parts += ["+".join(request.types)] if request.types else []
-    parts += [f"variants-{request.variants}"] if request.variants != "all" else []
-    parts += [f"{request.half}-half"] if request.half != BOTH else []
-    parts += [f"limit-{request.limit}"] if request.limit is not None else []
-    parts += ["masked"] if options.mask_signs else []
-    parts += [] if options.perception == EXACT else [f"eyes-{quote(Path(options.perception).stem, safe='')}"]
-    return "-".join([*parts, contract[:8]])
-
-
 def _nothing_to_do(folder: RunFolder) -> str:
     """That a run is complete, and what of its planners may have changed without being seen."""
     unseen = sorted({name for planner in planners_of(folder.manifest) for name in planner.unseen})
@@ -329,39 +262,3 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _asked(options: Options) -> dict[str, Any]:
-    return {
-        **asdict(options.request),
-        "workers": options.workers,
-        "executor": options.executor,
-        "out": None if options.out is None else str(options.out),
-        "trace": options.trace,
-        "device": options.device,
-        "mask_signs": options.mask_signs,
-        **({} if options.perception == EXACT else {"perception": options.perception}),
-        "isolate": options.isolate,
-        "memory_limit": options.limits.most_memory,
-    }
-
-
-def resolved_options(options: Options, plan: RunPlan, level: PerceptionLevel | None) -> dict[str, Any]:
-    """What the options came to, as far as it decides what stands in the folder."""
-    city = city_in_use()
-    return {
-        **({} if city == OWN_CITY else {"city": city}),
-        "split": plan.request.split,
-        "types": list(plan.types),
-        "variants": plan.request.variants,
-        "half": plan.request.half,
-        "limit": plan.request.limit,
-        "scenarios": len(plan.scenarios),
-        "trace": options.trace,
-        "device": options.device,
-        "mask_signs": options.mask_signs,
-        # As JSON gives it back, so that a run can be continued.
-        **({} if level is None else {"perception": json.loads(json.dumps(asdict(level)))}),
-        **({"isolate": True} if options.isolate else {}),
-        "memory_limit": options.limits.most_memory,
-    }

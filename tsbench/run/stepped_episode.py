@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, EpisodeSteps
 from tsbench.episode.trace import Trace
@@ -54,14 +54,14 @@ class SteppedEpisode:
 
     def __init__(self) -> None:
         self.simulation, self._loader = Simulation(), SceneLoader()
-        self._loops: dict[tuple[bool, PerceptionLevel | None], EpisodeLoop] = {}
+        self._loops: dict[Perception, EpisodeLoop] = {}
         self._loop: EpisodeLoop
         self._steps: EpisodeSteps | None = None
         self._context: PlannerContext
         self.driver: object = None
 
     def begin(
-        self, spec: ScenarioSpec, driver: object, mask_signs: bool, level: PerceptionLevel | None = None,
+        self, spec: ScenarioSpec, driver: object, perception: Perception = EXACTLY,
         name: str = "env", privileged: bool = False, floor: bool = False,
     ) -> Step | EpisodeResult:  # fmt: skip
         """Start an episode for `driver`, up to its first tick; the result at once where the scene does not load.
@@ -70,12 +70,11 @@ class SteppedEpisode:
         """
         self.end()
         self.driver = driver
-        key = (mask_signs, level)
-        if key not in self._loops:
-            self._loops[key] = EpisodeLoop(
-                mask_signs=mask_signs, simulation=self.simulation, loader=self._loader, perception=level
+        if perception not in self._loops:
+            self._loops[perception] = EpisodeLoop(
+                perception=perception, simulation=self.simulation, loader=self._loader
             )
-        self._loop, self._spec, self._name = self._loops[key], spec, name
+        self._loop, self._spec, self._name = self._loops[perception], spec, name
         self._steps = self._loop.run_episode(spec, name, privileged, floor)
         return self._next(None)
 

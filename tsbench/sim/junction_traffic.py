@@ -43,7 +43,7 @@ class JunctionTraffic:
         self._approach = (
             self._release.approach if self._release else Approach(scene.network.lane(scene.start.lane))
         )
-        self._showing = Showing.of(scene.convoy)
+        self._showing = self._release.showing if self._release else Showing()
         self._silent = exchangeable(scene)
         self._waits = self._release is not None
         self._late: tuple[LateEntry, ...] = ()

@@ -13,6 +13,7 @@ import time
 import ray.cluster_utils
 from run_helpers import HERE
 
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.contract import contract_hash
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Setup
@@ -34,7 +35,7 @@ def main(count: int) -> None:
     kept: list[object] = []
     with RayExecutor(2, count, Limits()) as pool, tempfile.TemporaryDirectory() as out:
         (who,) = pool.probe(["fake_planners:Good"])
-        setup = Setup((who,), False, "cpu", "none", out, "test", contract, runner="fake_runner:FakeRunner")
+        setup = Setup((who,), EXACTLY, "cpu", "none", out, "test", contract, runner="fake_runner:FakeRunner")
         tasks = TaskQueue(Task(k, 0, row) for k, row in enumerate(rows, start=1))
         began, wall = time.process_time(), time.monotonic()
         pool.run(setup, tasks, kept.append, lambda: False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from run_helpers import specs
 
+from tsbench.episode.perception_level import Perception
 from tsbench.run.execution.messages import (
     TO_RUN,
     TO_WORKER,
@@ -32,7 +33,7 @@ RECORD = Record(
     "message",
     [
         Start(("/a", ""), ("tsbench/a.py",)),
-        Setup((WHO,), True, "cpu", "all", "out", "test", "c", options={"most": 2}),
+        Setup((WHO,), Perception(mask_signs=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
         Probe("idm"),
         Task(7, 0, specs()[0]),
     ],

@@ -14,6 +14,7 @@ from patience import HANG_S
 from run_helpers import HERE, Bench, specs
 
 from tsbench.core.paths import data_root
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.contract import contract_hash
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import make_executor
@@ -45,7 +46,7 @@ def setup(actor: RayActor) -> Setup:
     assert planner is not None
     contract = contract_hash(read_table(table_path("test")), load_catalog())
     runner = "fake_runner:FakeRunner"
-    return Setup((planner,), False, "cpu", "all", "/nowhere", "test", contract, runner=runner)
+    return Setup((planner,), EXACTLY, "cpu", "all", "/nowhere", "test", contract, runner=runner)
 
 
 def refusal(actor: RayActor, setup: Setup) -> str:

@@ -10,6 +10,7 @@ import pytest
 from run_helpers import specs
 
 from tsbench.episode.outcome import Outcome
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Finished, Setup, decode, encode
 from tsbench.run.execution.task_queue import Task, TaskQueue
@@ -18,7 +19,7 @@ from tsbench.run.planner_info import PlannerInfo
 
 # Ray is large: it is imported where it is needed, in processes of their own.
 WHO = PlannerInfo("fake", "fake", False, False, (), None, None)
-SETUP = Setup((WHO,), False, "cpu", "none", "/nowhere", "test", "")
+SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", "test", "")
 
 
 class Method:

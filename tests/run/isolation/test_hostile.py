@@ -23,9 +23,10 @@ from tsbench.run.isolation import process
 from tsbench.run.isolation.loading import describe
 from tsbench.run.isolation.protocol import MessageKind, pack
 from tsbench.run.log.tables import read_table
+from tsbench.run.options import Options
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
-from tsbench.run.session import Options, run
+from tsbench.run.session import run
 
 FILE = Path(hostile.__file__)
 SCENE = "main_road-j-msk-45e4c9668c-v1"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.learn.finetune.handover import Handover
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
@@ -72,15 +72,16 @@ class FinetuneSource:
         view = driven.roads.view
         ways = RouteAlternatives(view.graph, destination_on_map(view, driven.facts.scene))
         encoder = SignTokeniser(drivers.tokeniser(driven.roads, Plant2Ft.side_m), ways, self.vocabulary)
-        eyes = self._eyes(rng)
-        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, self.mask_signs, eyes)
+        return frames_of(driven, encoder, teacher, self.sampling, rng, SIGN_FRAME, *self._perception(rng))
 
-    def _eyes(self, rng: np.random.Generator) -> tuple[PerceptionLevel, str] | None:
-        """The level of a drive's eyes and the name that decides their luck; None: exact."""
+    def _perception(self, rng: np.random.Generator) -> tuple[Perception, str]:
+        """How plates are perceived in a drive, and the name that its luck is drawn from."""
+        exactly = Perception(self.mask_signs)
         if self.perception is None:
-            return None
+            return exactly, ""
         share, luck = float(rng.random()), int(rng.integers(2**32))
-        return (self.perception, f"frames-{luck}") if share < self.perceived else None
+        seen = replace(exactly, level=self.perception) if share < self.perceived else exactly
+        return seen, f"frames-{luck}"
 
 
 def _on_the_right(facts: EpisodeFacts) -> bool:

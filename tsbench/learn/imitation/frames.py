@@ -15,7 +15,7 @@ import numpy as np
 
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
@@ -98,17 +98,17 @@ def frames_of(
     sampling: Sampling,
     rng: np.random.Generator,
     dtype: np.dtype[np.void],
-    mask_signs: bool = False,
-    perception: tuple[PerceptionLevel, str] | None = None,
+    perception: Perception = EXACTLY,
+    luck: str = "",
 ) -> at.Records:
     """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it.
 
-    perception: as `episode.observation.Observer`'s; None: exact.
+    perception, luck: as `episode.observation.Observer`'s.
     """
     chosen = set(teacher.ticks())
     frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)
     row = 0
-    for k, o in enumerate(observations(driven.facts, driven.roads, mask_signs, perception)):
+    for k, o in enumerate(observations(driven.facts, driven.roads, perception, luck)):
         encoder.watch(o)
         if k not in chosen:
             continue
@@ -122,12 +122,12 @@ def frames_of(
 def observations(
     facts: EpisodeFacts,
     roads: Roads,
-    mask_signs: bool = False,
-    perception: tuple[PerceptionLevel, str] | None = None,
+    perception: Perception = EXACTLY,
+    luck: str = "",
 ) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
     view = roads.view
-    observer = Observer(facts.scene, view, mask_signs, perception=perception)
+    observer = Observer(facts.scene, view, perception, luck)
     navigator = Navigator(view.graph, destination_on_map(view, facts.scene))
     for snapshot in facts.snapshots:
         seen = ego_on_map(view, snapshot.ego)

@@ -11,6 +11,7 @@ from typing import Any
 from tsbench.core.benchmark import VARIANTS
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import seed_of
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.learn.oracle.store import KIND, Collection, basis, check_folder
 from tsbench.planners.registry import entry, names
 from tsbench.run.execution.executor import Executor, Limits
@@ -126,7 +127,7 @@ def _collect(
     }
     journal = collection.journal
     setup = Setup(
-        planners, mask_signs=False, device="cpu", trace="none", out=str(collection.path.resolve()),
+        planners, EXACTLY, device="cpu", trace="none", out=str(collection.path.resolve()),
         split=plan.request.split, contract=collection.manifest["contract"],
         runner="tsbench.learn.oracle.runner:OracleRunner", recorder="tsbench.learn.oracle.runner:record_of",
         options={"most": options.tries, "probe": asdict(plan.table[0])},

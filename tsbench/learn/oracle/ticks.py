@@ -55,7 +55,7 @@ def driven(index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> D
 def _ticks(drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> Iterator[dict[str, Any]]:
     """A drive's ticks: what is seen, the command, and what it earns. Raises SimulationError as a replay does."""
     replay = Replay(drive)
-    turn = process_episode().begin(row, drive, mask_signs=False)
+    turn = process_episode().begin(row, drive)
     if isinstance(turn, EpisodeResult):
         raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
     replay.reset(turn.context)

@@ -44,7 +44,6 @@ class Polite(RuleConstraint):
         if route.path is not self._path:
             self._path, self._line = route.path, self.line_on(route.path)
         to_go, v = self._line - route.s - HALF_LENGTH_M, observation.ego.speed
-        blocked = self._blocked(observation)
         if to_go < 0.0 or to_go > _WATCH_M:
             return FREE
         if v < _STANDS_MPS:
@@ -54,7 +53,8 @@ class Polite(RuleConstraint):
         if to_go < _SLOW_M:
             most = min(most, slow_to(v, _SLOWEST * limit, to_go - _DECIDE_M, _BRAKE_MPS2))
         full_stop = bool(self._approach) and not self._stopped
-        if full_stop or (blocked and (to_go < _DECIDE_M or v * v > 2.0 * _HARD_MPS2 * to_go)):
+        too_late = to_go < _DECIDE_M or v * v > 2.0 * _HARD_MPS2 * to_go
+        if full_stop or (too_late and self._blocked(observation)):
             most = min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2 if full_stop else _HARD_MPS2))
         return -math.inf, most
 

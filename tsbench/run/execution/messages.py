@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 from tsbench.core.plain import dataclass_from_json
+from tsbench.episode.perception_level import Perception
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
@@ -28,13 +29,13 @@ class Setup:
 
     planners: by `Task.planner`. out: the run folder, for traces. trace: none, violations, all. split, contract: what a
     worker on another machine must have too. inference: where the inference process listens, "" = each worker has
-    networks of its own. runner: module:Class of what runs episodes, made with a `LoadedPlanner`, `mask_signs`,
+    networks of its own. runner: module:Class of what runs episodes, made with a `LoadedPlanner`, `perception`,
     `heartbeat` and `options`; recorder: module:function from its result to a record. loader: module:function from a
     `PlannerInfo` and `hidden` to a `LoadedPlanner`, "" = planners run in the worker; hidden: what they must not find.
     """
 
     planners: tuple[PlannerInfo, ...]
-    mask_signs: bool
+    perception: Perception
     device: str
     trace: str
     out: str

@@ -195,7 +195,7 @@ class Worker:
             outputs = loaded.batched.outputs
             loaded = loaded.answered_by(lambda: InferenceClient(setup.inference, who.spec, outputs))
         runner: Runner = _named(setup.runner)(
-            loaded, mask_signs=setup.mask_signs, heartbeat=self._heartbeat.beat, **setup.options
+            loaded, perception=setup.perception, heartbeat=self._heartbeat.beat, **setup.options
         )
         return runner
 

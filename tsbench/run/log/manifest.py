@@ -19,6 +19,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.plain import dataclass_from_json
 from tsbench.core.textfile import read_json
+from tsbench.episode.perception_level import Perception
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
 from tsbench.run import arithmetic, opened_files
@@ -112,6 +113,13 @@ def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
         for planner in planners_of(manifest)
     }
     return {name: mark for name, words in marks.items() if (mark := ", ".join(filter(None, words)))}
+
+
+def plain_perception(perception: Perception) -> dict[str, Any]:
+    """How plates reach a run's planners, as it stands in `effective`; exact perception is left out."""
+    level = perception.level
+    told = {} if level is None else {"perception": json.loads(json.dumps(asdict(level)))}
+    return {"mask_signs": perception.mask_signs, **told}
 
 
 def city_of(manifest: Mapping[str, Any]) -> str:

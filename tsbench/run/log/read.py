@@ -10,6 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
+from tsbench.core.plain import dataclass_from_json
+from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.journal import JOURNAL, lines_so_far
 from tsbench.run.log.manifest import NAME, Manifest, planners_of, read_manifest
@@ -46,6 +48,17 @@ class StoredRun:
     @property
     def edition(self) -> str:
         return edition_of(self.contract, self.manifest.get("edition"))
+
+    @property
+    def perception(self) -> Perception:
+        """How plates reached its planners. Raises InputError for a malformed level."""
+        effective = self.manifest["effective"]
+        told = effective.get("perception")
+        try:
+            level = None if told is None else dataclass_from_json(PerceptionLevel, told)
+        except ValueError as error:
+            raise InputError(f"{self.path}: perception: {error}") from None
+        return Perception(effective["mask_signs"], level)
 
     @property
     def rescored(self) -> str:

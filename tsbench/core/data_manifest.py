@@ -1,4 +1,4 @@
-"""Which files of data there are, in sets that are fetched as one: `manifest.json`, with each one's size and hash."""
+"""Which files of data there are, in sets that are fetched as one: `data_manifest.json`, with sizes and hashes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 
 SCHEMA_VERSION = 1
-MANIFEST = Path(__file__).with_name("manifest.json")
+MANIFEST = Path(__file__).with_name("data_manifest.json")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from tsbench.core.data_manifest import DataFile, DataSet
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.paths import data_file
-from tsbench.data.manifest import DataFile, DataSet
 
 _BLOCK = 1 << 20
 _TIMEOUT_S = 60.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tsbench.core.errors import InputError
@@ -38,3 +40,14 @@ def check_driven() -> None:
         raise InputError(
             f"TSBENCH_CITY {city_in_use()}: is stored in a mirror; name {driven_city(city_in_use())}, or use --city"
         )
+
+
+@contextmanager
+def driving(city: str | None) -> Iterator[None]:
+    """Within it the data set is in use that is driven for a city; None: the one that is in use already.
+
+    Raises InputError where that is none whose roads are as they are.
+    """
+    with using_city(city_in_use() if city is None else driven_city(city)):
+        check_driven()
+        yield
