@@ -35,27 +35,22 @@ TYPES = tuple(t.id for t in CATALOG.types)
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 EDITIONS = scene_editions(SCENARIOS)
 EARLIER = earlier_splits()
-# Types of train that still have the scenes of 2026.2: the others are of 2026.3 (scenarios/editions.yaml).
-NOT_REBUILT = {
-    "crosswalk", "main_road", "roundabout", "secondary_road", "stop", "yield",
-    "direction_straight_left", "direction_straight_right", "one_way_left", "one_way_right",
-}  # fmt: skip
 # Of what is of edition 2026.3, the pairs whose plates differ, by type; of train, the first variant of each map.
 ROOM_WANTING = {
     "dev": {"min_speed": 5, "direction_straight": 4},
     "test": {"min_speed": 23, "direction_straight": 20, "crosswalk": 10, "direction_right": 10},
     "train": {
-        "min_speed": 8, "direction_straight": 11, "direction_right": 5, "direction_left": 4,
-        "no_turn_left": 12, "no_turn_right": 4,
+        "min_speed": 8, "crosswalk": 8, "direction_straight": 11, "direction_right": 5, "direction_left": 4,
+        "no_turn_left": 12, "no_turn_right": 4, "one_way_left": 4, "one_way_right": 1,
     },
 }  # fmt: skip
 # Maps that the pool has not for some types of routing: said in docs/dataset.md, by type.
-MOST_SHORT = {"test": 0, "dev": 8, "train": 80}
+MOST_SHORT = {"test": 0, "dev": 8, "train": 0}
 
 
 def is_rebuilt(row: ScenarioSpec) -> bool:
     """Is a row of the edition that dev and test are of?"""
-    return row.split not in EARLIER or (row.split == "train" and row.pair_type not in NOT_REBUILT)
+    return row.split not in EARLIER
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +90,7 @@ def test_rows_on_withdrawn_maps_are_of_train_alone(
 
 
 def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
-    """Test is whole; in train and dev few maps are wanting, as the build says; holdout has what its district gives."""
+    """Test and train are whole; in dev few maps are wanting, as the build says; holdout has what its district gives."""
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))
     short = {(e["split"], e["type_id"]): e["short"] for e in entries}
     assert len(rows) == len({r.scenario_id for r in rows})
