@@ -154,7 +154,7 @@ def draw() -> str:
             f'stroke="#495057"/><text x="{x:g}" y="{y + 20}" text-anchor="middle">{name}</text>'
         )
     for number, (words, (colour, _)) in enumerate(_WINGS.items()):
-        y = _TOP + 3.3 * _ROW + 20 * number
+        y = _TOP + 4 * _ROW + 20 * number
         parts.append(
             f'<rect x="{width - 190}" y="{y:g}" width="14" height="14" rx="3" fill="{colour}" stroke="#495057"/>'
             f'<text x="{width - 170}" y="{y + 12:g}" font-size="12">{words}</text>'
