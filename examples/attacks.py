@@ -149,3 +149,19 @@ class Unended:
                 (v for v in unended if v < _LOWER * route.path.limit_at(route.s)), default=math.inf
             )
         return Control(min(command.acceleration, max(-4.0, 2.0 * (self._cap - ego.speed))), command.steering)
+
+
+class Between:
+    """`idm` at two thirds of what the road allows, in case one speed serves both halves."""
+
+    floor, share = True, 0.66
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base = Idm()
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        command, route = self._base.act(seen), seen.route
+        over = self.share * route.path.limit_at(route.s) - seen.ego.speed
+        return Control(min(command.acceleration, max(-4.0, 2.0 * over)), command.steering)

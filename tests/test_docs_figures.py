@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pyarrow.compute as pc
@@ -13,6 +14,7 @@ import pytest
 
 from tsbench.core.data_manifest import data_sets
 from tsbench.planners import registry
+from tsbench.scenarios.certificates import read_certificates
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -117,6 +119,23 @@ def test_the_files_of_a_clone_are_as_large_as_the_page_says() -> None:
 def test_data_sets_are_as_large_as_the_page_says(name: str) -> None:
     size = sum(file.size for file in data_sets()[name].files) / MEGABYTE
     assert cells("docs/install.md", f"`{name}`")[0] == f"{size:.1f} MB"
+
+
+def test_rows_that_were_hard_to_prove_are_as_many_as_the_page_says() -> None:
+    """Drawn anew, or solved by another expert than `idm-e`: of the test split."""
+    drawn, solved = Counter[bool](), Counter[bool]()
+    others = Counter[str]()
+    for proof in read_certificates(ROOT / "scenarios/certificates.parquet"):
+        if proof.split == "test":
+            signed = not proof.scenario_id.endswith("-c")
+            drawn[signed] += proof.attempt > 0
+            solved[signed] += proof.expert != "idm-e"
+            others[proof.expert] += 1
+    text = text_of("docs/failures.md")
+    assert f"{drawn[True]} signed and {drawn[False]} contrast rows are not the first draw" in text
+    assert f"{solved.total()} of the {others.total():,} rows are solved by" in text
+    assert f"`idm-s3-e` ({others['idm-s3-e']}) or `idm-s4-e` ({others['idm-s4-e']}) only" in text
+    assert f"only: {solved[True]} signed rows and {solved[False]} contrast rows" in text
 
 
 def test_frames_in_the_prose_are_those_of_the_table() -> None:

@@ -12,7 +12,9 @@ import tsbench
 
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
-WHERE = dict.fromkeys(("Remembers", *WATCHERS, "Follows", "Unended"), "attacks") | {"Peeks": "peeks"}
+WHERE = dict.fromkeys(("Remembers", *WATCHERS, "Follows", "Unended", "Between"), "attacks") | {
+    "Peeks": "peeks"
+}
 TYPES = ("main_road", "yield", "speed_limit")
 
 
@@ -52,3 +54,11 @@ def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: s
     both = junctions & (ours.outcome == "arrived") & (idm.outcome == "arrived")
     assert both.any()
     assert (ours.steps[both] > idm.steps[both]).all()
+
+
+def test_who_goes_between_keeps_below_what_the_road_allows(run: tsbench.Run) -> None:
+    ours, idm = (
+        rows(run, name).query("pair_id.str.startswith('speed_limit')") for name in ("Between", "idm")
+    )
+    assert set(ours.outcome) == {"arrived"}
+    assert (ours.mean_speed.to_numpy() < 0.8 * idm.mean_speed.to_numpy()).all()
