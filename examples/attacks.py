@@ -148,7 +148,7 @@ class Unended:
             self._cap = min(
                 (v for v in unended if v < _LOWER * route.path.limit_at(route.s)), default=math.inf
             )
-        return Control(min(command.acceleration, max(-4.0, 2.0 * (self._cap - ego.speed))), command.steering)
+        return _capped(command, ego.speed, self._cap)
 
 
 class Between:
@@ -163,5 +163,9 @@ class Between:
     def act(self, observation: Observation) -> Control:
         seen = masked(observation)
         command, route = self._base.act(seen), seen.route
-        over = self.share * route.path.limit_at(route.s) - seen.ego.speed
-        return Control(min(command.acceleration, max(-4.0, 2.0 * over)), command.steering)
+        return _capped(command, seen.ego.speed, self.share * route.path.limit_at(route.s))
+
+
+def _capped(command: Control, speed: float, most: float) -> Control:
+    """The command, but that it brings a speed above `most` down to that."""
+    return Control(min(command.acceleration, max(-4.0, 2.0 * (most - speed))), command.steering)

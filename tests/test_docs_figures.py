@@ -124,17 +124,17 @@ def test_data_sets_are_as_large_as_the_page_says(name: str) -> None:
 def test_rows_that_were_hard_to_prove_are_as_many_as_the_page_says() -> None:
     """Drawn anew, or solved by another expert than `idm-e`: of the test split."""
     drawn, solved = Counter[bool](), Counter[bool]()
-    others = Counter[str]()
+    experts = Counter[str]()
     for proof in read_certificates(ROOT / "scenarios/certificates.parquet"):
         if proof.split == "test":
             signed = not proof.scenario_id.endswith("-c")
             drawn[signed] += proof.attempt > 0
             solved[signed] += proof.expert != "idm-e"
-            others[proof.expert] += 1
+            experts[proof.expert] += 1
     text = text_of("docs/failures.md")
     assert f"{drawn[True]} signed and {drawn[False]} contrast rows are not the first draw" in text
-    assert f"{solved.total()} of the {others.total():,} rows are solved by" in text
-    assert f"`idm-s3-e` ({others['idm-s3-e']}) or `idm-s4-e` ({others['idm-s4-e']}) only" in text
+    assert f"{solved.total()} of the {experts.total():,} rows are solved by" in text
+    assert f"`idm-s3-e` ({experts['idm-s3-e']}) or `idm-s4-e` ({experts['idm-s4-e']}) only" in text
     assert f"only: {solved[True]} signed rows and {solved[False]} contrast rows" in text
 
 

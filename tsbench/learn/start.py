@@ -37,5 +37,6 @@ def prepare(out: Path, device: str, threads: int) -> None:
 
 
 def command_line() -> str:
-    """This process's, as a user would type it."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    """This process's, as a user would type it; `python -m tsbench` is told as `tsbench`."""
+    name = Path(sys.argv[0]).name
+    return " ".join(["tsbench" if name == "__main__.py" else name, *sys.argv[1:]])
