@@ -1,7 +1,4 @@
-"""Which edition the figures of a page are of: a page with a contract names it, and older ones lie in the archive.
-
-While an edition is in preparation, figures may be of it, or of the one before, which is in force.
-"""
+"""Which edition the figures of a page are of: a page with a contract names it, and older ones lie in the archive."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.run.edition import Edition, editions
+from tsbench.run.edition import editions
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -20,8 +17,7 @@ ARCHIVED = sorted(ARCHIVE.rglob("*.md"))
 _CONTRACT = re.compile(r"[Cc]ontract `([0-9a-f]{64})`")
 _FIRST_LINES = 6
 
-*OLDER, IN_FORCE = [one for one in editions() if "in preparation" not in one.title]
-PREPARED = [one for one in editions() if "in preparation" in one.title]
+*OLDER, IN_FORCE = editions()
 
 
 def hashes(name: str) -> set[str]:
@@ -34,13 +30,12 @@ def wrong(text: str) -> str | None:
     """What is wrong with a page that lies outside of the archive; None where nothing is."""
     found = set(_CONTRACT.findall(text))
     # Contracts of cities stand in no list of editions: one of the edition in force stands beside them.
-    shown = next((one.name for one in (*PREPARED, IN_FORCE) if found & hashes(one.name)), None)
-    if not found or shown:
+    if not found or found & hashes(IN_FORCE.name):
         old = {one.name for one in OLDER if found & hashes(one.name)}
         if old:
             return f"shows figures of edition {', '.join(sorted(old))} too: move them to docs/archive"
-        named = not found or f"dition {shown}" in text
-        return None if named else f"does not name its edition, {shown}"
+        named = not found or f"dition {IN_FORCE.name}" in text
+        return None if named else f"does not name its edition, {IN_FORCE.name}"
     told = any("of an older edition" in line for line in text.splitlines()[:_FIRST_LINES])
     return (
         None if told else f"shows no contract of the edition in force, {IN_FORCE.name}: archive it, or say so"
@@ -75,11 +70,3 @@ def test_the_check_finds_figures_of_another_edition() -> None:
     assert "no contract" in (wrong(f"# Edition {IN_FORCE.name}\nContract `{'0' * 64}`.") or "")
     assert wrong(f"# Figures of an older edition\nContract `{theirs}`.") is None
     assert wrong("# A page without figures") is None
-
-
-@pytest.mark.parametrize("prepared", PREPARED, ids=lambda one: one.name)
-def test_a_page_may_be_ahead_of_the_edition_in_force(prepared: Edition) -> None:
-    new, old = sorted(prepared.contracts())[0], sorted(hashes(OLDER[-1].name))[0]
-    assert wrong(f"# Edition {prepared.name}\nContract `{new}`.") is None
-    assert "does not name" in (wrong(f"# Edition {IN_FORCE.name}\nContract `{new}`.") or "")
-    assert "docs/archive" in (wrong(f"# Edition {prepared.name}\nContract `{new}`, contract `{old}`.") or "")
