@@ -132,14 +132,13 @@ board: setup
 $(METADRIVE):
 	$(PIP) download --no-deps --dest $(RESULTS) metadrive-simulator==0.4.3
 
-# What a driver gets who reads no plate: the floors beside others on one pair of each test map, into docs/floor.md.
-# VARIANTS=all: on all test scenes, without networks, into docs/floor-all.md. Goes on where it was stopped.
-FLOOR := runs/floor-$(VARIANTS)
+# What a driver gets who reads no plate: the floors beside others on one pair of each test map, into docs/floor.md. Goes on where it was stopped.
+FLOOR := runs/floor
 floor: setup
-	$(BIN)/tsbench run $(call asked,blind coin codes idm idm-s1 $(LAWLESS) idm-e $(if $(filter all,$(VARIANTS)),,plant2-blind plant2-ft)) \
-		--split test --variants $(VARIANTS) --trace none --workers $(WORKERS) --out $(FLOOR)
+	$(BIN)/tsbench run $(call asked,blind coin codes idm idm-s1 $(LAWLESS) idm-e plant2-blind plant2-ft) \
+		--split test --variants one-per-map --trace none --workers $(WORKERS) --out $(FLOOR)
 	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
-	$(BIN)/tsbench analyse pages docs/floor$(if $(filter all,$(VARIANTS)),-all).md --from $(FLOOR)/analyses
+	$(BIN)/tsbench analyse pages docs/floor.md --from $(FLOOR)/analyses
 
 # Once per release, and entered in docs/evaluations.md: one pair of each holdout map, into docs/holdout.md.
 holdout: setup

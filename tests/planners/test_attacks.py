@@ -9,12 +9,14 @@ import pytest
 from once import made_once
 
 import tsbench
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.junction_traffic import JunctionTraffic
 
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
-WHERE = dict.fromkeys(("Remembers", *WATCHERS, "Follows", "Unended", "Between"), "attacks") | {
-    "Peeks": "peeks"
-}
+WHERE = dict.fromkeys(
+    ("Remembers", *WATCHERS, "Follows", "Unended", "Between", "Rushes", "Hastens", "Lowest"), "attacks"
+) | {"Peeks": "peeks"}
 TYPES = ("main_road", "yield", "speed_limit")
 
 
@@ -62,3 +64,20 @@ def test_who_goes_between_keeps_below_what_the_road_allows(run: tsbench.Run) -> 
     )
     assert set(ours.outcome) == {"arrived"}
     assert (ours.mean_speed.to_numpy() < 0.8 * idm.mean_speed.to_numpy()).all()
+
+
+def test_who_rushes_is_let_through_where_no_convoy_hurries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The attack does what it is named for: without what stops it, it passes most pairs."""
+    rows_there = [r for r in read_table(table_path("dev")) if r.pair_type == "secondary_road"][:8]
+    assert len({r.pair_id for r in rows_there}) == 4
+
+    def passed() -> set[str]:
+        driven = [
+            (r.pair_id, tsbench.drive(f"{ROOT}/examples/attacks.py:Rushes", r.scenario_id, split="dev").run())
+            for r in rows_there
+        ]
+        return {pair for pair, _ in driven} - {pair for pair, d in driven if not (d.record or {})["scd"]}
+
+    assert passed() == set()
+    monkeypatch.setattr(JunctionTraffic, "_hurry", lambda *_: None)
+    assert len(passed()) >= 3

@@ -121,6 +121,41 @@ def test_the_convoy_brakes_gently_for_its_hold(sim: Simulation, on_cross: SceneM
     assert 1.0 < hardest < 2.5
 
 
+def led(stage: Stage, speed: float, seconds: float) -> list[float]:
+    """The lead's place after each tick of an ego that comes at this speed from 90 m before its line."""
+    there = [stage.stand(90.0 - speed * DT_S * k, DT_S, speed) for k in range(round(seconds / DT_S))]
+    return [fleet["convoy_0"][1] for fleet in there]
+
+
+def test_the_convoy_hurries_for_who_rushes_and_for_nobody_else(sim: Simulation, on_cross: SceneMaker) -> None:
+    """As long as plates are not shown to any of them."""
+    places = [led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (8.0, 13.0, 22.0)]
+    assert places[0] == places[1]
+    assert places[2][-1] > places[1][-1] + 1.0
+
+
+def test_the_convoy_sets_off_sooner_for_who_rushes(sim: Simulation, on_cross: SceneMaker) -> None:
+    made = scene(on_cross, "sooner")
+    assert made.convoy is not None
+    made = replace(made, convoy=replace(made.convoy, lead_time_s=5.0))
+    moved = {}
+    for speed in (13.0, 20.0, 22.0):
+        stage = Stage(sim, made)
+        before = stage.stand(60.0, DT_S, 0.0)["convoy_0"][1]
+        moved[speed] = stage.stand(60.0, 3 * DT_S, speed)["convoy_0"][1] > before
+    # By 64 m of braking with 3 m/s2, 20.2 m/s come down to the turn's 5 m/s.
+    assert moved == {13.0: False, 20.0: False, 22.0: True}
+
+
+def test_who_rushed_and_brakes_is_told_no_sooner(sim: Simulation, on_cross: SceneMaker) -> None:
+    """A convoy that hurried stops before its line like any other."""
+    stage = Stage(sim, scene(on_cross, "brakes"))
+    led(stage, 22.0, 2.4)
+    lane, place = stage.stand(20.0, 20.0)["convoy_0"]
+    assert lane == "w_in_0"
+    assert place == pytest.approx(stage.network.lane("w_in_0").length - HOLD_BEFORE_LINE_M, abs=0.3)
+
+
 def test_where_plates_say_nothing_about_others_time_goes_on(sim: Simulation, on_cross: SceneMaker) -> None:
     made = scene(on_cross, "no-entry", "3.1")
     assert not exchangeable(made)

@@ -30,6 +30,11 @@ _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
 _LONG_S = 60.0
+# An ego rushes that is so much above the limit of its road, or so much too fast to be down at its turn's speed in the
+# zone, if it brakes so hard.
+_RUSHES_MPS, _RUSHES_BRAKE_MPS2 = 1.0, 3.0
+# A convoy reaches the zone no later than that after it, in the way of `ConvoyPlan.after_s`.
+RUSHED_AFTER_S = 1.5
 
 
 def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
@@ -45,6 +50,29 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
         gone += v * _STEP_S
         time += _STEP_S
     return time - (gone - to_zone) / max(v, 0.5)
+
+
+def rushed_arrival(plan: ReleasePlan, to_line: float, speed: float) -> float | None:
+    """Seconds until the front of an ego that rushes is at the zone; None for one that does not rush.
+
+    One that is too fast for its turn is taken to brake no more, one above the limit as in `predicted_arrival`.
+    """
+    to_zone = to_line + plan.ego_zone_m
+    in_turn = math.sqrt(plan.ego_turn_mps**2 + 2.0 * _RUSHES_BRAKE_MPS2 * max(to_zone, 0.0))
+    if speed > in_turn + _RUSHES_MPS:
+        return max(to_zone, 0.0) / speed
+    if speed > plan.ego_cruise_mps + _RUSHES_MPS:
+        return predicted_arrival(to_line, to_zone, speed, speed, plan.ego_turn_mps)
+    return None
+
+
+def speed_to_meet(room: float, time: float, speed: float, accel: float) -> float:
+    """The least speed (m/s) with which a car has gone `room` metres within `time` seconds.
+
+    It has `speed` now and speeds up with `accel` (m/s2). Where even that is too late: the speed that it has then.
+    """
+    fastest = speed + accel * time
+    return fastest - math.sqrt(max(fastest**2 - speed**2 - 2.0 * accel * room, 0.0))
 
 
 @dataclass(frozen=True, slots=True)

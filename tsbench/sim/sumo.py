@@ -210,10 +210,30 @@ class Simulation:
         libsumo.vehicle.setSpeedMode(vehicle, _OWN_SPEED if heeds_priority else _NO_PRIORITY)
         libsumo.vehicle.setSpeed(vehicle, -1.0)
 
+    def to_lane_end(self, vehicle: str) -> float:
+        """Metres from a vehicle's front to the end of its lane."""
+        v = libsumo.vehicle
+        return float(libsumo.lane.getLength(v.getLaneID(vehicle)) - v.getLanePosition(vehicle))
+
+    def speed(self, vehicle: str) -> float:
+        """A vehicle's speed, m/s."""
+        return float(libsumo.vehicle.getSpeed(vehicle))
+
+    def top_speed(self, vehicle: str) -> float:
+        """What a vehicle speeds up to on its own (m/s), where it is now."""
+        return float(min(libsumo.vehicle.getMaxSpeed(vehicle), libsumo.vehicle.getAllowedSpeed(vehicle)))
+
+    def hurry(self, vehicle: str, speed: float, accel: float) -> None:
+        """From now a vehicle speeds up to this (m/s) on any road, with this acceleration (m/s2)."""
+        v = libsumo.vehicle
+        v.setMaxSpeed(vehicle, speed)
+        v.setSpeedFactor(vehicle, max(1.0, speed / libsumo.lane.getMaxSpeed(v.getLaneID(vehicle))))
+        v.setAccel(vehicle, accel)
+
     def stop_before_end(self, vehicle: str, before_m: float, brake_mps2: float) -> None:
         """Slow a vehicle where it must, so that its front stops `before_m` before its lane's end. Each step anew."""
         v = libsumo.vehicle
-        room = libsumo.lane.getLength(v.getLaneID(vehicle)) - v.getLanePosition(vehicle) - before_m
+        room = self.to_lane_end(vehicle) - before_m
         # The speed after this step with which it still stops in time, at a constant deceleration.
         step = brake_mps2 * DT_S
         most = math.sqrt(step * step / 4.0 + 2.0 * brake_mps2 * max(room, 0.0)) - step / 2.0

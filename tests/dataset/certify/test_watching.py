@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import cycle
+from pathlib import Path
 
 import pytest
 from simworld import simulation
 
+import tsbench
+from tsbench.dataset.certify import certifier
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.pair import alike_to_others
 from tsbench.dataset.certify.watching import HABITS, Habit, drawn_habits
+from tsbench.planners.registry import resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim import junction_traffic
 
+ROOT = Path(tsbench.__file__).parent.parent
 Pair = tuple[ScenarioSpec, ScenarioSpec]
 # Where plates decide what others do: each habit on one pair.
 PRIORITY = ("yield", "stop", "secondary_road", "main_road", "crosswalk")
@@ -56,6 +61,14 @@ def test_others_tell_nothing_in_any_pair() -> None:
         if pair[0].pair_type not in PRIORITY and told_too_soon(pair, habit)
     ]
     assert len(some) == 50
+    assert wrong == []
+
+
+def test_others_tell_nothing_to_a_driver_that_rushes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The convoy hurries for it, in both halves alike."""
+    rushes = resolve(f"{ROOT}/examples/attacks.py:Rushes")
+    monkeypatch.setattr(certifier, "Watcher", lambda habit, approach: rushes.factory())
+    wrong = [p[0].pair_id for kind in PRIORITY for p in of_type(kind)[:4] if told_too_soon(p, HABITS[0])]
     assert wrong == []
 
 
