@@ -135,7 +135,7 @@ def test_a_car_at_the_speed_that_it_needs_is_there_in_time(
 
     # As far as the car can go at all.
     assert gone(wanted) >= min(room, gone(200.0)) - 1e-4
-    if speed < wanted:
+    if wanted > speed + 0.2:
         assert gone(wanted - 0.1) < room
 
 
