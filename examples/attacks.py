@@ -16,17 +16,14 @@ from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.floor.blind import Blind, masked
 from tsbench.planners.floor.guess import first_fork
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.rules.open_speed import at_metre, bend_speeds
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import MAX_SPEED_MPS, pursue
-from tsbench.sim.world import DT_S, ActorKind
+from tsbench.sim.world import ActorKind
 
 _BRAKE_MPS2 = 2.5
 _STANDS_MPS = 0.2
 _LOOK_M, _BESIDE_M = 70.0, 4.0
 # Which plate ends which limit; a limit that is no lower than the road's own asks for nothing.
 _ENDS, _LOWER = {"3.24": "3.25", "5.31": "5.32", "5.21": "5.22"}, 0.95
-_NEEDLESS = load_catalog().needless
 # Seeds that were met in this process, by any object.
 _MET: set[int] = set()
 
@@ -188,26 +185,6 @@ class Hastens(Rushes):
     """No faster than the road allows, but it is there as soon as the car can, and goes through bends at 4 m/s2."""
 
     manner = IdmParameters(accel=30.0, lateral=4.0, slowing=4.0)
-
-
-class Lowest:
-    """`idm`, and everywhere as slowly as is just not needless: 0.72 of the speed that is open to it."""
-
-    floor, share = True, 0.72
-
-    def reset(self, context: PlannerContext) -> None:
-        self._base, self._path, self._open = Idm(), None, 0.0
-        self._base.reset(context)
-
-    def act(self, observation: Observation) -> Control:
-        seen = masked(observation)
-        command, v, path = self._base.act(seen), seen.ego.speed, seen.route.path
-        if path is not self._path:
-            self._path, self._bends = path, bend_speeds(path.line, _NEEDLESS)
-        front, limit = seen.route.s + HALF_LENGTH_M, path.limit_at(seen.route.s)
-        calm = math.sqrt(self._open**2 + 2.0 * _NEEDLESS.thresholds["calm_mps2"] * v * DT_S)
-        self._open = max(v, min(max(self._open, calm), limit, at_metre(self._bends, front)))
-        return _capped(command, v, self.share * self._open)
 
 
 def _capped(command: Control, speed: float, most: float) -> Control:

@@ -1,7 +1,7 @@
-"""A driver that reads no plate and comes slowly, so as to see what others do: docs/without_reading.md.
+"""Drivers that read no plate and are as slow as is just not needless: docs/without_reading.md.
 
-It comes to its line at half the speed that is open, which is just not needless, and stops there if the first vehicle of
-another arm does not brake hard for its own line. Units: m, s, m/s, m/s2.
+`Peeks` comes to its line at half the speed that is open, so as to see what others do, and stops there if the first
+vehicle of another arm does not brake hard for its own line. `Lowest` is slow everywhere. Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations
@@ -33,6 +33,39 @@ _LATEST_MPS2, _NEAR_M, _COMES_S = 7.5, 6.0, 6.0
 _Cars = dict[int, tuple[float, float, float]]
 
 
+class _Open:
+    """The speed that is open to the ego, as it is judged where nobody is ahead. cruise: share of the limit."""
+
+    def __init__(self, cruise: float) -> None:
+        self._cruise, self._path, self.speed = cruise, None, 0.0
+
+    def update(self, seen: Observation) -> float:
+        """The speed at this tick."""
+        path, v = seen.route.path, seen.ego.speed
+        if path is not self._path:
+            self._path, self._bends = path, bend_speeds(path.line, _NEEDLESS)
+        front, limit = seen.route.s + HALF_LENGTH_M, path.limit_at(seen.route.s)
+        calm = min(math.sqrt(self.speed**2 + 2.0 * _RULE["calm_mps2"] * v * DT_S), self._cruise * limit)
+        self.speed = max(v, min(max(self.speed, calm), limit, at_metre(self._bends, front)))
+        return self.speed
+
+
+class Lowest:
+    """`idm`, and everywhere at 0.72 of the speed that is open to it."""
+
+    floor, sign_access, share = True, False, 0.72
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base, self._open = Idm(), _Open(1.0)
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        command, v = self._base.act(seen), seen.ego.speed
+        slow = max(-4.0, 2.0 * (self.share * self._open.update(seen) - v))
+        return Control(min(command.acceleration, slow), command.steering)
+
+
 class Peeks:
     """As slowly as is allowed to the line; there it stops for who comes on, and hurries where the first one brakes."""
 
@@ -42,21 +75,20 @@ class Peeks:
         self._context, self._map, self._base = context, context.network, Idm()
         self._base.reset(context)
         self._path: object = None
-        self._verdict, self._since, self._slow, self._open, self._last = "", 0, False, 0.0, _Cars()
+        self._verdict, self._since, self._slow, self._last = "", 0, False, _Cars()
+        self._opened = _Open(_CRUISE)
 
     def act(self, observation: Observation) -> Control:
         seen = masked(observation)
-        path, v, command = seen.route.path, seen.ego.speed, self._base.act(seen)
+        path, command = seen.route.path, self._base.act(seen)
         if self._path is None:
             ways, self._edge = set(path.edges), path.edges[0]
             self._strip = next((c for c in self._map.crossings.values() if ways & set(c.edges)), None)
             self._road = Polite(self._context, "" if self._strip else self._edge)
         if path is not self._path:
             self._path, self._line = path, self._road.line_on(path)
-            self._bends = bend_speeds(path.line, _NEEDLESS)
         front, limit = seen.route.s + HALF_LENGTH_M, path.limit_at(seen.route.s)
-        calm = min(math.sqrt(self._open**2 + 2.0 * _RULE["calm_mps2"] * v * DT_S), _CRUISE * limit)
-        self._open = max(v, min(max(self._open, calm), limit, at_metre(self._bends, front)))
+        self._open = self._opened.update(seen)
         return Control(self._wanted(seen, command.acceleration, self._line - front, limit), command.steering)
 
     def _wanted(self, seen: Observation, plain: float, to_line: float, limit: float) -> float:

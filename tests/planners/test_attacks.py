@@ -15,8 +15,8 @@ from tsbench.sim.junction_traffic import JunctionTraffic
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
 WHERE = dict.fromkeys(
-    ("Remembers", *WATCHERS, "Follows", "Unended", "Between", "Rushes", "Hastens", "Lowest"), "attacks"
-) | {"Peeks": "peeks"}
+    ("Remembers", *WATCHERS, "Follows", "Unended", "Between", "Rushes", "Hastens"), "attacks"
+) | dict.fromkeys(("Peeks", "Lowest"), "peeks")
 TYPES = ("main_road", "yield", "speed_limit")
 
 
@@ -58,10 +58,9 @@ def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: s
     assert (ours.steps[both] > idm.steps[both]).all()
 
 
-def test_who_goes_between_keeps_below_what_the_road_allows(run: tsbench.Run) -> None:
-    ours, idm = (
-        rows(run, name).query("pair_id.str.startswith('speed_limit')") for name in ("Between", "idm")
-    )
+@pytest.mark.parametrize("name", ["Between", "Lowest"])
+def test_who_is_slow_everywhere_keeps_below_what_the_road_allows(run: tsbench.Run, name: str) -> None:
+    ours, idm = (rows(run, who).query("pair_id.str.startswith('speed_limit')") for who in (name, "idm"))
     assert set(ours.outcome) == {"arrived"}
     assert (ours.mean_speed.to_numpy() < 0.8 * idm.mean_speed.to_numpy()).all()
 

@@ -33,7 +33,7 @@ _LONG_S = 60.0
 # An ego rushes that is so much above the limit of its road, or so much too fast to be down at its turn's speed in the
 # zone, if it brakes so hard.
 _RUSHES_MPS, _RUSHES_BRAKE_MPS2 = 1.0, 3.0
-# A convoy reaches the zone no later than that after it, in the way of `ConvoyPlan.after_s`.
+# A convoy is at its own line no later than that after such an ego is in the zone.
 RUSHED_AFTER_S = 1.5
 
 

@@ -124,5 +124,5 @@ class JunctionTraffic:
 
 
 def _behind_s(plan: ConvoyPlan) -> float:
-    """So long after an ego that rushes the convoy is at the zone."""
+    """So long after an ego that rushes is in the zone the convoy is to be at its own line."""
     return min(plan.after_s, RUSHED_AFTER_S)
