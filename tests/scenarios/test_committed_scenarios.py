@@ -28,7 +28,9 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
-from tsbench.sim.ego import Motion
+from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.sim.ego import MAX_SPEED_MPS, Motion
+from tsbench.sim.world import DT_S
 
 CATALOG = load_catalog()
 TYPES = tuple(t.id for t in CATALOG.types)
@@ -126,6 +128,30 @@ def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
         differ = Counter(pair.partition("-")[0] for pair, (one, other) in found.items() if one != other)
         assert len(found) == sum(r.half == CONTRAST for r in ours)
         assert differ == wanted
+
+
+def test_few_reserved_lanes_are_so_short_that_weaving_over_their_edge_could_pass(
+    rows: list[ScenarioSpec],
+) -> None:
+    """The counts of docs/without_reading.md. Each stay is judged by itself, but leaving the lane in all."""
+    stay = round(CATALOG.rules["reserved_lane"].thresholds["duration_s"] / DT_S) + 1
+    out = round(CATALOG.needless.thresholds["lane_s"] / DT_S)
+    farthest = ((out + 1) * stay + out) * DT_S * MAX_SPEED_MPS
+    assert farthest == pytest.approx(91.0, abs=0.1)
+    loader, short = SceneLoader(SceneStore()), Counter[tuple[str, str]]()
+    for r in rows:
+        if (
+            r.split in ("dev", "test")
+            and r.pair_type in ("bus_lane", "bike_lane")
+            and r.half == SIGNED
+            and r.variant == 0
+        ):
+            scene, _ = loader.load(r)
+            (lane,) = scene.target_sign.params_as(ReservedLaneParams).lanes
+            short[r.split, r.pair_type] += scene.network.lane(lane).line.length <= farthest
+    assert short == {
+        ("dev", "bus_lane"): 0, ("dev", "bike_lane"): 0, ("test", "bus_lane"): 4, ("test", "bike_lane"): 4,
+    }  # fmt: skip
 
 
 def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
