@@ -28,7 +28,7 @@ world = importlib.import_module("simworld")
 def certificate(scenario_id: str, asked: float) -> Certificate:
     return Certificate(
         scenario_id=scenario_id, scenario_type="yield", split="test", attempt=0, expert="idm-e", expert_time_s=9.0,
-        tempted="idm", tempted_outcome="arrived", tempting=True, engaged=True, asked_density=asked,
+        blind_baseline="idm", blind_outcome="arrived", tempting=True, engaged=True, asked_density=asked,
         realised_density=asked, road_users=3, overlaps=0, arrival_gap_s=0.0, error="", digest="", basis="", code="",
         reproduced=None,
     )  # fmt: skip

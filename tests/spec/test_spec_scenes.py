@@ -81,8 +81,8 @@ def test_split_and_certificate() -> None:
     assert (split.APART_M, ROOT_SEED, DENSITY_TOLERANCE) == (300.0, 42, 0.25)
     plan = load_city("moscow").split
     assert (plan.test_share, plan.tile_m) == (0.2, 2000.0)
-    assert RECIPES["min_speed"].tempted == "idm-s1"
-    assert {recipe.tempted for type_, recipe in RECIPES.items() if type_ != "min_speed"} == {"idm"}
+    assert RECIPES["min_speed"].blind_baseline == "idm-s1"
+    assert {recipe.blind_baseline for type_, recipe in RECIPES.items() if type_ != "min_speed"} == {"idm"}
 
 
 @pytest.mark.parametrize("part", ["train", "test"])

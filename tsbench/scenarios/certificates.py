@@ -20,7 +20,7 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 DENSITY_TOLERANCE = 0.25
 # Times are sums of ticks.
 _TIME_TOLERANCE_S = 1e-6
@@ -31,10 +31,10 @@ class Certificate:
     """What is known of one row.
 
     attempt: which draw of the variant was kept (0 = the first). expert: the privileged expert that arrived without a
-    violation, "" if none did; expert_time_s: its driving time (NaN if none). tempted: the sign-blind driver;
-    tempted_outcome: how its episode ended; tempting: it did not get SCD; engaged: the rule bound it.
+    violation, "" if none did; expert_time_s: its driving time (NaN if none). blind_baseline: the sign-blind driver;
+    blind_outcome: how its episode ended; tempting: it did not get SCD; engaged: the rule bound it.
     asked_density, realised_density: moving cars per lane-km (0 without traffic). road_users: how many others the
-    tempted driver met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
+    blind baseline met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
     agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
     broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`); one of another
     basis says nothing. code: SHA-256 of the code that drove them last. Other code does not void a certificate, but may
@@ -53,8 +53,8 @@ class Certificate:
     attempt: int
     expert: str
     expert_time_s: float
-    tempted: str
-    tempted_outcome: str
+    blind_baseline: str
+    blind_outcome: str
     tempting: bool
     engaged: bool
     asked_density: float
@@ -77,7 +77,7 @@ class Certificate:
         """Why the row's pair measures nothing, "" where it does, where it was not looked at, or there is none."""
         if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
             return (
-                f"{self.tempted} keeps the rule of the signed half"
+                f"{self.blind_baseline} keeps the rule of the signed half"
                 if self.engaged
                 else "the rule binds nobody"
             )
@@ -120,7 +120,7 @@ class Certificate:
 
 _OF_PAIRS = ("exclusive", "passed_by", "blind_equal", "differs_s", "brake_mps2")
 _PROVEN = (
-    "expert", "expert_time_s", "tempted", "tempted_outcome", "tempting", "engaged", "road_users", "overlaps",
+    "expert", "expert_time_s", "blind_baseline", "blind_outcome", "tempting", "engaged", "road_users", "overlaps",
     "arrival_gap_s", "error", *_OF_PAIRS,
 )  # fmt: skip
 

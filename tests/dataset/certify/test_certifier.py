@@ -57,7 +57,7 @@ def prove(maker: SceneMaker, spec: ScenarioSpec, asked: float = 0.0, realised: f
 def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
     c = prove(maker, scene(maker, "tempts"))
     assert (c.solvable, c.expert, c.tempting, c.engaged, c.sane) == (True, "idm-e", True, True, True)
-    assert (c.tempted, c.tempted_outcome, c.attempt, c.reproduced) == ("idm", "arrived", 2, None)
+    assert (c.blind_baseline, c.blind_outcome, c.attempt, c.reproduced) == ("idm", "arrived", 2, None)
     assert 14.0 < c.expert_time_s < 40.0
     assert math.isnan(c.arrival_gap_s)
 
@@ -78,7 +78,7 @@ def test_a_scene_that_does_not_tempt(maker: SceneMaker) -> None:
 
 def test_a_scene_that_nobody_solves(maker: SceneMaker) -> None:
     c = prove(maker, scene(maker, "short", horizon=40))
-    assert (c.solvable, c.expert, c.tempting, c.tempted_outcome) == (False, "", True, "timeout")
+    assert (c.solvable, c.expert, c.tempting, c.blind_outcome) == (False, "", True, "timeout")
     assert math.isnan(c.expert_time_s)
 
 
@@ -143,9 +143,9 @@ def test_the_same_row_gives_the_same_certificate(maker: SceneMaker) -> None:
     ]
     renewed = [prover(maker).again([(spec, replace(first, **fields))]) for fields in made]
     assert [c.reproduced for (c,) in renewed] == [True, False, False]
-    other = replace(first, tempted_outcome="timeout", engaged=False)
+    other = replace(first, blind_outcome="timeout", engaged=False)
     assert first.differences(other) == [
-        "tempted_outcome was 'arrived', is 'timeout'",
+        "blind_outcome was 'arrived', is 'timeout'",
         "engaged was True, is False",
     ]
 

@@ -201,12 +201,12 @@ class Recorder:
         self.attempt = -1
 
     def prove(
-        self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         solved, tempting = self.verdicts(spec, attempt)
         self.attempt = attempt
         return Certificate(
-            spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, tempted,
+            spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, blind_baseline,
             "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
         )  # fmt: skip
 
@@ -224,7 +224,7 @@ def build(
     monkeypatch: pytest.MonkeyPatch,
     numbers: tuple[int, ...],
     prover: Recorder | None = None,
-    breaker: str = "",
+    violating_baseline: str = "",
     paired: bool | None = None,
 ) -> MapScenarios:
     """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
@@ -236,7 +236,9 @@ def build(
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
     monkeypatch.setattr(site_module, "variants_of", some)
     recipe = recipe_of(type_id)
-    recipe = replace(recipe, breaker=breaker, paired=recipe.paired if paired is None else paired)
+    recipe = replace(
+        recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired
+    )
     builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
 
@@ -339,9 +341,11 @@ def test_a_draw_that_its_breaker_does_not_break_is_drawn_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = Recorder(broken=lambda attempt: attempt == 2)
-    site = build("yield", tmp_path, monkeypatch, (0,), late, breaker="reckless", paired=False)
+    site = build("yield", tmp_path, monkeypatch, (0,), late, violating_baseline="reckless", paired=False)
     assert [c.attempt for c in site.certificates] == [2]
     # Where none of the draws shows it, the first that is solved and tempts is as good as any.
     never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
-    site = build("yield", tmp_path / "never", monkeypatch, (0,), never, breaker="reckless", paired=False)
+    site = build(
+        "yield", tmp_path / "never", monkeypatch, (0,), never, violating_baseline="reckless", paired=False
+    )
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

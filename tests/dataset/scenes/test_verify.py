@@ -28,9 +28,9 @@ SOUND = {"exclusive": True, "passed_by": "", "blind_equal": True, "differs_s": N
 def certificate(row: ScenarioSpec, **fields: object) -> Certificate:
     told = Certificate(
         scenario_id=row.scenario_id, scenario_type=row.scenario_type, split=row.split, attempt=0, expert="idm-e",
-        expert_time_s=9.0, tempted="idm", tempted_outcome="arrived", tempting=True, engaged=True, asked_density=0.0,
-        realised_density=0.0, road_users=0, overlaps=0, arrival_gap_s=0.0, error="", digest="", basis="", code="",
-        reproduced=None,
+        expert_time_s=9.0, blind_baseline="idm", blind_outcome="arrived", tempting=True, engaged=True,
+        asked_density=0.0, realised_density=0.0, road_users=0, overlaps=0, arrival_gap_s=0.0, error="", digest="",
+        basis="", code="", reproduced=None,
     )  # fmt: skip
     return replace(told, **{**SOUND, **fields})  # type: ignore[arg-type]
 

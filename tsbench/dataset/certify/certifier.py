@@ -52,7 +52,7 @@ class _Drive:
 
 @dataclass(frozen=True)
 class _Proof:
-    """One half as it was proven: the expert's drive (the first's where none passes) and the tempted driver's."""
+    """One half as it was proven: the expert's drive (the first's where none passes) and the blind baseline's."""
 
     spec: ScenarioSpec
     solver: str
@@ -70,17 +70,17 @@ class Certifier:
         self._proofs: dict[str, _Proof] = {}
 
     def prove(
-        self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
-        """The certificate of a row. tempted: the sign-blind driver's name. asked, realised: cars per lane-km."""
+        """The certificate of a row. blind_baseline: the sign-blind driver's name. asked, realised: cars per lane-km."""
         solver, solved = self._solve(spec)
-        blind = self._drive(tempted, spec)
+        blind = self._drive(blind_baseline, spec)
         self._proofs[spec.half] = _Proof(spec, solver, solved, blind)
         facts, calm = blind.result.facts, solved.result.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
-            expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, tempted=tempted,
-            tempted_outcome=blind.result.outcome.value, tempting=not blind.passed,
+            expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, blind_baseline=blind_baseline,
+            blind_outcome=blind.result.outcome.value, tempting=not blind.passed,
             engaged=facts is not None and facts.target.engaged, asked_density=asked, realised_density=realised,
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
@@ -109,7 +109,7 @@ class Certifier:
         (attempt, densities) is kept.
         """
         new = [
-            self.prove(spec, old.tempted, old.attempt, old.asked_density, old.realised_density)
+            self.prove(spec, old.blind_baseline, old.attempt, old.asked_density, old.realised_density)
             for spec, old in rows
         ]
         if len(new) > 1 and all(c.solvable for c in new):
@@ -129,7 +129,7 @@ class Certifier:
         return "", drives[0]
 
     def _passed_by(self, a: _Proof, b: _Proof) -> str:
-        """Who passes both halves and reads no plate: the tempted driver, or who always obeys one half's; "" if none."""
+        """Who passes both halves and reads no plate: the blind baseline, or who always obeys one half's; "" if none."""
         if a.blind.passed and b.blind.passed:
             return a.blind.result.planner
         always = (
@@ -146,7 +146,7 @@ class Certifier:
         return self._run(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
 
     def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
-        """When others first do something else, under the tempted driver's commands of the signed half, and the braking
+        """When others first do something else, under the blind baseline's commands of the signed half, and the braking
         that would still stop it before its line then; None, None where they never do before the line.
 
         Of a driver who watches, where others show it sooner what the plates say. Nobody watches where the halves are

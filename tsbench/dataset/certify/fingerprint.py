@@ -7,7 +7,7 @@ from functools import cache
 from tsbench.core.provenance import closure, digest, versions
 from tsbench.run.contract import code_files
 
-# Who drives a proof, the tempted drivers and the experts, and who says what it proves.
+# Who drives a proof, the blind baselines and the experts, and who says what it proves.
 _ROOTS = (
     "tsbench.planners.styles",
     "tsbench.planners.experts.expert",

@@ -41,7 +41,7 @@ def task_minimum(task: SceneTask) -> float:
 class MinSpeedPlacement(ScenePlacement):
     """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
 
-    In the contrast half the plate there allows no more than the speed of the slow style, the tempted driver. The
+    In the contrast half the plate there allows no more than the speed of the slow style, the blind baseline. The
     leader is faster than this style, and so out of its reach where the rule binds; so is everybody else.
     """
 

@@ -37,8 +37,8 @@ from tsbench.sim.world import DT_S
 NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
 _ENDS = {SIGNED: "", CONTRAST: "c"}
 
-# How often a variant is drawn until an expert solves it, it tempts and its breaker is seen; which share of a map's may
-# not tempt.
+# How often a variant is drawn until an expert solves it, it tempts and the violating baseline breaks its rule; and the
+# share of a map's variants that may not tempt.
 ATTEMPTS = 4
 UNTEMPTING_MOST = 0.1
 
@@ -47,7 +47,7 @@ class Prover(Protocol):
     """Who drives rows to prove them (certify.prover)."""
 
     def prove(
-        self, spec: ScenarioSpec, tempted: str, attempt: int, asked: float, realised: float
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
     ) -> Certificate:
         """The certificate of a row. asked, realised: cars per lane-km."""
 
@@ -123,13 +123,13 @@ class SiteBuilder:
             built.append(self._proven(row, roads, folder, variant, split))
             untempting += any(not c.tempting for c in built[-1][1][:1])
             if untempting > UNTEMPTING_MOST * len(variants):
-                raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.tempted}")
+                raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.blind_baseline}")
         return built
 
     def _proven(
         self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str
     ) -> tuple[_Drawn, tuple[Certificate, ...]]:
-        """The first draw that is solved, tempts and shows its breaker; else the first that lacks least."""
+        """The first draw that is solved, tempts and shows a violation; else the first that lacks least."""
         spare: tuple[Certificate, ...] = ()
         reason = "no draw"
         for attempt in range(ATTEMPTS):
@@ -146,8 +146,8 @@ class SiteBuilder:
             if reason:
                 self._rejected.append(reason)
                 continue
-            breaker = self.recipe.breaker
-            if found[0].tempting and (not breaker or self.prover.breaks(breaker, drawn.rows[0])):
+            violator = self.recipe.violating_baseline
+            if found[0].tempting and (not violator or self.prover.breaks(violator, drawn.rows[0])):
                 return drawn, found
             if not spare or (found[0].tempting and not spare[0].tempting):
                 spare = found
@@ -162,7 +162,7 @@ class SiteBuilder:
         found: list[Certificate] = []
         for spec in drawn.rows:
             asked = variant.cars_per_lane_km
-            found.append(prover.prove(spec, self.recipe.tempted, attempt, asked, drawn.density))
+            found.append(prover.prove(spec, self.recipe.blind_baseline, attempt, asked, drawn.density))
             if _why_not(spec, found[-1]):
                 return tuple(found)
         return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)

@@ -16,7 +16,7 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
 _FLAGS = ("paired", "two_way_first")
-_MAY = {"tempted", "breaker", *_FLAGS}
+_MAY = {"blind_baseline", "violating_baseline", *_FLAGS}
 # Least and most of a number, and its unit, by the end of its name; what has none of these ends is a count.
 _RANGES = {
     "_m": (0.0, 1000.0, "m"), "_mps": (0.1, 60.0, "m/s"), "_kmh": (1.0, 200.0, "km/h"), "_mps2": (0.1, 10.0, "m/s2"),
@@ -46,9 +46,9 @@ class Recipe:
 
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
-    as their names say. choices: lists to draw from. tempted: the sign-blind driver that has to break the rule
-    (docs/spec/scenes.md, "Certification"). breaker: a driver that should break the rule in a draw, "" = none;
-    asked for where traffic often ends that driver's episode first. paired: have its rows a contrast half?
+    as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
+    (docs/spec/scenes.md, "Certification"). violating_baseline: a driver that should break it in a draw, "" = none. It
+    is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
     two_way_first: are maps of roads with two directions tried before others?
     """
 
@@ -58,8 +58,8 @@ class Recipe:
     maps: dict[str, int]
     numbers: dict[str, float]
     choices: dict[str, list[Any]]
-    tempted: str = "idm"
-    breaker: str = ""
+    blind_baseline: str = "idm"
+    violating_baseline: str = ""
     paired: bool = False
     two_way_first: bool = False
 
@@ -118,8 +118,8 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         maps={str(k): int(v) for k, v in data["maps"].items()},
         numbers={str(k): float(v) for k, v in data["numbers"].items()},
         choices={str(k): list(v) for k, v in data["choices"].items()},
-        tempted=str(data.get("tempted", "idm")),
-        breaker=str(data.get("breaker", "")),
+        blind_baseline=str(data.get("blind_baseline", "idm")),
+        violating_baseline=str(data.get("violating_baseline", "")),
         paired=data.get("paired", False),
         two_way_first=data.get("two_way_first", False),
     )

@@ -117,9 +117,9 @@ COLUMNS: tuple[dict[str, Any], ...] = (
     {"name": "expert_time_s", "label": "after", "kind": "number", "unit": "s", "minor": True},
     {"name": "tempting", "label": "tempting", "kind": "flag", "words": _YES, "filter": "choice", "marks": _GOOD,
      "title": "a driver who does not see signs failed"},
-    {"name": "tempted_outcome", "label": "tempted driver", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "blind_outcome", "label": "blind baseline", "kind": "text", "filter": "choice", "minor": True},
     {"name": "engaged", "label": "engaged", "kind": "flag", "words": _YES, "minor": True,
-     "title": "the rule bound the tempted driver"},
+     "title": "the rule bound the blind baseline"},
     {"name": "sane", "label": "sane", "kind": "flag", "words": _YES, "filter": "choice", "marks": _BAD,
      "title": "traffic as asked, nobody inside another, both episodes came to an end"},
     {"name": "reproduced", "label": "again", "kind": "flag", "words": _YES, "minor": True, "marks": _BAD,
@@ -134,7 +134,7 @@ COLUMNS: tuple[dict[str, Any], ...] = (
 _DETAILS = (
     ("sign_code", "text"), ("sign_value", "number"), ("initial_speed", "number"), ("route_length", "number"),
     ("horizon", "number"), ("density", "number"), ("drivers", "number"), ("layout", "number"), ("seed", "text"),
-    ("shape", "text"), ("family", "text"), ("attempt", "number"), ("road_users", "number"), ("tempted", "text"),
+    ("shape", "text"), ("family", "text"), ("attempt", "number"), ("road_users", "number"), ("blind_baseline", "text"),
 )  # fmt: skip
 
 

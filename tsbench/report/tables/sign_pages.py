@@ -45,7 +45,7 @@ from tsbench.signs.model import ScenarioType, Sign
 from tsbench.sim.world import DT_S
 
 EXPERT = "idm-e"
-# Where the tempted driver only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.
+# Where the blind baseline only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.
 LAWLESS = ("lawless", "tsbench.dataset.certify.lawless:Lawless")
 GIF_SIZE = PageSize(480, 420)
 TRIES = 20
@@ -116,11 +116,11 @@ class PageMaker:
         return path
 
     def _drives(self, type_id: str) -> Drives:
-        """Of one scene: the tempted driver's violation, the expert's obedience, and both in the other half."""
-        tempted = load_recipe(type_id, self._catalog).tempted
+        """Of one scene: the blind baseline's violation, the expert's obedience, and both in the other half."""
+        blind = load_recipe(type_id, self._catalog).blind_baseline
         # Variants with traffic show more than the nominal one.
         rows = sorted(self._rows[type_id], key=lambda r: (r.variant not in (2, 5), r.variant, r.map_id))
-        for name, planner in ((tempted, tempted), LAWLESS):
+        for name, planner in ((blind, blind), LAWLESS):
             for row in rows[:TRIES]:
                 broken = self._drive(resolve(planner), name, row)
                 if broken.target.violations:
@@ -128,7 +128,7 @@ class PageMaker:
                     if _passed(obeyed):
                         return self._with_contrast(Drives(broken, obeyed))
         raise InputError(
-            f"{type_id}: none of {TRIES} test scenes shows {tempted} breaking the rule and {EXPERT} obeying it"
+            f"{type_id}: none of {TRIES} test scenes shows {blind} breaking the rule and {EXPERT} obeying it"
         )
 
     def _with_contrast(self, signed: Drives) -> Drives:
@@ -206,7 +206,7 @@ def _save_small(path: Path, picture: Image) -> None:
 
 
 def _decisive(broken: Trace, trace: Trace) -> float:
-    """When a rule is broken, s; where none is, when the ego is nearest to where the tempted one broke it."""
+    """When a rule is broken, s; where none is, when the ego is nearest to where the blind baseline broke it."""
     if trace.events:
         return min(event.start_s for event in trace.events)
     event = _first_violation(broken)

@@ -58,7 +58,7 @@
     const density = d.density[row] ? `${cell("asked_density")} asked, ${cell("realised_density")} realised, cars per lane-km` : "no traffic";
     return [
       ["solved by", cell("expert") === "nobody" ? "nobody" : `${cell("expert")} after ${cell("expert_time_s")} s`],
-      ["tempting", `${cell("tempting")}: ${text("tempted")} ended with “${cell("tempted_outcome").replaceAll("_", " ")}”, engaged: ${cell("engaged")}`],
+      ["tempting", `${cell("tempting")}: ${text("blind_baseline")} ended with “${cell("blind_outcome").replaceAll("_", " ")}”, engaged: ${cell("engaged")}`],
       ["sane", `${cell("sane")}, ${figure("road_users", "others met")}`],
       ["reproduced", cell("reproduced")],
       ["traffic", density],
