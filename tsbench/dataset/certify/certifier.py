@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,14 +17,16 @@ from tsbench.dataset.certify.pair import (
     Recorder,
     alike_to_others,
     braking_before,
-    first_difference,
     line_point,
+    others_differ,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_if_early, drawn_habits
+from tsbench.episode.episode import Episode
 from tsbench.episode.result import EpisodeResult
-from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.runner import EpisodeLoop, EpisodeRunner
 from tsbench.metrics.episode import is_scd
+from tsbench.planners.base import Control, PlannerContext, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -32,6 +34,7 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import WorldSnapshot
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
 EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
@@ -94,7 +97,7 @@ class Certifier:
         a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
         if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
             raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
-        replayed = (self._replay(one.solved, other.spec).passed for one, other in ((a, b), (b, a)))
+        replayed = (self._passes(_replay(one.solved), other.spec) for one, other in ((a, b), (b, a)))
         differs_s, brake = self._reaction(a, b)
         pair = partial(
             replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
@@ -132,18 +135,16 @@ class Certifier:
         """Who passes both halves and reads no plate: the blind baseline, or who always obeys one half's; "" if none."""
         if a.blind.passed and b.blind.passed:
             return a.blind.result.planner
-        always = (
-            one.spec.half for one, other in ((a, b), (b, a)) if self._obeys_everywhere(one, other.spec).passed
-        )
+        always = (one.spec.half for one, other in ((a, b), (b, a)) if self._passes_obeying(one, other.spec))
         return next((f"who always obeys the {half} plate" for half in always), "")
 
-    def _obeys_everywhere(self, one: _Proof, other: ScenarioSpec) -> _Drive:
-        """The expert of a half driving the other one, told the first one's plate."""
+    def _passes_obeying(self, one: _Proof, other: ScenarioSpec) -> bool:
+        """Does the expert of a half pass the other one, told the first one's plate?"""
         expert, told = self._planner(one.solver), one.solved.seen.context
         assert told is not None
         assert told.privilege is not None
         plate = told.privilege
-        return self._run(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
+        return self._passes(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
 
     def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
         """When others first do something else, under the blind baseline's commands of the signed half, and the braking
@@ -152,8 +153,7 @@ class Certifier:
         Of a driver who watches, where others show it sooner what the plates say. Nobody watches where the halves are
         alike to others: they can show nothing.
         """
-        facts, same = a.blind.result.facts, self._replay(a.blind, b.spec).result.facts
-        tick = None if facts is None or same is None else first_difference(facts, same)
+        facts, tick = a.blind.result.facts, self._first_difference(a.blind, b.spec)
         brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
         found = [] if tick is None or brake is None else [(tick.time, brake)]
         one, other = (self._loader.load(half.spec)[0] for half in (a, b))
@@ -170,8 +170,7 @@ class Certifier:
         scene, _ = self._loader.load(signed)
         approach = Approach(scene.network.lane(scene.start.lane))
         drive = self._run(LoadedPlanner(habit.name, lambda: Watcher(habit, approach)), signed)
-        facts, same = drive.result.facts, self._replay(drive, contrast).result.facts
-        tick = None if facts is None or same is None else first_difference(facts, same)
+        facts, tick = drive.result.facts, self._first_difference(drive, contrast)
         if facts is None or tick is None:
             return None
         egos = [snapshot.ego for snapshot in facts.snapshots if snapshot.time <= tick.time]
@@ -186,8 +185,52 @@ class Certifier:
     def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
         return self._run(self._planner(planner), spec)
 
-    def _replay(self, drive: _Drive, spec: ScenarioSpec) -> _Drive:
-        return self._run(LoadedPlanner("replay", lambda: AnswerReplay(drive.seen.answers)), spec)
+    def _first_difference(self, drive: _Drive, other: ScenarioSpec) -> WorldSnapshot | None:
+        """The drive's tick at which others first do something else when its commands are driven in the other half;
+        None where they never do while both episodes last.
+        """
+        ticks = () if drive.result.facts is None else drive.result.facts.snapshots
+
+        def differs(now: WorldSnapshot) -> bool:
+            return now.step < len(ticks) and others_differ(ticks[now.step], now)
+
+        last: list[WorldSnapshot] = []
+
+        def is_over(episode: Episode) -> bool:
+            last[:] = episode.snapshots[-1:]
+            return last[0].step >= len(ticks) or differs(last[0])
+
+        result = self._run_until(_replay(drive), other, is_over)
+        if result is not None and result.facts is not None:
+            last[:] = result.facts.snapshots[-1:]
+        return ticks[last[0].step] if last and differs(last[0]) else None
+
+    def _passes(self, planner: LoadedPlanner, spec: ScenarioSpec) -> bool:
+        """Does its episode get SCD? At the first event that counts against it, the answer is known."""
+        result = self._run_until(planner, spec, _is_failed)
+        return result is not None and result.facts is not None and is_scd(result.facts)
+
+    def _run_until(
+        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
+    ) -> EpisodeResult | None:
+        """An episode; None where it was broken off at a tick, before the planner was asked. Raises what that raises."""
+        loop, driver = EpisodeLoop(simulation=self._simulation, loader=self._loader), planner.factory()
+        steps = loop.run_episode(spec, planner.name, planner.privileged, planner.floor)
+        answer: Control | Trajectory | None = None
+        try:
+            while True:
+                asked = steps.send(answer)
+                if isinstance(asked, PlannerContext):
+                    driver.reset(asked)
+                    continue
+                assert loop.episode is not None
+                if is_over(loop.episode):
+                    steps.close()
+                    return None
+                answer = driver.act(asked)
+        except StopIteration as end:
+            result: EpisodeResult = end.value
+            return result
 
     def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
         seen = Recorder(planner.factory())
@@ -195,6 +238,16 @@ class Certifier:
             replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader
         )
         return _Drive(runner.run(spec), seen)
+
+
+def _replay(drive: _Drive) -> LoadedPlanner:
+    return LoadedPlanner("replay", lambda: AnswerReplay(drive.seen.answers))
+
+
+def _is_failed(episode: Episode) -> bool:
+    """Is there an event by now that counts against SCD?"""
+    m = episode.monitors
+    return any(monitor.clauses() for monitor in (m.target, *m.needless, m.wrong_way))
 
 
 def _time(result: EpisodeResult) -> float:

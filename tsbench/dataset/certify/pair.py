@@ -6,13 +6,11 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 from lxml import etree
 
 from tsbench.episode.blind_view import blind_bytes
-from tsbench.episode.outcome import EpisodeFacts
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.signs.contrast import CONTRAST
 from tsbench.sim.junction_traffic import exchangeable
@@ -100,20 +98,12 @@ def _for_others(file: SceneFile) -> list[bytes]:
     return [etree.tostring(one) for one in root if one.get("type") not in _OF_THE_EGO]
 
 
-def first_difference(a: EpisodeFacts, b: EpisodeFacts) -> WorldSnapshot | None:
-    """The tick of `a` at which others first do something else than in `b`, None where they never do.
-
-    Of two episodes with the same commands, as long as both last.
-    """
-    for one, other in zip_longest(a.snapshots, b.snapshots):
-        if one is None or other is None:
-            return None
-        if len(one.actors) != len(other.actors) or not (
-            np.allclose(one.actors.pose, other.actors.pose, rtol=0.0, atol=_SAME)
-            and np.allclose(one.actors.speed, other.actors.speed, rtol=0.0, atol=_SAME)
-        ):
-            return one
-    return None
+def others_differ(one: WorldSnapshot, other: WorldSnapshot) -> bool:
+    """Do others do something else at one of two ticks than at the other?"""
+    return len(one.actors) != len(other.actors) or not (
+        np.allclose(one.actors.pose, other.actors.pose, rtol=0.0, atol=_SAME)
+        and np.allclose(one.actors.speed, other.actors.speed, rtol=0.0, atol=_SAME)
+    )
 
 
 def line_point(scene: Scene) -> tuple[float, float]:
