@@ -21,7 +21,7 @@ from tsbench.dataset.certify.pair import (
     others_differ,
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
-from tsbench.dataset.certify.watching import Habit, Watcher, braking_if_early, drawn_habits
+from tsbench.dataset.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
 from tsbench.episode.episode import Episode
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, EpisodeRunner
@@ -97,7 +97,9 @@ class Certifier:
         a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
         if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
             raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
-        replayed = (self._passes(_replay(one.solved), other.spec) for one, other in ((a, b), (b, a)))
+        replayed = (
+            self._passes(_replay(one.solved.seen.answers), other.spec) for one, other in ((a, b), (b, a))
+        )
         differs_s, brake = self._reaction(a, b)
         pair = partial(
             replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
@@ -153,7 +155,9 @@ class Certifier:
         Of a driver who watches, where others show it sooner what the plates say. Nobody watches where the halves are
         alike to others: they can show nothing.
         """
-        facts, tick = a.blind.result.facts, self._first_difference(a.blind, b.spec)
+        facts = a.blind.result.facts
+        ticks = () if facts is None else facts.snapshots
+        tick = self._first_difference(ticks, a.blind.seen.answers, b.spec)
         brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
         found = [] if tick is None or brake is None else [(tick.time, brake)]
         one, other = (self._loader.load(half.spec)[0] for half in (a, b))
@@ -165,17 +169,23 @@ class Certifier:
         self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
     ) -> tuple[float, float] | None:
         """When others first do something else in the contrast half, under a watching driver's commands of the signed
-        one, and the braking that would still stop it then; None where that is too late, or it has waited at its line.
+        one, and the braking that would still stop it then; None where they do not before they may.
         """
         scene, _ = self._loader.load(signed)
         approach = Approach(scene.network.lane(scene.start.lane))
-        drive = self._run(LoadedPlanner(habit.name, lambda: Watcher(habit, approach)), signed)
-        facts, tick = drive.result.facts, self._first_difference(drive, contrast)
-        if facts is None or tick is None:
-            return None
-        egos = [snapshot.ego for snapshot in facts.snapshots if snapshot.time <= tick.time]
-        brake = braking_if_early(approach, Showing.of(scene.convoy or scene.walkers), egos)
-        return None if brake is None else (tick.time, brake)
+        showing = Showing.of(scene.convoy or scene.walkers)
+        watcher = Recorder(Watcher(habit, approach))
+        early: list[WorldSnapshot] = []
+
+        def may_show(episode: Episode) -> bool:
+            now = episode.snapshots[-1]
+            may = showing.may(approach.to_line(now.ego), now.ego.speed)
+            early[now.step :] = () if may else (now,)
+            return may
+
+        self._run_until(LoadedPlanner(habit.name, lambda: watcher), signed, may_show)
+        tick = self._first_difference(early, watcher.answers, contrast)
+        return None if tick is None else (tick.time, braking_to_meet(approach, showing, tick.ego))
 
     def _planner(self, name: str) -> LoadedPlanner:
         if name not in self._loaded:
@@ -185,25 +195,21 @@ class Certifier:
     def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
         return self._run(self._planner(planner), spec)
 
-    def _first_difference(self, drive: _Drive, other: ScenarioSpec) -> WorldSnapshot | None:
-        """The drive's tick at which others first do something else when its commands are driven in the other half;
-        None where they never do while both episodes last.
+    def _first_difference(
+        self, ticks: Sequence[WorldSnapshot], answers: Sequence[Control | Trajectory], other: ScenarioSpec
+    ) -> WorldSnapshot | None:
+        """The first of an episode's ticks at which others do something else than when its driver's answers are given in
+        the other half; None where they never do while both last.
         """
-        ticks = () if drive.result.facts is None else drive.result.facts.snapshots
-
-        def differs(now: WorldSnapshot) -> bool:
-            return now.step < len(ticks) and others_differ(ticks[now.step], now)
-
-        last: list[WorldSnapshot] = []
+        found: list[WorldSnapshot] = []
 
         def is_over(episode: Episode) -> bool:
-            last[:] = episode.snapshots[-1:]
-            return last[0].step >= len(ticks) or differs(last[0])
+            now = episode.snapshots[-1]
+            found[:] = [one for one in ticks[now.step : now.step + 1] if others_differ(one, now)]
+            return bool(found) or now.step + 1 >= len(ticks)
 
-        result = self._run_until(_replay(drive), other, is_over)
-        if result is not None and result.facts is not None:
-            last[:] = result.facts.snapshots[-1:]
-        return ticks[last[0].step] if last and differs(last[0]) else None
+        self._run_until(_replay(answers), other, is_over)
+        return found[0] if found else None
 
     def _passes(self, planner: LoadedPlanner, spec: ScenarioSpec) -> bool:
         """Does its episode get SCD? At the first event that counts against it, the answer is known."""
@@ -213,7 +219,10 @@ class Certifier:
     def _run_until(
         self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
     ) -> EpisodeResult | None:
-        """An episode; None where it was broken off at a tick, before the planner was asked. Raises what that raises."""
+        """An episode; None where it was broken off at a tick that `is_over`, before the planner was asked.
+
+        The last tick is shown to `is_over`, too. Raises what the planner raises.
+        """
         loop, driver = EpisodeLoop(simulation=self._simulation, loader=self._loader), planner.factory()
         steps = loop.run_episode(spec, planner.name, planner.privileged, planner.floor)
         answer: Control | Trajectory | None = None
@@ -229,6 +238,8 @@ class Certifier:
                     return None
                 answer = driver.act(asked)
         except StopIteration as end:
+            if loop.episode is not None and loop.episode.snapshots:
+                is_over(loop.episode)
             result: EpisodeResult = end.value
             return result
 
@@ -240,8 +251,8 @@ class Certifier:
         return _Drive(runner.run(spec), seen)
 
 
-def _replay(drive: _Drive) -> LoadedPlanner:
-    return LoadedPlanner("replay", lambda: AnswerReplay(drive.seen.answers))
+def _replay(answers: Sequence[Control | Trajectory]) -> LoadedPlanner:
+    return LoadedPlanner("replay", lambda: AnswerReplay(answers))
 
 
 def _is_failed(episode: Episode) -> bool:

@@ -8,7 +8,6 @@ Source: docs/spec/contrast.md, "Reaction must not be enough". Units: m, s, m/s, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tsbench.core.seeds import rng_of
@@ -63,15 +62,9 @@ def drawn_habits(pair: str) -> tuple[Habit, ...]:
     return tuple(HABITS[k] for k in sorted(drawn.tolist()))
 
 
-def braking_if_early(approach: Approach, showing: Showing, egos: Sequence[EgoState]) -> float | None:
-    """Deceleration with which the last of these states still stops before it meets others, m/s2.
-
-    None where others might show what plates say by then: who has waited once has been told.
-    """
-    to_lines = [approach.to_line(ego) for ego in egos]
-    if any(showing.may(to_line, ego.speed) for to_line, ego in zip(to_lines, egos, strict=True)):
-        return None
-    return egos[-1].speed ** 2 / (2.0 * (to_lines[-1] + showing.zone_m))
+def braking_to_meet(approach: Approach, showing: Showing, ego: EgoState) -> float:
+    """Deceleration with which an ego, to whom others may not show anything yet, stops before it meets them; m/s2."""
+    return ego.speed**2 / (2.0 * (approach.to_line(ego) + showing.zone_m))
 
 
 class Watcher:
