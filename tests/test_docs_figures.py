@@ -5,8 +5,11 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Callable
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -59,6 +62,35 @@ def test_the_splits_have_the_rows_that_the_pages_say() -> None:
     assert f"({nominal[0]} signed halves, {nominal[1]} contrast halves)" in text_of("README.md")
     assert f"({nominal[0]} signed and {nominal[1]} contrast halves, " in text_of("docs/results.md")
     assert all(f"{sum(nominal):,}" in text_of(page) for page in ("README.md", "docs/index.md"))
+
+
+@pytest.mark.parametrize(("run", "planner"), [("entrants", "metadrive-ppo"), ("pdm", "pdm")])
+def test_drivers_of_others_do_what_their_page_says(run: str, planner: str) -> None:
+    """Of docs/adapters.md: means over the types, in %."""
+    found = pq.read_table(
+        ROOT / f"results/{run}/episodes.parquet", columns=["planner", "scenario_id", "outcome", "scd"]
+    ).to_pylist()
+    assert {one["planner"] for one in found} == {planner}
+
+    def mean(figure: Callable[[dict[str, Any]], bool], contrast: bool) -> float:
+        of_type = defaultdict[str, list[bool]](list)
+        for one in found:
+            if one["scenario_id"].endswith("-c") == contrast:
+                of_type[one["scenario_id"].partition("-")[0]].append(figure(one))
+        return 100.0 * fmean(map(fmean, of_type.values()))
+
+    arrived = [mean(lambda one: one["outcome"] == "arrived", contrast) for contrast in (False, True)]
+    passed = [mean(lambda one: one["scd"], contrast) for contrast in (False, True)]
+    ends = Counter(one["outcome"] for one in found)
+    (signed, contrast), (ours, theirs) = arrived, passed
+    said = {
+        "metadrive-ppo": f"arrives in {signed:.0f} % of the signed halves and has {ours:.1f} % signed SCD. In the "
+        f"contrast halves it arrives in {contrast:.0f} % and has {theirs:.1f} %.",
+        "pdm": f"arrives in {signed:.0f} % of the signed halves and in {contrast:.0f} % of the contrast halves. Of "
+        f"{len(found):,} episodes, {ends['collision']} end in a collision and {ends['off_road']} off the road. It has "
+        f"{theirs:.1f} % SCD in contrast halves, {ours:.1f} % in signed ones",
+    }
+    assert said[planner] in text_of("docs/adapters.md")
 
 
 def test_the_pool_has_the_maps_that_the_pages_say() -> None:

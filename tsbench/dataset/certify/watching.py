@@ -63,7 +63,7 @@ def drawn_habits(pair: str) -> tuple[Habit, ...]:
 
 
 def braking_to_meet(approach: Approach, showing: Showing, ego: EgoState) -> float:
-    """Deceleration with which an ego, to whom others may not show anything yet, stops before it meets them; m/s2."""
+    """Deceleration with which an ego stops before it meets others, while they may not show it anything; m/s2."""
     return ego.speed**2 / (2.0 * (approach.to_line(ego) + showing.zone_m))
 
 
