@@ -186,7 +186,8 @@ mirrored: setup
 # One extract of Moscow from OSM to maps and scenes: the same bytes as those that come with tsbench.
 # Are the rules' tests strict enough? Mutants of tsbench/rules against tests/rules; goes on where it was stopped.
 mutation: $(BIN)/mutmut
-	rm -rf mutants/tests mutants/sign_catalog  # copies, to which mutmut only adds
+	rm -rf $(addprefix mutants/,tests sign_catalog scenarios cities sumo_nets)  # copies, to which mutmut only adds
+	mkdir -p mutants/scenarios mutants/cities
 	$(BIN)/mutmut run --max-children $(WORKERS)
 	$(BIN)/mutmut results --all true | $(BIN)/python tests/rules/mutation_table.py
 

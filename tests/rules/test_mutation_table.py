@@ -1,6 +1,17 @@
+"""`make mutation`: how its mutants are counted, and whether its copy of the tests finds what they read."""
+
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
 from mutation_table import count, faults, table
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def _results(killed: int, survived: int, timeout: int = 0, untried: int = 0) -> list[str]:
@@ -32,3 +43,24 @@ def test_a_file_may_fall_behind_by_a_little_only() -> None:
     assert faults(count([*_results(40, 0), *zone, missed, missed])) == [
         "tsbench.rules.zone: 60.0% of the mutants are caught, less than 75%"
     ]
+
+
+def test_the_copied_tests_find_all_that_they_read(tmp_path: Path) -> None:
+    """mutmut runs them in a folder that has its sources, the tests and what `also_copy` names.
+
+    Some that read files of each kind: cases of signs, roads made by netconvert, crops of scenes.
+    """
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mutmut"]
+    heavy = shutil.ignore_patterns("__pycache__", "*.safetensors")
+    for name in (*settings["source_paths"], *settings["also_copy"], "tests", "pyproject.toml"):
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, tmp_path / name, ignore=heavy)
+        else:
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, tmp_path / name)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", *settings["pytest_add_cli_args"],
+         "-k", "stop or cut or (crop and yield)", *settings["pytest_add_cli_args_test_selection"]],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
