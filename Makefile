@@ -183,8 +183,7 @@ torture: setup
 mirrored: setup
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m whole -rP tests/scenarios/test_mirror_whole.py
 
-# One extract of Moscow from OSM to maps and scenes: the same bytes as those that come with tsbench.
-# Are the rules' tests strict enough? Mutants of tsbench/rules against tests/rules; goes on where it was stopped.
+# Are the rules' tests strict enough? Mutants of the rules, and of what of roads they judge by; goes on where it was stopped.
 mutation: $(BIN)/mutmut
 	rm -rf $(addprefix mutants/,tests sign_catalog scenarios cities sumo_nets)  # copies, to which mutmut only adds
 	mkdir -p mutants/scenarios mutants/cities

@@ -20,6 +20,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext, Trajecto
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import WorldSnapshot
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +51,13 @@ class Judged:
 
 
 class SteppedEpisode:
-    """The one simulation of this process: one episode at a time, and a new one ends the one before."""
+    """The one simulation of this process: one episode at a time, and a new one ends the one before.
 
-    def __init__(self) -> None:
-        self.simulation, self._loader = Simulation(), SceneLoader()
+    simulation, loader: those of this process, where somebody else has them already.
+    """
+
+    def __init__(self, simulation: Simulation | None = None, loader: SceneLoader | None = None) -> None:
+        self.simulation, self._loader = simulation or Simulation(), loader or SceneLoader()
         self._loops: dict[Perception, EpisodeLoop] = {}
         self._loop: EpisodeLoop
         self._steps: EpisodeSteps | None = None
@@ -94,6 +98,13 @@ class SteppedEpisode:
             return result
         assert isinstance(asked, Observation)
         return Step(self._context, asked)
+
+    @property
+    def snapshot(self) -> WorldSnapshot:
+        """The present tick, or the one that ended the episode."""
+        episode = self._loop.episode
+        assert episode is not None
+        return episode.snapshots[-1]
 
     def last_view(self) -> Observation:
         """The tick that ended the episode, which no planner is shown."""

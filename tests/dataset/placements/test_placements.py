@@ -337,7 +337,7 @@ def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert dull.reason == "2 variants do not tempt idm"
 
 
-def test_a_draw_that_its_breaker_does_not_break_is_drawn_anew(
+def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = Recorder(broken=lambda attempt: attempt == 2)

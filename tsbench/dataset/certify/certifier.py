@@ -22,12 +22,12 @@ from tsbench.dataset.certify.pair import (
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
-from tsbench.episode.episode import Episode
 from tsbench.episode.result import EpisodeResult
-from tsbench.episode.runner import EpisodeLoop, EpisodeRunner
+from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import is_scd
-from tsbench.planners.base import Control, PlannerContext, Trajectory
+from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.stepped_episode import Step, SteppedEpisode
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
@@ -50,7 +50,7 @@ class _Drive:
     @property
     def passed(self) -> bool:
         """Did it get SCD?"""
-        return self.result.facts is not None and is_scd(self.result.facts)
+        return _is_passed(self.result)
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,7 @@ class Certifier:
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
+        self._stepped = SteppedEpisode(simulation, loader)
         self._catalog = load_catalog()
         self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
@@ -177,8 +178,7 @@ class Certifier:
         watcher = Recorder(Watcher(habit, approach))
         early: list[WorldSnapshot] = []
 
-        def may_show(episode: Episode) -> bool:
-            now = episode.snapshots[-1]
+        def may_show(now: WorldSnapshot) -> bool:
             may = showing.may(approach.to_line(now.ego), now.ego.speed)
             early[now.step :] = () if may else (now,)
             return may
@@ -203,8 +203,7 @@ class Certifier:
         """
         found: list[WorldSnapshot] = []
 
-        def is_over(episode: Episode) -> bool:
-            now = episode.snapshots[-1]
+        def is_over(now: WorldSnapshot) -> bool:
             found[:] = [one for one in ticks[now.step : now.step + 1] if others_differ(one, now)]
             return bool(found) or now.step + 1 >= len(ticks)
 
@@ -213,35 +212,30 @@ class Certifier:
 
     def _passes(self, planner: LoadedPlanner, spec: ScenarioSpec) -> bool:
         """Does its episode get SCD? At the first event that counts against it, the answer is known."""
-        result = self._run_until(planner, spec, _is_failed)
-        return result is not None and result.facts is not None and is_scd(result.facts)
+        result = self._run_until(planner, spec, lambda _: bool(self._stepped.against()))
+        return result is not None and _is_passed(result)
 
     def _run_until(
-        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
+        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[WorldSnapshot], bool]
     ) -> EpisodeResult | None:
         """An episode; None where it was broken off at a tick that `is_over`, before the planner was asked.
 
         The last tick is shown to `is_over`, too. Raises what the planner raises.
         """
-        loop, driver = EpisodeLoop(simulation=self._simulation, loader=self._loader), planner.factory()
-        steps = loop.run_episode(spec, planner.name, planner.privileged, planner.floor)
-        answer: Control | Trajectory | None = None
-        try:
-            while True:
-                asked = steps.send(answer)
-                if isinstance(asked, PlannerContext):
-                    driver.reset(asked)
-                    continue
-                assert loop.episode is not None
-                if is_over(loop.episode):
-                    steps.close()
-                    return None
-                answer = driver.act(asked)
-        except StopIteration as end:
-            if loop.episode is not None and loop.episode.snapshots:
-                is_over(loop.episode)
-            result: EpisodeResult = end.value
-            return result
+        driver, stepped = planner.factory(), self._stepped
+        step = stepped.begin(
+            spec, driver, name=planner.name, privileged=planner.privileged, floor=planner.floor
+        )
+        if isinstance(step, Step):
+            driver.reset(step.context)
+        while isinstance(step, Step):
+            if is_over(stepped.snapshot):
+                stepped.end()
+                return None
+            step = stepped.drive(driver.act(step.observation))
+        if step.facts is not None:
+            is_over(stepped.snapshot)
+        return step
 
     def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
         seen = Recorder(planner.factory())
@@ -255,10 +249,8 @@ def _replay(answers: Sequence[Control | Trajectory]) -> LoadedPlanner:
     return LoadedPlanner("replay", lambda: AnswerReplay(answers))
 
 
-def _is_failed(episode: Episode) -> bool:
-    """Is there an event by now that counts against SCD?"""
-    m = episode.monitors
-    return any(monitor.clauses() for monitor in (m.target, *m.needless, m.wrong_way))
+def _is_passed(result: EpisodeResult) -> bool:
+    return result.facts is not None and is_scd(result.facts)
 
 
 def _time(result: EpisodeResult) -> float:
