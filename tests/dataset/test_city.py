@@ -13,13 +13,23 @@ from pool_builders import row
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, city_in_use, data_root, dataset_file, dataset_root, using_city
+from tsbench.core.paths import (
+    CITY,
+    SHIPPED_CITIES,
+    city_in_use,
+    data_root,
+    dataset_file,
+    dataset_root,
+    using_city,
+)
 from tsbench.dataset.city import cities_folder, city_names, fetch_extracts, load_city
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.scenes.carried import carried
 from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 
@@ -175,6 +185,17 @@ def test_the_city_in_use_has_its_own_data_and_is_left_again(monkeypatch: pytest.
             assert city_in_use() == "andorra"
         assert (city_in_use(), extract_info("krems").code) == ("krems", "kre")
     assert (city_in_use(), dataset_file("scenarios/test.parquet")) == ("moscow", own)
+
+
+@pytest.mark.parametrize("name", SHIPPED_CITIES)
+def test_every_row_of_a_town_is_certified_by_a_second_process(name: str) -> None:
+    with using_city(name):
+        rows = [r for split in splits_there() for r in read_table(table_path(split))]
+        proofs = {c.scenario_id: c for c in read_certificates(certificates_path())}
+    assert proofs.keys() == {r.scenario_id for r in rows}
+    for r in rows:
+        c = proofs[r.scenario_id]
+        assert (c.solvable, c.sane, c.reproduced, c.split) == (True, True, True, r.split), c
 
 
 def test_only_the_citys_own_extracts_are_taken_and_only_as_they_were(tmp_path: Path) -> None:
