@@ -104,7 +104,7 @@ class Episode:
             t0 = clock()
             output = yield observation
             t1 = clock()
-            # What it returned is its own code still.
+            # Reading what the planner returned may still run code of the planner's.
             command, self.intent = to_command(output, self.motion, self.view.map)
             plan = to_plan(output)
             beat(Phase.SIMULATING)

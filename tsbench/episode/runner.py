@@ -27,8 +27,8 @@ from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-# An episode as its driver sees it: a context, then an observation a tick. It is sent None for the first, and for each
-# of the others what the planner said to it; it returns the result.
+# An episode as its driver sees it: it yields a context, then an observation a tick, and returns the result. The driver
+# answers the context with None, and each observation with what the planner returned for it.
 EpisodeSteps = Generator[PlannerContext | Observation, Control | Trajectory | None, EpisodeResult]
 
 

@@ -199,7 +199,7 @@ def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
         raise InputError(
             f"planner {spec!r}: {base.spec} chooses its way by itself and follows no route, so it has no expert"
         )
-    # By its name: a planner's code counts with the planner, not with what every run consists of.
+    # Imported by name, so that the experts' code is part of these planners' hashes and not of every run's contract.
     wrap = cast(
         "Callable[[Planner], Planner]", import_attribute(EXPERT_MODULE, "Expert", f"planner {spec!r}")
     )

@@ -25,7 +25,7 @@ LEAST_MEMORY_MB = 512
 @dataclass(frozen=True)
 class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
-    `runs/`. executor: one of `executor.EXECUTORS`.
+    `runs/`. executor: one of `factory.EXECUTORS`.
 
     perception: a level's name or file.
     isolate: planners in processes of their own; image: in containers of this image.

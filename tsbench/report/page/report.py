@@ -129,7 +129,8 @@ def write_report(
 
     max_mb: bound of the file's size in 10^6 bytes; players are left out until it is kept.
 
-    Raises InputError as `read_pool`; a file that cannot be written; a bound that even a page without players breaks.
+    Raises InputError as `read_pool` does, where the file cannot be written, and where even a page without players is
+    larger than `max_mb`.
     """
     pool = read_pool(runs, allow_partial)
     index = index_episodes(pool)
