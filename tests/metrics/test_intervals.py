@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis.strategies import DataObject, data, integers, sampled_from
+from scipy.stats import binomtest
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.intervals import MIN_CLUSTERS, ClusterBootstrap, wilson
@@ -16,6 +19,17 @@ from tsbench.metrics.intervals import MIN_CLUSTERS, ClusterBootstrap, wilson
 )
 def test_wilson_as_published(successes: int, n: int, low: float, high: float) -> None:
     assert wilson(successes, n) == (pytest.approx(low, abs=5e-5), pytest.approx(high, abs=5e-5))
+
+
+@given(data())
+def test_wilson_as_scipy_has_it(draw: DataObject) -> None:
+    n = draw.draw(integers(1, 20_000))
+    successes = draw.draw(integers(0, n) | sampled_from([0, n]))
+    theirs = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
+    assert wilson(successes, n) == (
+        pytest.approx(theirs.low, abs=1e-12),
+        pytest.approx(theirs.high, abs=1e-12),
+    )
 
 
 def binary(rates: list[float], n: int = 10) -> tuple[np.ndarray, np.ndarray]:

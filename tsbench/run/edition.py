@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -100,7 +100,7 @@ def edition_of(contract: str, told: object = "") -> str:
 
     told: what the run that has this contract says of its edition. It is believed only as far as which one was changed.
     """
-    for edition in (*editions(), *built_editions()):
+    for edition in _all_editions():
         known = edition.contracts()
         if contract in known:
             return edition.name
@@ -112,7 +112,7 @@ def edition_of(contract: str, told: object = "") -> str:
 
 def standing_contract(contract: str) -> str:
     """The contract that results are compared under: the oldest that has the same results, or `contract` itself."""
-    for edition in (*editions(), *built_editions()):
+    for edition in _all_editions():
         for known, oldest in edition.standing().items():
             if contract == known:
                 return oldest
@@ -148,6 +148,12 @@ def built_editions() -> tuple[Edition, ...]:
     """Those of other cities whose data sets were built here, by city."""
     paths = sorted(data_file("cities/data").glob(f"*/{_OF_CITY}"))
     return tuple(edition for path in paths for edition in _read(path))
+
+
+def _all_editions() -> Iterator[Edition]:
+    """Those of the benchmark, then those of other cities, whose files are read only where that far is asked."""
+    yield from editions()
+    yield from built_editions()
 
 
 def contract_now(split: str) -> str:

@@ -1,27 +1,41 @@
-"""The analyses of runs by their names."""
+"""The analyses of runs by their names. Those with a picture bring matplotlib, so they are imported when asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from tsbench.report.analyses.ablation import ablation
-from tsbench.report.analyses.correlations import correlations
-from tsbench.report.analyses.failures import failures
 from tsbench.report.analyses.floor import floor
-from tsbench.report.analyses.intervals import intervals
 from tsbench.report.analyses.main_table import main_table
 from tsbench.report.analyses.model import Analysis
 from tsbench.report.analyses.per_type import per_type
-from tsbench.report.analyses.perception import perception
 from tsbench.report.analyses.pool import RunPool, read_pool
+
+
+def _intervals(pool: RunPool) -> Analysis:
+    from tsbench.report.analyses.intervals import intervals
+
+    return intervals(pool)
+
+
+def _failures(pool: RunPool) -> Analysis:
+    from tsbench.report.analyses.failures import failures
+
+    return failures(pool)
+
+
+def _correlations(pool: RunPool) -> Analysis:
+    from tsbench.report.analyses.correlations import correlations
+
+    return correlations(pool)
+
 
 OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract),
     "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
-    "intervals": intervals,
-    "failures": failures,
-    "correlations": correlations,
+    "intervals": _intervals,
+    "failures": _failures,
+    "correlations": _correlations,
     "floor": floor,
 }
 
@@ -29,7 +43,11 @@ OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
 def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
     """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
     if name == "ablation":
+        from tsbench.report.analyses.ablation import ablation
+
         return ablation(paths, allow_partial)
     if name == "perception":
+        from tsbench.report.analyses.perception import perception
+
         return perception(paths, allow_partial)
     return OF_POOL[name](read_pool(paths, allow_partial))
