@@ -14,7 +14,7 @@ COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition bench clean
+.PHONY: run test results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition golden bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -299,14 +299,14 @@ scenarios: setup
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
 
-# The contracts of this tsbench under the name of its edition (docs/editions.md). SAME_AS: the contract of an earlier state,
-# beside which they are entered if both drive dev with the same bytes. SAME_PLANNERS: not all registered planners, but these.
-SAME_AS ?=
-SAME_PLANNERS ?=
-edition: setup $(if $(SAME_AS),$(if $(SAME_PLANNERS),,$(METADRIVE)))
-	PYTHONPATH=$(abspath $(VENV)/commonroad) TSBENCH_METADRIVE=$(abspath $(METADRIVE)) \
-		$(BIN)/python -m $(if $(SAME_AS),tsbench.tools.same_edition $(SAME_AS) $(call asked,$(SAME_PLANNERS)) --workers $(WORKERS),tsbench.run.edition)
+# The contracts of this tsbench under the name of its edition (docs/editions.md).
+edition: setup
+	$(BIN)/python -m tsbench.run.edition
 	$(BIN)/python packaging/data_sets.py manifest
+
+# The bytes that SCORING stands for (tests/test_golden.py), once it is raised.
+golden: setup
+	$(BIN)/python tests/test_golden.py
 
 bench: base
 	$(BIN)/tsbench bench

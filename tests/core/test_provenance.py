@@ -6,29 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from tsbench.core.errors import InputError
 from tsbench.core.provenance import closure, data_hash, digest, versions
-
-SOURCE = '''"""About this."""
-import math
-
-
-class One:
-    """About one."""
-
-    size: float = 1.0
-
-    def area(self, factor: int = 2) -> str:
-        """About area."""
-        text = f"{self.size * factor!r:>{factor}} \\u00e9 {math.pi:.2f}" "and more" f" {factor=}"
-        return text if not text.isspace() else "\\U0001fae8"
-'''
-# The same on every version of Python: how a tree is written down must not change with it.
-KNOWN = "57630996a95262fcd328398446f4859080270dabff52563fb56bb120df98fc5e"
-
-
-def code(path: Path, text: str) -> str:
-    path.write_text(text, encoding="utf-8")
-    return closure([path])[path.name]
 
 
 def names(*starts: str) -> set[str]:
@@ -95,10 +74,8 @@ def test_installed_packages_and_pythons_own_are_not_followed(tmp_path: Path) -> 
     assert set(closure([site / "mine" / "__init__.py"])) == {"mine/__init__.py"}
 
 
-def test_a_folder_of_data_does_not_hide_its_module(tmp_path: Path) -> None:
-    file = tmp_path / "mine.py"
-    file.write_text("from tsbench.planners.weights import load_weights\n")
-    assert "tsbench/planners/weights.py" in closure([file])
+def test_a_folder_of_data_does_not_hide_its_module() -> None:
+    assert "tsbench/planners/weights.py" in closure(["tsbench.planners.builtin"])
 
 
 def test_a_data_file_that_is_named_counts(tmp_path: Path) -> None:
@@ -113,36 +90,64 @@ def test_a_data_file_that_is_named_counts(tmp_path: Path) -> None:
     assert closure([file])["start.py: nets/a.json"] != first["start.py: nets/a.json"]
 
 
+def test_a_file_counts_by_its_bytes(tmp_path: Path) -> None:
+    file = tmp_path / "a.py"
+    found = set()
+    for text in (
+        '"""Gain 1."""',
+        '"""Gain 2."""',
+        "# gain 1",
+        "# gain 2",
+        "\n# gain 2",
+        "print 1",
+        "print  1",
+    ):
+        file.write_text(text, encoding="utf-8")
+        found.add(closure([file])["a.py"])
+    assert len(found) == 7
+
+
+def test_tsbench_is_followed_from_its_own_modules_only(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("from tsbench.planners.weights import load_weights\n")
+    assert set(closure([file])) == {"mine.py"}
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "same"),
+    "text",
     [
-        ("import math", "import math  # for pi", True),
-        ('"""About one."""', '"""Not about one."""', True),
-        ('        """About area."""\n', "", True),
-        ("factor: int = 2) -> str", "factor:   int=2,)->str", True),
-        ("factor: int = 2", "factor: int = 3", False),
-        ("factor: int = 2", "factor: int = True", False),
-        ("1.0", "1", False),
-        ("1.0", "1.00", True),
-        ("not text.", "text.", False),
-        ("and more", "and  more", False),
-        ("!r:", "!s:", False),
-        ("class One", "class Two", False),
+        "GAIN = " + "1+" * 40_000 + "1\n",
+        "x = " + "(" * 5_000 + ")" * 5_000 + "\n",
+        f"NET = '{'n' * 5_000}.json'\n",
+        "NET = '" + "\u0436" * 200 + ".json'\n",
+        "NET = '\\ud800.json'\nOTHER = 'a\\0.json'\n",
+        "#" * (2 << 20) + "\nimport other\n",
     ],
+    ids=["terms", "brackets", "long", "wide", "surrogate", "large"],
 )
-def test_what_of_a_file_counts(tmp_path: Path, old: str, new: str, same: bool) -> None:
-    assert old in SOURCE
-    before = code(tmp_path / "a.py", SOURCE)
-    assert (code(tmp_path / "a.py", SOURCE.replace(old, new, 1)) == before) is same
+def test_odd_modules_count_by_their_bytes(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "odd.py"
+    file.write_text(text, encoding="utf-8")
+    (tmp_path / "other.py").touch()
+    assert set(closure([file])) == {"odd.py"}
 
 
-def test_a_file_has_one_digest_on_every_python(tmp_path: Path) -> None:
-    assert code(tmp_path / "a.py", SOURCE) == KNOWN
+def test_files_too_large_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text('NET = "net.pt"\n')
+    with (tmp_path / "net.pt").open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(InputError, match=r"net\.pt: with it the planner's files have more than 8 GiB"):
+        closure([tmp_path / "mine.py"])
 
 
-def test_what_is_no_python_counts_by_its_bytes(tmp_path: Path) -> None:
-    first, second = (code(tmp_path / "a.py", text) for text in ("print 1", "print  1"))
-    assert first != second
+def test_a_data_file_elsewhere_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    monkeypatch.chdir(own)
+    (tmp_path / "secret.json").touch()
+    (own / "link.json").symlink_to(tmp_path / "secret.json")
+    (own / "mine.py").write_text('NAMES = ["link.json", "../secret.json"]\n')
+    assert set(closure([own / "mine.py"])) == {"mine.py"}
 
 
 def test_rows_in_any_order_and_dictionaries_too() -> None:

@@ -24,14 +24,14 @@ from tsbench.core.paths import using_city
 from tsbench.leaderboard.submission import SubmittedEpisode, figures_of, read_submission
 from tsbench.leaderboard.verify import read_verification
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of
+from tsbench.run.edition import LOCAL, edition_here
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).parent.parent
 with using_city(TOWN):
     DEV = read_table(table_path("dev"))
-    CHANGED = edition_of(contract_hash(DEV, load_catalog())).endswith(LOCAL)
+    CHANGED = edition_here(contract_hash(DEV, load_catalog())).endswith(LOCAL)
 ZEROED_BYTES = 4096
 SAMPLE = ("--sample", "16", "--seed", "20261", "--workers", "2")
 # What a processor without FMA and AVX chooses: the C library's, torch's, MKL's and OpenBLAS' kernels.
@@ -199,8 +199,8 @@ def test_other_weights_are_found(tmp_path: Path) -> None:
         description["sha256"] = sha256_of(weights)
         (tmp_path / "plant2-ft.json").write_text(json.dumps(description))
         forged = command("verify", out, "--sample", "2", "--seed", "1", "--workers", "1", expect=1)
-        # Its own text names no file of weights, so its code's hash is the same: what it opens betrays it.
-        assert "opens other files than as submitted: plant2-ft.json, plant2-ft.safetensors" in forged
+        # Its own text names no file of weights, so the hash of its code is the same.
+        assert "has other files than as submitted: plant2-ft.json, plant2-ft.safetensors" in forged
         assert forged.splitlines()[-1] == "refuted"
         return forged
 

@@ -15,8 +15,6 @@ from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
 from tsbench.leaderboard.verify import Verification, read_verification, verify
-from tsbench.run import edition
-from tsbench.run.edition import SameResults, editions
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
@@ -87,21 +85,8 @@ def test_who_changed_the_referee_in_a_shared_process_is_found(tmp_path: Path) ->
     assert "verdict is arrived" in whats(found)
 
 
-def test_a_planner_whose_code_was_shown_to_give_the_same_bytes_is_the_same(
-    honest: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = honest("idm")
-    (*older, now), code = editions(), made.planner.code_sha256
-    compared = SameResults(now.now(), "0" * 64, "2 episodes", {"idm": ("f" * 64, str(code))})
-    monkeypatch.setattr(edition, "editions", lambda: (*older, replace(now, same=(compared,))))
-    for earlier, confirmed in (("f" * 64, True), ("e" * 64, False)):
-        other = replace(made, planner=replace(made.planner, code_sha256=earlier))
-        assert check(tmp_path, other, sample=1).confirmed is confirmed
-
-
 def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Path) -> None:
     found = check(tmp_path, honest("idm"), "blind", sample=2)
-    assert "the planner's code_sha256 is" in whats(found)
     assert "the planner's floor is False as submitted, True here" in whats(found)
     weights = replace(honest("idm"), planner=replace(honest("idm").planner, weights_sha256="f" * 64))
     assert (

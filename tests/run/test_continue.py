@@ -259,7 +259,7 @@ def test_another_file_of_weights_is_another_planner(whole: Bench) -> None:
     weights.write_text("0.75")
     done = whole.run(*run, expect=2)
     assert done.stderr == (
-        "error: stale: holds another run: planner stale.py:Mine has changed since (what it opens: stale.txt); "
+        "error: stale: holds another run: planner stale.py:Mine has changed since (its files: stale.txt); "
         "choose another folder with --out, or drive it anew with --overwrite\n"
     )
     assert bytes_of(whole.folder / "stale") == first

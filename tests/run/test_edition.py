@@ -27,6 +27,12 @@ from tsbench.tools.doctor.finding import Status
 RELEASED = [split for split in splits_there() if split not in earlier_splits()]
 
 
+@pytest.fixture(autouse=True)
+def _unedited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clone that somebody works in has edited code."""
+    monkeypatch.setattr(edition, "code_is_local", lambda: False)
+
+
 @pytest.mark.parametrize("split", RELEASED)
 def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
@@ -70,6 +76,8 @@ def test_a_changed_contract_does_not_pass_under_the_name() -> None:
     assert edition_of("f" * 64, "2031.1+local") == "2031.1+local"
     assert edition_of("f" * 64, ["no", "name"]) == f"{name}+local"
     assert edition_of(contract_now(RELEASED[0]), "2031.1") == name
+    # Changed code stays marked, whatever the contract.
+    assert edition_of(contract_now(RELEASED[0]), "2031.1+local") == f"{name}+local"
 
 
 def test_a_release_writes_its_version_and_keeps_the_others(
@@ -87,7 +95,7 @@ def test_a_release_writes_its_version_and_keeps_the_others(
     release()
     editions.cache_clear()
     assert editions()[-1] == replace(
-        before, released={**before.released, "9.9.9": {split: split * 16 for split in RELEASED}}, same=()
+        before, released={**before.released, "9.9.9": {split: split * 16 for split in RELEASED}}, earlier={}
     )
     assert edition_of(RELEASED[0] * 16) == before.name
     monkeypatch.undo()

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.run import opened_files
-from tsbench.run.isolation import loading
-from tsbench.run.planner_info import PlannerInfo, describe
+from tsbench.run.planner_info import describe
 
 # No string of it is the name of a file.
 MINE = """
@@ -47,23 +46,17 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return f"{folder / 'opener.py'}:Mine"
 
 
-def described(spec: str, isolated: bool) -> PlannerInfo:
-    return loading.describe(spec).planner if isolated else describe(spec)
-
-
-@pytest.mark.parametrize("isolated", [False, True])
-def test_a_file_with_a_computed_name_counts_and_nothing_else_does(mine: str, isolated: bool) -> None:
-    before = described(mine, isolated)
+def test_a_file_with_a_computed_name_counts_and_nothing_else_does(mine: str) -> None:
+    before = describe(mine)
     assert before.opened == (line(b"0.5", "net.txt"),)
     Path("mine/net.txt").write_text("0.25")
-    after = described(mine, isolated)
+    after = describe(mine)
     assert after.opened == (line(b"0.25", "net.txt"),)
     # The code is the same, which is what a hash of code says.
     assert after.code_sha256 == before.code_sha256
 
 
-@pytest.mark.parametrize("isolated", [False, True])
-def test_a_large_library_of_code_is_no_list_of_files(mine: str, isolated: bool) -> None:
+def test_a_large_library_of_code_is_no_list_of_files(mine: str) -> None:
     folder = Path("mine/large")
     folder.mkdir()
     for number in range(1100):
@@ -71,7 +64,7 @@ def test_a_large_library_of_code_is_no_list_of_files(mine: str, isolated: bool) 
     code = Path("mine/opener.py")
     lines = "".join(f"import large.part_{number}\n" for number in range(1100))
     code.write_text(f"{lines}{MINE}")
-    assert described(mine, isolated).opened == (line(b"0.5", "net.txt"),)
+    assert describe(mine).opened == (line(b"0.5", "net.txt"),)
 
 
 def test_an_environment_in_the_planner_s_folder_is_not_the_planner_s(
@@ -147,9 +140,7 @@ def test_files_elsewhere_are_named_by_their_path_unless_they_are_somebody_else_s
     files = list(map(str, wanted))
     both = (line(b"away", away), line(b"a", "a.npz"))
     assert opened_files.hashes(files, place) == both
-    assert opened_files.hashes(files, place, only_there=True) == both[1:]
     assert opened_files.hashes(files, None) == (both[0], line(b"a", place / "a.npz"))
-    assert opened_files.hashes(files, None, only_there=True) == ()
 
 
 def test_no_manifest_tells_whose_home_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,11 +176,3 @@ def test_packages_with_code_that_python_does_not_see_are_named(tmp_path: Path) -
     finally:
         sys.modules.update(kept)
     assert opened.unseen == ("safetensors",)
-
-
-@pytest.mark.parametrize("told", ["net.txt", [1], ["a\0b"], ["x"] * 1001])
-def test_names_that_a_planner_may_not_tell(told: object) -> None:
-    from tsbench.core.errors import InputError
-
-    with pytest.raises(InputError, match="expected at most 1000 names"):
-        loading._names({"opened": told}, "opened")

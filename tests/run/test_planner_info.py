@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.core.provenance import closure
-from tsbench.run.contract import code_files
+from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.planner_info import describe, resolve_unchanged
 
 MINE = """
@@ -39,31 +38,35 @@ def mine(tmp_path: Path) -> Path:
     return folder
 
 
-def test_our_own_planners_are_hashed_with_all_that_they_use() -> None:
-    one, expert = describe("idm"), describe("idm-e")
-    # The expert has constraints, which idm does not use.
-    assert one.code_sha256 != expert.code_sha256
-    files = closure(["tsbench.planners.experts.expert"], code_files())
-    assert "tsbench/planners/experts/rules/detour.py" in files
-    assert not set(files) & set(code_files())
-    # A style is drawn from a table, and it is the expert's as well.
-    files = closure(["tsbench.planners.styles"], code_files())
-    assert "tsbench/sim/nuplan.py: scenarios/nuplan_statistics.json" in files
-    assert (
-        len({describe(f"{name}{end}").code_sha256 for name in ("idm", "idm-s1", "ppo") for end in ("", "-e")})
-        == 6
-    )
+@pytest.mark.parametrize(
+    "spec", ["idm", "idm-e", "pdm", "tsbench.planners.idm:Idm", "tsbench.planners.idm:Idm-e"]
+)
+def test_the_scoring_number_speaks_for_our_own_planners(spec: str) -> None:
+    assert describe(spec).code_sha256 is None
+    assert comes_with_tsbench(spec)
+
+
+@pytest.mark.parametrize(
+    "spec", ["mine.py:P", "tsbench.evil.py:P", "tsbench_mine:P", "no-such", "exe:tsbench.x"]
+)
+def test_others_have_hashes_of_their_own(spec: str) -> None:
+    assert not comes_with_tsbench(spec)
+
+
+def test_an_expert_has_the_hash_of_the_planner_that_it_is_made_of(mine: Path) -> None:
+    file = mine / "planner.py"
+    assert describe(f"{file}:drive-e").code_sha256 == describe(f"{file}:drive").code_sha256 is not None
 
 
 @pytest.mark.parametrize(
     ("name", "text", "same"),
     [
-        ("planner.py", f"# remark\n{MINE}", True),
+        ("planner.py", f"# remark\n{MINE}", False),
+        ("planner.py", f'"""Gain 2."""\n{MINE}', False),
         ("planner.py", MINE.replace("o)", "o, p=1)"), False),
         ("neighbour.py", "ACCELERATION = 1.0\n", False),
         ("kit/__init__.py", "import math\n", False),
         ("kit/more.py", "STEERING = 0.1\n", False),
-        ("kit/more.py", '"""Now with words."""\n\nSTEERING = 0.0  # rad\n', True),
         ("net.npz", "other numbers", False),
         ("notes.py", "NOTHING = 1\n", True),
     ],

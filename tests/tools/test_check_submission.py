@@ -50,7 +50,7 @@ def spec(tmp_path: Path) -> str:
 @pytest.fixture
 def released(monkeypatch: pytest.MonkeyPatch) -> None:
     """Code that was changed since the release counts as released."""
-    monkeypatch.setattr(subject, "edition_of", lambda _: editions()[-1].name)
+    monkeypatch.setattr(subject, "edition_here", lambda _: editions()[-1].name)
 
 
 def by_topic(found: list[Finding]) -> dict[str, Finding]:
@@ -92,13 +92,15 @@ def test_one_that_does_not_come_up_says_why_and_drives_nothing(spec: str, releas
 def test_changed_code_is_refused_before_anything_is_driven(
     spec: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(subject, "edition_of", lambda _: f"{editions()[-1].name}{LOCAL}")
+    monkeypatch.setattr(subject, "edition_here", lambda _: f"{editions()[-1].name}{LOCAL}")
     found = check(f"{spec}:Hopeless")
     assert found["contract"].level is Level.PROBLEM
     assert "submit refuses" in found["contract"].text
 
 
-INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
+INFO = PlannerInfo(
+    "P-e", "mine.py:P-e", True, True, (), "ab" * 32, "ef" * 32, files=("cd" * 32 + " 644  mine.py",)
+)
 
 
 @pytest.mark.parametrize(
@@ -113,17 +115,16 @@ INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
             Level.NOTE,
             "may remember",
         ),
-        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "code", Level.OK, "cdcdcdcdcdcd, weights abababababab"),
-        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "files", Level.OK, "hashed: none"),
+        (INFO, {"namespaces": "bubblewrap 0.8.0"}, "code", Level.OK, "hashed: mine.py, weights abababababab"),
         (
-            replace(INFO, opened=("ab" * 32 + "  net.npz",), unseen=("torch",)),
+            replace(INFO, spec="idm-e", files=()),
             {"namespaces": "bubblewrap 0.8.0"},
-            "files",
+            "code",
             Level.OK,
-            "hashed: net.npz; files not seen: what torch may open without Python",
+            "of tsbench, scoring 1",
         ),
         (
-            replace(INFO, code_sha256=None),
+            replace(INFO, files=()),
             {"namespaces": "bubblewrap 0.8.0"},
             "code",
             Level.PROBLEM,

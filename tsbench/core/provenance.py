@@ -1,10 +1,10 @@
-"""What made this: the one answer to which code, data and versions something depends on.
+"""What made this: which code, data and versions something depends on.
 
 Code is a *closure*: the files that running a module can import, directly or not, read from their text, so nothing is
 imported. An import inside a function counts, and so do all modules of a package that `core.modules.import_all` names;
 an import under TYPE_CHECKING does not. Every package on the way counts with its `__init__`, and so does a data file
-that a string of the code names. Installed packages are not followed: their versions are asked for. Python counts by
-its syntax tree: comments, docstrings and layout change no digest.
+that a string of the code names. Installed packages are not followed: their versions are asked for. tsbench is followed
+only from its own modules: elsewhere its scoring number speaks for it (`run.contract`). Each file counts by its bytes.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.paths import data_file
 
@@ -36,12 +37,13 @@ DATA_SUFFIXES = frozenset(
         ".pickle", ".pkl", ".pt", ".pth", ".safetensors", ".toml", ".xml", ".yaml", ".yml", ".zip",
     )
 )  # fmt: skip
+# Of all files of a closure, and of a module whose imports are looked for.
+MOST_BYTES = 8 << 30
+_MOST_SOURCE_BYTES = 1 << 20
 _ROOT = Path(__file__).resolve().parents[2]
 _OURS = "tsbench"
 _INSTALLED = ("site-packages", "dist-packages")
 _LONGEST_NAME = 255
-# What may import a module.
-_IMPORTING = frozenset((ast.Import, ast.ImportFrom, ast.Call))
 
 
 def digest(value: Any) -> str:
@@ -75,9 +77,17 @@ def _version(package: str) -> str | None:
 
 
 def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> Files:
-    """The files of `closure_paths` with their hashes. Raises OSError for one that cannot be read."""
-    found = _find(starts, without)
-    return {name: digest or sha256_of(path) for name, (path, digest) in found.items()}
+    """The files of `closure_paths` with their hashes.
+
+    Raises OSError for a file that cannot be read, InputError for more than `MOST_BYTES` in all.
+    """
+    paths = closure_paths(starts, without)
+    left = MOST_BYTES
+    for path in paths.values():
+        left -= path.stat().st_size
+        if left < 0:
+            raise InputError(f"{path}: with it the planner's files have more than {MOST_BYTES >> 30} GiB")
+    return {name: sha256_of(path) for name, path in paths.items()}
 
 
 def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -> dict[str, Path]:
@@ -85,17 +95,10 @@ def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -
 
     starts: dotted names of tsbench's modules, or files. without: names of files that are neither counted nor
     followed, as they stand in the result. Modules are looked for beside a start, beside its topmost package, in
-    tsbench, and on Python's path where nothing is installed. Raises OSError for a start that cannot be read.
+    tsbench, and on Python's path where nothing is installed. A data file counts where it lies, links followed, in the
+    place of the code that names it or in the current folder. Raises OSError for a start that cannot be read.
     """
-    return {name: path for name, (path, _) in _find(starts, without).items()}
-
-
-# The file of each name, and the digest of what it says; None for data, which is not read here.
-_Found = dict[str, tuple[Path, str | None]]
-
-
-def _find(starts: Iterable[str | Path], without: Collection[str]) -> _Found:
-    found: _Found = {}
+    found: dict[str, Path] = {}
     for start in starts:
         path = start if isinstance(start, Path) else _ROOT.joinpath(*start.split(".")).with_suffix(".py")
         _Search(path.resolve(), without).follow(found)
@@ -110,12 +113,13 @@ class _Search:
         self._top = start.parent
         while (self._top / "__init__.py").is_file():
             self._top = self._top.parent
+        self._ours = start.is_relative_to(_ROOT / _OURS)
         self._places = list(dict.fromkeys([self._top, start.parent, _ROOT, *_own_places()]))
         # Where packages are installed, only tsbench and the package that was asked for are followed.
         self._followed = {_OURS, start.relative_to(self._top).with_suffix("").parts[0]}
         self._known: dict[str, list[tuple[Path, Path]]] = {}
 
-    def follow(self, found: _Found) -> None:
+    def follow(self, found: dict[str, Path]) -> None:
         around = ".".join(self._start.relative_to(self._top).with_suffix("").parts)
         todo = [(self._start, self._top), *self._files_of(around)]
         while todo:
@@ -123,16 +127,25 @@ class _Search:
             name = path.relative_to(place).as_posix()
             if name in found or name in self._without:
                 continue
-            code = _read(path.read_bytes(), path.suffix)
-            found[name] = path, code.digest
+            found[name] = path
+            code = _read(path)
             for text in code.data:
-                # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
-                named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
-                data = next((place for place in (path.parent / text, named) if place.is_file()), None)
+                data = self._data(text, path, name)
                 if data is not None and f"{name}: {text}" not in self._without:
-                    found[f"{name}: {text}"] = data, None
+                    found[f"{name}: {text}"] = data
             for module, level in code.imports:
                 todo += self._files_of(_absolute(module, level, name))
+
+    def _data(self, text: str, path: Path, name: str) -> Path | None:
+        """The data file that a string in a module names, None where there is none."""
+        # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
+        named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
+        for candidate in (path.parent / text, named):
+            real = candidate.resolve()
+            inside = self._ours or any(real.is_relative_to(place) for place in (self._top, Path.cwd()))
+            if inside and real.is_file():
+                return real
+        return None
 
     def _files_of(self, module: str) -> list[tuple[Path, Path]]:
         """(file, the place it is below) of a dotted name: its packages and itself; [] for what is not followed.
@@ -148,6 +161,8 @@ class _Search:
             files = self._files_of(module[:-2])
             return files + [(path, files[-1][1]) for path in sorted(files[-1][0].parent.glob("*.py"))]
         first = module.partition(".")[0]
+        if first == _OURS and not self._ours:
+            return []
         for place in self._places:
             if place.name in _INSTALLED and first not in self._followed:
                 continue
@@ -189,73 +204,47 @@ def _absolute(module: str, level: int, name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Code:
-    """imports: (dotted name, level). data: strings that may name data files. digest: of what the code says."""
+    """imports: (dotted name, level). data: strings that may name data files."""
 
-    imports: tuple[tuple[str, int], ...]
-    data: tuple[str, ...]
-    digest: str
+    imports: tuple[tuple[str, int], ...] = ()
+    data: tuple[str, ...] = ()
+
+
+def _read(path: Path) -> _Code:
+    """What a module imports and names; nothing where the file is no Python of this version (an extension, say)."""
+    if path.suffix != ".py" or path.stat().st_size > _MOST_SOURCE_BYTES:
+        return _Code()
+    return _parsed(path.read_bytes())
 
 
 @lru_cache(maxsize=1024)
-def _read(content: bytes, suffix: str) -> _Code:
-    """What a file says. One that is no Python of this version (an extension, say) counts by its bytes."""
-    if suffix == ".py":
-        try:
-            return _read_tree(ast.parse(content))
-        except (SyntaxError, ValueError):
-            pass
-    return _Code((), (), hashlib.sha256(content).hexdigest())
-
-
-def _read_tree(tree: ast.Module) -> _Code:
+def _parsed(content: bytes) -> _Code:
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        # Python does not import it either.
+        return _Code()
     imports: dict[tuple[str, int], None] = {}
     strings: dict[str, None] = {}
-    words: list[str] = []
-    _tell(tree, words, imports, strings)
-    text = "\n".join(words).encode("utf-8", "surrogatepass")
-    return _Code(tuple(imports), tuple(strings), hashlib.sha256(text).hexdigest())
-
-
-def _tell(
-    node: ast.AST, words: list[str], imports: dict[tuple[str, int], None], strings: dict[str, None],
-    runs: bool = True,
-) -> None:  # fmt: skip
-    """Write a tree down in a way that is the same for all versions of Python, without docstrings and places.
-
-    `ast.dump` is not: newer versions have more fields and leave out others. Here a field counts if it holds
-    something. runs: is this code that runs, so that its imports count?
-    """
-    kind = type(node)
-    words.append(kind.__name__)
-    if runs and kind in _IMPORTING:
-        for one in _imported(node):
-            imports[one] = None
-    unchecked = runs and not (isinstance(node, ast.If) and _names_type_checking(node.test))
-    for name in kind._fields:
-        value = getattr(node, name, None)
-        if value is None:
+    todo: list[ast.AST] = [tree]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, ast.Constant):
+            if isinstance(node.value, str) and _names_data(node.value):
+                strings[node.value] = None
             continue
-        items: Iterable[Any] = (value,)
-        if isinstance(value, list):
-            items = list(_joined(value)) if kind is ast.JoinedStr else value
-            if name == "body":
-                items = [line for line in value if not _is_bare_text(line)]
-            if not items:
-                continue
-        words.append(f".{name}")
-        for item in items:
-            if isinstance(item, ast.AST):
-                _tell(item, words, imports, strings, unchecked if name == "body" else runs)
-                continue
-            # Not repr: which characters it shows as they are depends on Python's version of Unicode.
-            words.append(ascii(item))
-            if runs and isinstance(item, str) and "." in item and _suffix(item) in DATA_SUFFIXES:
-                strings[item] = None
-        words.append(";")
+        imports.update(dict.fromkeys(_imported(node)))
+        if isinstance(node, ast.If) and _names_type_checking(node.test):
+            todo += node.orelse
+            continue
+        todo += (child for child in ast.iter_child_nodes(node) if not _is_bare_text(child))
+    return _Code(tuple(imports), tuple(strings))
 
 
-def _suffix(name: str) -> str:
-    return Path(name[-_LONGEST_NAME:]).suffix
+def _names_data(text: str) -> bool:
+    # What is not printable is no UTF-8, or no name that a file system takes.
+    short = len(text) <= _LONGEST_NAME and text.isprintable() and len(text.encode()) <= _LONGEST_NAME
+    return short and Path(text).suffix in DATA_SUFFIXES
 
 
 def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:
@@ -270,21 +259,6 @@ def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:
         called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
         if called in ("import_module", "__import__", "import_all") and isinstance(node.args[0].value, str):
             yield node.args[0].value + (".*" if called == "import_all" else ""), 0
-
-
-def _joined(parts: Iterable[ast.expr]) -> Iterator[ast.expr]:
-    """Parts of an f-string; Python 3.12 leaves texts apart that others join."""
-    text = ""
-    for part in parts:
-        if isinstance(part, ast.Constant):
-            text += str(part.value)
-            continue
-        if text:
-            yield ast.Constant(text)
-        text = ""
-        yield part
-    if text:
-        yield ast.Constant(text)
 
 
 def _is_bare_text(node: ast.AST) -> bool:

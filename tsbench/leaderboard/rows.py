@@ -17,6 +17,7 @@ from tsbench.leaderboard.submission import Figure, Submission, figures_of, probl
 from tsbench.leaderboard.verify import KIND as VERIFICATION
 from tsbench.leaderboard.verify import Verification, read_verification
 from tsbench.metrics.records import PAIRED, SIGNED_ONES
+from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -60,10 +61,14 @@ class BoardRow:
 
     @property
     def planner_id(self) -> str:
-        """Equal for submissions of one planner: by name, code and weights. Where nothing is hashed, each is its own."""
+        """Equal for submissions of one planner: by name, code, files and weights; of tsbench's own by name and weights.
+
+        Where nothing is hashed, each submission is a planner of its own.
+        """
         p = self.submission.planner
-        hashes = [p.code_sha256, p.weights_sha256]
-        return digest([p.name, *(hashes if any(hashes) else [self.sha256])])[:_SHORT]
+        hashes = [p.code_sha256, p.weights_sha256, *p.files]
+        known = any(hashes) or comes_with_tsbench(p.spec)
+        return digest([p.name, *(hashes if known else [self.sha256])])[:_SHORT]
 
     @property
     def page(self) -> str:

@@ -17,14 +17,14 @@ from tsbench.core.seeds import rng_of
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, figures_of, problem_of_level
-from tsbench.run import arithmetic, opened_files
+from tsbench.run import arithmetic
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of, is_same_planner, standing_contract
+from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.loading import changed_files, describe
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
@@ -37,6 +37,7 @@ KIND, SCHEMA_VERSION = "tsbench-verification", 2
 _DIGITS = 6
 # Of the episodes driven. Another libm (glibc's without FMA) changed 2 of 30 dev episodes of `idm-e`.
 _HIGH_SHARE = 0.25
+_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,7 @@ def _drive(
 
     with make_executor("local", workers, len(specs), Limits()) as pool, tempfile.TemporaryDirectory() as out:
         # Of an isolated planner the verifier's processes run no code either.
-        info = describe(planner).planner if isolated else pool.probe([planner])[0]
+        info = describe(planner, only=claim.planner.files).planner if isolated else pool.probe([planner])[0]
         setup = Setup(
             (info,), claim.perception, claim.device, "none", out, claim.split, claim.contract,
             loader=ISOLATED_ALONE if isolated else "",
@@ -238,12 +239,11 @@ def _of_planner(here: PlannerInfo, there: PlannerInfo) -> Iterator[Mismatch]:
     """In what two planners differ that decides how they drive, or how their row is shown."""
     for key in ("weights_sha256", "code_sha256", "privileged", "sign_access", "floor"):
         ours, theirs = getattr(here, key), getattr(there, key)
-        if ours != theirs and not (key == "code_sha256" and is_same_planner(here.name, theirs, ours)):
+        if ours != theirs:
             yield Mismatch("", f"the planner's {key} is {_short(theirs)} as submitted, {_short(ours)} here")
     # What lies beside its code travels with it; other places are each machine's own.
-    changed = opened_files.names({*here.opened} ^ {*there.opened})
-    if names := [name for name in changed if not name.startswith(("/", "~/"))]:
-        yield Mismatch("", f"the planner opens other files than as submitted: {', '.join(names)}")
+    if names := changed_files(here.spec, there):
+        yield Mismatch("", f"the planner has other files than as submitted: {', '.join(names[:_SHOWN])}")
 
 
 def _short(value: object) -> str:

@@ -139,12 +139,20 @@ def place_of(name: str) -> str:
 
 
 def is_own(source: str) -> bool:
-    """Is a module or file one of this package's planners? Adapters bring planners of others."""
-    return (
-        source.startswith("tsbench.")
-        and not source.startswith("tsbench.adapters.")
-        and not source.endswith(".py")
-    )
+    """Is a module or file a planner of this package? Adapters bring planners of others."""
+    return in_package(source) and not source.startswith("tsbench.adapters.")
+
+
+def comes_with_tsbench(spec: str) -> bool:
+    """Is a planner, or the planner that an expert is made of, written in this package? Nothing is imported."""
+    base = spec.removesuffix(EXPERT)
+    known = _registered().get(base)
+    return in_package(base.rpartition(":")[0] if known is None else known.module)
+
+
+def in_package(source: str) -> bool:
+    """Is a module, or a file, as it stands in a specification, one of this package's modules?"""
+    return source.startswith("tsbench.") and not source.endswith(".py")
 
 
 def resolve(spec: str) -> LoadedPlanner:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.provenance import versions
-from tsbench.planners.registry import entry
+from tsbench.planners.registry import comes_with_tsbench
 
 Facts = dict[str, Any]
 
@@ -60,7 +60,7 @@ def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: 
     """
     if old is None:
         return ("the arithmetic is not recorded",)
-    known = device == "cpu" and all(map(is_own, planners))
+    known = device == "cpu" and all(map(comes_with_tsbench, planners))
     found = []
     for name, was in old["versions"].items():
         now = new["versions"].get(name)
@@ -73,12 +73,6 @@ def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: 
                 f"the arithmetic of {name} is another ({_words(old[said])}, now {_words(new[said])})"
             )
     return tuple(found)
-
-
-def is_own(spec: str) -> bool:
-    """Is it one of the planners that come with tsbench?"""
-    place = spec if ":" in spec else entry(spec).target
-    return place.startswith("tsbench.")
 
 
 def _words(value: object) -> str:

@@ -2,43 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import base64
+import subprocess
+from collections.abc import Sequence
 from functools import cache
+from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import tsbench
+from tsbench.core.files import sha256_of
 from tsbench.core.paths import mirrored_in_use, source_city, using_city
-from tsbench.core.provenance import Files, closure, data_hash, digest, versions
+from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
 
-# From a row to its record: the worker and what it is told to run by name, and the pool, whose limits are outcomes.
-ROOTS = (
-    "tsbench/run/execution/worker_main.py",
-    "tsbench/episode/runner.py",
-    "tsbench/run/log/score.py",
-    "tsbench/run/execution/local.py",
-)
-# Planners are in nobody's way here: `planners.registry` finds them by name, and what they consist of stands in their
-# own hashes (`run.planner_info`). Who carries rows to other machines (`run.execution.ray`) runs the same pools there.
+# Version of what the code makes of scenes: records, events and traces, tsbench's own planners included. Whoever changes
+# a byte of them raises it; tests/test_golden.py fails until then.
+SCORING = 1
+
+_PACKAGE = Path(tsbench.__file__).resolve().parent
+_CODE = frozenset((".py", ".yaml", ".json", ".csv"))
 
 
-def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog, code: str | None = None) -> str:
-    """SHA-256 (hex) over the code from a row to its record, the rows, their signs with rules, and versions.
+def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
+    """SHA-256 (hex) over the scoring number, the rows, their signs with rules, and versions of packages.
 
-    code: the hash of the code, None: that of this tsbench.
     Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
-    That of a mirrored data set follows from that of the one it mirrors.
+    The contract of a mirrored data set follows from that of the data set that it mirrors.
     """
     if mirrored_in_use():
         with using_city(source_city()):
             stored = [mirrored_row(row) for row in rows]
-            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root), code))
+            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root)))
     contrast = any(row.half == CONTRAST for row in rows)
     rules = catalog.contract_entries((row.sign_code for row in rows), contrast)
-    data = data_hash(rows, rules)
-    return digest({"code": code or code_hash(), "data": data, "versions": versions()})
+    return digest({"scoring": SCORING, "data": data_hash(rows, rules), "versions": versions()})
 
 
 def mirrored_contract(contract: str) -> str:
@@ -47,34 +46,65 @@ def mirrored_contract(contract: str) -> str:
 
 
 @cache
-def _own_files() -> Files:
-    return code_files()
-
-
 def code_hash() -> str:
-    return digest(_own_files())
+    """SHA-256 (hex) of the files of tsbench's package: code, and settings beside it."""
+    return digest({path.relative_to(_PACKAGE).as_posix(): sha256_of(path) for path in _code_files()})
 
 
 def code_changed() -> bool:
-    """Do the contract's files say something else than when this process first read them?"""
-    return code_files() != _own_files()
-
-
-_from_run: list[str] = []
+    """Were files of the package written since this process first asked?"""
+    return _stamps() != _first_stamps()
 
 
 @cache
-def file_names() -> frozenset[str]:
-    """Names of the contract's files, as in `code_files`. A worker has them of its run: see `use_file_names`."""
-    return frozenset(_from_run or _own_files())
+def _first_stamps() -> dict[Path, tuple[int, int]]:
+    return _stamps()
 
 
-def use_file_names(names: Iterable[str]) -> None:
-    """Let `file_names` be these, which the run of this worker process has found: finding them takes 0.3 s."""
-    file_names.cache_clear()
-    _from_run[:] = names
+def _stamps() -> dict[Path, tuple[int, int]]:
+    """Size and time of the last change, ns, of each file of the package."""
+    return {path: ((found := path.stat()).st_size, found.st_mtime_ns) for path in _code_files()}
 
 
-def code_files(place: Path = Path(tsbench.__file__).parent.parent) -> Files:
-    """The files of the contract, from the tsbench below `place`."""
-    return closure([place / name for name in ROOTS])
+def _code_files() -> list[Path]:
+    return sorted(path for path in _PACKAGE.rglob("*") if path.suffix in _CODE and path.is_file())
+
+
+@cache
+def code_is_local() -> bool:
+    """Does the package differ from what was released?
+
+    An installed package is compared with the hashes that its wheel came with, a clone with its last commit. Of a copy
+    that is neither nothing is known, and it counts as changed.
+    """
+    released = _released_hashes()
+    if released:
+        there = {path.relative_to(_PACKAGE).as_posix(): path for path in _code_files()}
+        return any(name not in released or _recorded(path) != released[name] for name, path in there.items())
+    root = _PACKAGE.parent
+    if not (root / ".git").exists():
+        return True
+    command = ["git", "-C", str(root), "status", "--porcelain", "--", _PACKAGE.name]
+    try:
+        return bool(subprocess.run(command, capture_output=True, timeout=10, check=True).stdout.strip())
+    except (OSError, subprocess.SubprocessError):
+        return True
+
+
+def _released_hashes() -> dict[str, str]:
+    """Hashes of the package's files in the RECORD of an installed wheel; {} for a clone."""
+    prefix = f"{_PACKAGE.name}/"
+    try:
+        listed = files(_PACKAGE.name) or []
+    except PackageNotFoundError:
+        return {}
+    own = {file.as_posix(): file for file in listed if file.as_posix().startswith(prefix)}
+    init = own.get(f"{prefix}__init__.py")
+    if init is None or Path(str(init.locate())).resolve() != _PACKAGE / "__init__.py":
+        return {}
+    return {name.removeprefix(prefix): file.hash.value for name, file in own.items() if file.hash is not None}
+
+
+def _recorded(path: Path) -> str:
+    """SHA-256 as RECORD has it: base64 for URLs, without padding."""
+    return base64.urlsafe_b64encode(bytes.fromhex(sha256_of(path))).rstrip(b"=").decode()

@@ -1,6 +1,6 @@
 """Editions: the names that people cite for contracts, and the hashes that were released under them.
 
-`python -m tsbench.run.edition` writes the hashes of this tsbench into `editions.yaml`; a test holds them to it.
+`make edition` writes the contracts of this tsbench into `editions.yaml`; a test holds them to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tsbench.core.paths import (
     dataset_root,
     using_city,
 )
-from tsbench.run.contract import contract_hash, mirrored_contract
+from tsbench.run.contract import code_is_local, contract_hash, mirrored_contract
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
@@ -34,46 +34,36 @@ LOCAL = "+local"
 _OF_CITY = "edition.yaml"  # beside the data of a city
 _HEAD = (
     "# Editions, oldest first: docs/editions.md says what each is. released: contract hash of each split, by version\n"
-    "# of tsbench. same: earlier contracts with the same results, oldest first.\n"
+    "# of tsbench. earlier: older contracts with the same results, of which the first is shown.\n"
     "# Written by `make edition`; titles by hand.\n"
 )
 
 
 @dataclass(frozen=True)
-class SameResults:
-    """An earlier state of the code that gave the same bytes as the one after it (`tools.same_edition`).
-
-    contracts: of that state, by split. code: SHA-256 (hex) of its code. compared: what both states drove. planners: of
-    those that drove and whose code differs, the SHA-256 (hex) of their code in that state and in the one after it.
-    """
-
-    contracts: Mapping[str, str]
-    code: str
-    compared: str
-    planners: Mapping[str, Sequence[str]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Edition:
-    """name: as cited, such as "2026.1". title: one line. released: contract by split, by version of tsbench.
+    """An edition.
 
-    same: earlier states with the results of the newest version, oldest first.
+    name: as cited, such as "2026.1".
+    title: one line.
+    released: contract by split, by version of tsbench.
+    earlier: by split, contracts from before there were scoring numbers, oldest first; their results are those of the
+    newest version.
     """
 
     name: str
     title: str
     released: Mapping[str, Mapping[str, str]]
-    same: tuple[SameResults, ...] = ()
+    earlier: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def now(self) -> Mapping[str, str]:
         """The contracts of the newest version, by split."""
         return list(self.released.values())[-1]
 
     def standing(self) -> dict[str, str]:
-        """For each contract of the newest version and of the states under `same`: the oldest with the same results."""
-        states = [*(state.contracts for state in self.same), self.now()]
-        oldest = {split: contract for state in reversed(states) for split, contract in state.items()}
-        return {contract: oldest[split] for state in states for split, contract in state.items()}
+        """For each contract with the results of the newest version: the contract that these were published under."""
+        now = self.now()
+        same = ([*known, now[split]] for split, known in self.earlier.items())
+        return {contract: known[0] for known in same for contract in known}
 
     def contracts(self) -> set[str]:
         """All contracts under this name."""
@@ -88,49 +78,40 @@ def editions() -> tuple[Edition, ...]:
 
 
 def _read(path: Path) -> tuple[Edition, ...]:
-    found = []
-    for entry in yaml.safe_load(path.read_text(encoding="utf-8")):
-        states = tuple(SameResults(**state) for state in entry.pop("same", ()))
-        found.append(Edition(**entry, same=states))
-    return tuple(found)
+    return tuple(Edition(**entry) for entry in yaml.safe_load(path.read_text(encoding="utf-8")))
+
+
+def edition_here(contract: str) -> str:
+    """The edition of what this tsbench drives or judges; with "+local" where its code is not as released, too."""
+    return edition_of(contract, f"{edition_now()}{LOCAL}" if code_is_local() else "")
 
 
 def edition_of(contract: str, told: object = "") -> str:
-    """The edition that a contract was released under, else one with "+local": something in it has been changed.
+    """The edition that a contract was released under, with "+local" where data or code were changed since.
 
-    told: what the run that has this contract says of its edition. It is believed only as far as which one was changed.
+    told: what the run that has this contract says of its edition: that its code was changed, and which edition an
+    unknown contract comes from.
     """
+    said = told if isinstance(told, str) and told else ""
+    local = LOCAL if said.endswith(LOCAL) else ""
     for edition in _all_editions():
         known = edition.contracts()
         if contract in known:
-            return edition.name
+            return f"{edition.name}{local}"
         if contract in map(mirrored_contract, known):
-            return _mirrored_name(edition.name)
-    name = told.removesuffix(LOCAL) if isinstance(told, str) and told else edition_now()
-    return f"{name}{LOCAL}"
+            return f"{_mirrored_name(edition.name)}{local}"
+    return f"{said.removesuffix(LOCAL) or edition_now()}{LOCAL}"
 
 
 def standing_contract(contract: str) -> str:
-    """The contract that results are compared under: the oldest that has the same results, or `contract` itself."""
+    """The contract that results are shown and compared under: the first published one that has the same results."""
     for edition in _all_editions():
-        for known, oldest in edition.standing().items():
+        for known, first in edition.standing().items():
             if contract == known:
-                return oldest
+                return first
             if contract == mirrored_contract(known):
-                return mirrored_contract(oldest)
+                return mirrored_contract(first)
     return contract
-
-
-def is_same_planner(name: str, earlier: str | None, now: str | None) -> bool:
-    """Are these the hashes of one registered planner's code, with states between them that gave the same bytes?"""
-    for edition in editions():
-        reached = [earlier]
-        for state in edition.same:
-            if name in state.planners and state.planners[name][0] == reached[-1]:
-                reached.append(state.planners[name][1])
-        if now in reached:
-            return True
-    return False
 
 
 def _mirrored_name(name: str) -> str:
@@ -166,46 +147,31 @@ def earlier_splits(root: Path | None = None) -> dict[str, str]:
     return {split: name for split, name in scene_editions(root).items() if name != editions()[-1].name}
 
 
-def release_city(title: str, same: SameResults | None = None) -> Mapping[str, str]:
-    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split.
-
-    same: as for `release`.
-    """
+def release_city(title: str) -> Mapping[str, str]:
+    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split."""
     now = {split: contract_now(split) for split in splits_there()}
     scenes = dict.fromkeys(now, editions()[-1].name)
     write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(scenes).encode())
     path = dataset_root() / _OF_CITY
     (before,) = _read(path) if path.is_file() else (None,)
-    states = () if before is None or before.name != edition_now() else _same(before, now, same)
-    _write((Edition(edition_now(), title, {tsbench.__version__: now}, states),), path)
+    earlier = {} if before is None or before.name != edition_now() else _still_the_same(before, now)
+    _write((Edition(edition_now(), title, {tsbench.__version__: now}, earlier),), path)
     return now
 
 
-def release(same: SameResults | None = None) -> Mapping[str, str]:
-    """Write the contracts of this tsbench down as those of its version; returns them by split.
-
-    same: the state before, where it was shown to have the same results. Without it, no earlier state is known to have
-    the results of changed contracts; splits whose contracts have not changed keep theirs.
-    """
+def release() -> Mapping[str, str]:
+    """Write the contracts of this tsbench down as those of its version; returns them by split."""
     *older, last = editions()
     now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
-    newest = replace(last, released={**last.released, tsbench.__version__: now}, same=_same(last, now, same))
-    _write((*older, newest), PATH)
+    released = {**last.released, tsbench.__version__: now}
+    _write((*older, replace(last, released=released, earlier=_still_the_same(last, now))), PATH)
     return now
 
 
-def _same(before: Edition, now: Mapping[str, str], same: SameResults | None) -> tuple[SameResults, ...]:
-    """The states with the results of `now`. Where a split's contract has changed, nothing of before has its results."""
-    if same is None:
-        kept = {split for split, contract in before.now().items() if now.get(split) == contract}
-        left = (
-            replace(state, contracts={k: v for k, v in state.contracts.items() if k in kept})
-            for state in before.same
-        )
-        return tuple(state for state in left if state.contracts)
-    if dict(same.contracts) != dict(before.now()):
-        raise InputError(f"{before.name}: the state that was compared is not the one that was entered last")
-    return (*before.same, same)
+def _still_the_same(before: Edition, now: Mapping[str, str]) -> dict[str, Sequence[str]]:
+    """Earlier contracts of the splits whose contract has not changed: another one has other results."""
+    kept = {split for split, contract in before.now().items() if now.get(split) == contract}
+    return {split: known for split, known in before.earlier.items() if split in kept}
 
 
 def _write(all_of_them: Sequence[Edition], path: Path) -> None:
@@ -216,11 +182,7 @@ def _write(all_of_them: Sequence[Edition], path: Path) -> None:
 
 
 def _plain(edition: Edition) -> dict[str, object]:
-    found = asdict(edition)
-    for state in found["same"]:
-        state["planners"] = {name: list(codes) for name, codes in state["planners"].items()}
-    found["same"] = [{key: value for key, value in state.items() if value} for state in found["same"]]
-    return found if edition.same else {key: value for key, value in found.items() if key != "same"}
+    return {key: value for key, value in asdict(edition).items() if value}
 
 
 def shipped_titles() -> dict[str, str]:
@@ -230,16 +192,12 @@ def shipped_titles() -> dict[str, str]:
     return {city: named[name] for city, name in cities.items() if name in named}
 
 
-def release_all(same: Mapping[str, SameResults] | None = None) -> Mapping[str, Mapping[str, str]]:
-    """Write the contracts of this tsbench and of the cities that come with it down; returns them by city and split.
-
-    same: by city, as for `release`.
-    """
-    states = same or {}
-    found = {OWN_CITY: release(states.get(OWN_CITY))}
+def release_all() -> Mapping[str, Mapping[str, str]]:
+    """Write the contracts of this tsbench and of the cities that come with it down; returns them by city and split."""
+    found = {OWN_CITY: release()}
     for city, title in shipped_titles().items():
         with using_city(city):
-            found[city] = release_city(title, states.get(city))
+            found[city] = release_city(title)
     return found
 
 

@@ -1,8 +1,8 @@
-"""What a run writes down about a planner: who it is, and the hashes of its code and weights.
+"""What a run writes down about a planner: what it is, and the hashes of its code, files and weights.
 
-The code is the file that a planner is written in with all that it imports from beside it, from the path or from
-tsbench, as far as that is not in the contract, and the data files (weights, settings) that its code names. Files that
-it opens while it is made have hashes of their own.
+The code is the file that a planner is written in with all that it imports from beside it or from the path, and the data
+files (weights, settings) that its code names, each by its bytes. Files that it opens while it is made have hashes of
+their own. The code of tsbench's own planners has no hash: the scoring number of the contract speaks for it.
 """
 
 from __future__ import annotations
@@ -19,19 +19,24 @@ from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
 from tsbench.planners.loading import cause_with_place
-from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.planners.registry import LoadedPlanner, in_package, resolve
 from tsbench.run import opened_files
-from tsbench.run.contract import file_names
 from tsbench.run.execution.fresh_episode import shared_with_children
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerInfo:
-    """A planner in `run.json`. name: in records; spec: what the user wrote. served_on: devices on which its network is
-    worth a process of its own. Hashes: SHA-256 (hex), None where there is nothing to hash. floor: as the planner's
-    entry says; runs from before there were floors do not say. may_remember: its episodes share a process, and it may
-    know in one what it met in another. opened: hashes and names of the files that it opens while it is made; unseen:
-    packages that may have opened more (`run.opened_files`).
+    """A planner in `run.json`. Hashes are SHA-256 (hex), None where there is nothing to hash.
+
+    name: in records.
+    spec: what the user wrote.
+    served_on: devices on which its network is worth a process of its own.
+    code_sha256: of its code; see this module.
+    floor: as the planner's entry says; runs from before there were floors do not say.
+    may_remember: its episodes share a process, and it may know in one what it met in another.
+    opened: hashes and names of the files that it opens while it is made.
+    unseen: packages that may have opened more (`run.opened_files`).
+    files: of an isolated planner, SHA-256, mode and name of every file of its own that its sandbox shows.
     """
 
     name: str
@@ -45,6 +50,7 @@ class PlannerInfo:
     may_remember: bool = False
     opened: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
 
 def describe(spec: str) -> PlannerInfo:
@@ -91,8 +97,7 @@ def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) 
     now = [] if planner.code_sha256 in (None, code) else ["its code"]
     for line in planner.opened:
         told, _, name = line.partition("  ")
-        path = (place or Path()) / expanded(name)
-        if not path.is_file() or sha256_of(path) != told:
+        if not is_file_of((place or Path()) / expanded(name), told):
             now.append(name)
     if now:
         raise InputError(
@@ -100,13 +105,19 @@ def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) 
         )
 
 
+def is_file_of(path: Path, sha256: str) -> bool:
+    """Is a file there that has this hash?"""
+    return path.is_file() and sha256_of(path) == sha256
+
+
 def _sources(loaded: LoadedPlanner) -> list[Path]:
-    return [path for path in map(source_file, loaded.sources) if path is not None]
+    """The files that a planner is written in, without those of tsbench."""
+    others = (source for source in loaded.sources if not in_package(source))
+    return [path for path in map(source_file, others) if path is not None]
 
 
 def _code_hash(sources: Sequence[Path]) -> str | None:
-    """The contract has the rest."""
-    return digest(closure(sources, file_names())) if sources else None
+    return digest(closure(sources)) if sources else None
 
 
 def _make(loaded: LoadedPlanner) -> Planner:

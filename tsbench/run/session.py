@@ -17,7 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import Perception, load_level
 from tsbench.run.contract import code_changed, contract_hash
-from tsbench.run.edition import edition_of, standing_contract
+from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
@@ -82,7 +82,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
     perception = Perception(options.mask_signs, load_level(options.perception))
-    contract, effective = contract_hash(plan.table, catalog), options.resolved(plan, perception)
+    contract = standing_contract(contract_hash(plan.table, catalog))
+    effective = options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.request.planners)
@@ -93,7 +94,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         planners = probe(pool, plan.request) if told is None else distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
-        manifest = new_manifest(contract, options.plain(), effective, planners, edition_of(contract))
+        manifest = new_manifest(contract, options.plain(), effective, planners, edition_here(contract))
         if told is not None:
             manifest["isolation"] = {one.planner.name: one.effects for one in told}
         folder_path = options.out or Path("runs") / options.folder_name(names, contract)
@@ -126,9 +127,11 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     drive(pool, setup, asked, journal, keep, stopped, watcher)
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
-                # Nobody can say by which code the rows came about: the run stays open, and is no other's.
+                # Which version made these rows is not known: the run stays interrupted, and "+local" stays with it.
                 changed = _changed_meanwhile(planners)
                 status = "interrupted" if changed else status
+                if code_changed():
+                    folder.manifest["edition"] = f"{manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
             ending = _ending(folder, status, counts, options)
             if journal is not None:
                 folder.end(status, ending.summary, ending.errors, pool.memory())

@@ -15,9 +15,10 @@ from tsbench.core.errors import InputError
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
+from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import opened_files
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of
+from tsbench.run.contract import SCORING, contract_hash
+from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.isolation.loading import describe, load
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -26,6 +27,9 @@ from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 from tsbench.tools.check import choose, of_results
+
+# Files named in a line.
+_SHOWN = 5
 
 
 def check_submission(spec: str, count: int, split: str, on_progress: Callable[[str], None]) -> list[Finding]:
@@ -62,8 +66,8 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
 
 
 def _contract(split: str) -> Finding:
-    contract = contract_hash(read_table(table_path(split)), load_catalog())
-    name = edition_of(contract)
+    contract = standing_contract(contract_hash(read_table(table_path(split)), load_catalog()))
+    name = edition_here(contract)
     if name.endswith(LOCAL):
         text = f"edition {name}: code or data were changed since the release: submit refuses what is driven with it"
         return Finding(Level.PROBLEM, "contract", text)
@@ -75,21 +79,17 @@ def _sandbox(made_by: str) -> Finding:
 
 
 def _about(info: PlannerInfo) -> list[Finding]:
-    if info.code_sha256 is None:
+    weights = f", weights {info.weights_sha256[:12]}" if info.weights_sha256 else ""
+    if comes_with_tsbench(info.spec):
+        found = [Finding(Level.OK, "code", f"{info.name}, of tsbench, scoring {SCORING}{weights}")]
+    elif not info.files:
         return [
             Finding(Level.PROBLEM, "code", "its code is in no file that could be hashed: write it to one")
         ]
-    weights = f", weights {info.weights_sha256[:12]}" if info.weights_sha256 else ""
-    found = [
-        Finding(
-            Level.OK,
-            "code",
-            f"{info.name}, code with the data that it names {info.code_sha256[:12]}{weights}",
-        )
-    ]
-    files = ", ".join(opened_files.names(info.opened)) or "none"
-    text = f"opened while it is made, and hashed: {files}{opened_files.what_is_unseen(info.unseen)}"
-    found.append(Finding(Level.OK, "files", text))
+    else:
+        shown, more = opened_files.names(info.files)[:_SHOWN], len(info.files) - _SHOWN
+        others = f" and {more} more" if more > 0 else ""
+        found = [Finding(Level.OK, "code", f"{info.name}, hashed: {', '.join(shown)}{others}{weights}")]
     if info.privileged:
         found.append(
             Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")

@@ -32,7 +32,7 @@ RECORD = Record(
 @pytest.mark.parametrize(
     "message",
     [
-        Start(("/a", ""), ("tsbench/a.py",)),
+        Start(("/a", "")),
         Setup((WHO,), Perception(mask_signs=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
         Probe("idm"),
         Task(7, 0, specs()[0]),

@@ -57,7 +57,9 @@ def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
 @pytest.mark.parametrize("spec", [*PLANNERS, f"{ROOT}/examples/minimal_planner.py:Minimal"])
 def test_a_planner_is_what_it_is_in_one_process(spec: str) -> None:
     here = describe_here(spec)
-    assert describe(spec).planner == replace(here, served_on=())
+    told = describe(spec).planner
+    assert told == replace(here, served_on=(), files=told.files)
+    assert bool(told.files) is (told.code_sha256 is not None)
 
 
 def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:

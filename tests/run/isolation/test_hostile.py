@@ -234,12 +234,10 @@ def rude(folder: Path, told: dict[str, Any]) -> str:
     ("told", "said"),
     [
         ({"name": "mi\x1b[2Jne"}, r"HELLO: control characters in the text mi\\x1b\[2Jne"),
-        ({"opened": ["gnp\u202egnp"]}, "HELLO: control characters in the text"),
+        ({"weights_file": "gnp\u202egnp"}, "HELLO: control characters in the text"),
         ({"problem": "\x9b2J"}, "HELLO: control characters in the text"),
         ({"name": "x" * 101}, "says of itself what cannot be"),
         ({"name": "two\nlines"}, "says of itself what cannot be"),
-        ({"opened": "all"}, "expected at most 1000 names"),
-        ({"unseen": ["x"] * 1001}, "expected at most 1000 names"),
     ],
 )
 def test_what_a_program_says_of_itself_is_text(told: dict[str, Any], said: str, tmp_path: Path) -> None:

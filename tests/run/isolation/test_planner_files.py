@@ -7,14 +7,17 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tsbench.core.errors import InputError
+from tsbench.planners.base import PlannerContext
+from tsbench.run import opened_files
 from tsbench.run.isolation import files
 from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.loading import check_unchanged_now, describe
+from tsbench.run.isolation.loading import changed_files, describe, load
 from tsbench.run.isolation.process import PlannerProcess
 from tsbench.run.isolation.sandbox_paths import is_installed, is_public
 
@@ -150,20 +153,72 @@ def test_all_sandboxes_of_a_worker_have_the_same_files(tmp_path: Path) -> None:
     assert told == [False, True]
 
 
-def test_what_changed_since_the_run_began_is_named(tmp_path: Path) -> None:
-    file, weights = tmp_path / "mine.py", tmp_path / "weights"
-    code = PLANNER.replace(
-        "floor = False", "def __init__(self): open(__file__.replace('mine.py', 'weights')).read()"
-    )
-    file.write_text(code)
+def file_pair(folder: Path) -> tuple[Path, Path]:
+    """A planner whose gain is in its docstring, and a module that holds weights as text."""
+    file, weights = folder / "mine.py", folder / "policy.py"
+    file.write_text(f'"""Gain 1."""\n{PLANNER}')
     weights.write_text("1")
+    return file, weights
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda file, _: file.write_text(file.read_text().replace("Gain 1", "Gain 2")),
+        lambda file, _: file.write_text(f"\n{file.read_text()}"),
+        lambda _, weights: weights.write_text("2"),
+        lambda _, weights: weights.chmod(0o755),
+        lambda _, weights: weights.unlink(),
+    ],
+    ids=["docstring", "line numbers", "data in .py", "mode", "gone"],
+)
+def test_each_byte_that_a_sandbox_shows_is_in_the_hash(
+    tmp_path: Path, edit: Callable[[Path, Path], object]
+) -> None:
+    file, weights = file_pair(tmp_path)
     planner = describe(f"{file}:P").planner
-    assert [line.partition("  ")[2] for line in planner.opened] == ["weights"]
-    check_unchanged_now(planner)
-    weights.write_text("2")
-    with pytest.raises(InputError, match="weights has changed since the run began"):
-        check_unchanged_now(planner)
-    weights.write_text("1")
-    file.write_text(f"{code}    more = 1\n")
-    with pytest.raises(InputError, match="its code has changed since the run began"):
-        check_unchanged_now(planner)
+    assert opened_files.names(planner.files) == ["mine.py", "policy.py"]
+    assert not changed_files(f"{file}:P", planner)
+    edit(file, weights)
+    (changed,) = changed_files(f"{file}:P", planner)
+    context = PlannerContext.__new__(PlannerContext)
+    with pytest.raises(InputError, match=f"{changed} has changed since the run began"):
+        load(planner).factory().reset(context)
+
+
+def test_all_kinds_of_files_are_hashed(tmp_path: Path) -> None:
+    file, _ = file_pair(tmp_path)
+    kinds = ["a.dist-info/w", "a.so", "b.pyc", "mine.py", "policy.py"]
+    for name in kinds[:3]:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert opened_files.names(PlannerFiles(f"{file}:P").lines) == kinds
+
+
+def test_files_that_a_run_did_not_have_are_not_shown(tmp_path: Path) -> None:
+    file, _ = file_pair(tmp_path)
+    planner = describe(f"{file}:P").planner
+    (tmp_path / "secret.json").touch()
+    assert describe(f"{file}:P", only=planner.files).planner == planner
+    assert not changed_files(f"{file}:P", planner)
+    assert describe(f"{file}:P").planner != planner
+
+
+def test_what_no_sandbox_shows_is_not_hashed(tmp_path: Path) -> None:
+    file, _ = file_pair(tmp_path)
+    before = PlannerFiles(f"{file}:P").lines
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__" / "mine.cpython-311.pyc").touch()
+    (tmp_path / ".notes").touch()
+    (tmp_path / "link").symlink_to("/etc/passwd")
+    assert PlannerFiles(f"{file}:P").lines == before
+
+
+def test_a_folder_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    file, _ = file_pair(tmp_path)
+    with (tmp_path / "net.bin").open("wb") as sparse:
+        sparse.truncate(1 << 40)
+    with pytest.raises(InputError, match="8 GiB"):
+        describe(f"{file}:P")
+    with pytest.raises(InputError, match="8 GiB"):
+        describe(f"exe:{(tmp_path / 'net.bin').rename(tmp_path / 'program')}")

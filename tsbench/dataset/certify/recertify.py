@@ -15,7 +15,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.dataset.certify.certifier import Certifier
-from tsbench.dataset.certify.fingerprint import driving_fingerprint
+from tsbench.run.contract import code_hash
 from tsbench.scenarios.certificates import (
     Certificate,
     certificates_path,
@@ -49,7 +49,7 @@ def _kept(batch: _Batch, root: Path) -> CachedResult:
     text = json.dumps(
         [[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True
     )
-    stamp = hashlib.sha256(f"{driving_fingerprint()}|{text}".encode()).hexdigest()
+    stamp = hashlib.sha256(f"{code_hash()}|{text}".encode()).hexdigest()
     return CachedResult(root / "build" / "certify" / row.pair_type / f"{row.map_id}.json", stamp)
 
 

@@ -51,13 +51,9 @@ class Setup:
 
 @dataclass(frozen=True)
 class Start:
-    """The first thing that a worker is told. sys_path: the run's, on which its planners are.
-
-    contract_files: names of the contract's files, which do not count with a planner's code.
-    """
+    """The first thing that a worker is told. sys_path: the run's, on which its planners are."""
 
     sys_path: tuple[str, ...]
-    contract_files: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use
 from tsbench.episode.trace import trace_path
-from tsbench.run.contract import contract_hash
+from tsbench.run.contract import code_hash, contract_hash
+from tsbench.run.edition import standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
@@ -32,9 +33,12 @@ _DATA = "TSBENCH_DATA"
 class Handshake:
     """What an actor is told of the machine that the run was started on.
 
-    data: its folder of data, "" = tsbench's. city: whose data set.
+    code: hash of its tsbench (`contract.code_hash`).
+    data: its folder of data, "" = tsbench's.
+    city: whose data set.
     """
 
+    code: str
     cwd: str
     sys_path: tuple[str, ...]
     data: str
@@ -54,6 +58,7 @@ class RayActor:
         if told.data:
             os.environ.setdefault(_DATA, told.data)
         os.environ[CITY] = told.city
+        self._code = told.code
         self._folder = OwnFolder(ACTOR)
         self._setup: Setup
         self._pool = Pool(1, told.limits)
@@ -71,8 +76,12 @@ class RayActor:
         """Take a run's `Setup`; returns b"" or `Refused`: why this machine cannot take part."""
         told = decode(setup, (Setup,))
         self._setup = replace(told, out=str(self._folder.path))
+        if self._code != code_hash():
+            return _refused(
+                f"its tsbench is {code_hash()[:12]}, the run's {self._code[:12]}: install the same tsbench there"
+            )
         try:
-            contract = contract_hash(read_table(table_path(told.split)), load_catalog())
+            contract = standing_contract(contract_hash(read_table(table_path(told.split)), load_catalog()))
             if contract != told.contract:
                 return _refused(
                     f"its contract is {contract[:12]}, the run's is {told.contract[:12]}: "
@@ -122,5 +131,7 @@ def _refused(problem: str) -> bytes:
 def handshake(limits: Limits) -> bytes:
     """What an actor is told by the machine that the run is started on."""
     return encode(
-        Handshake(str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), city_in_use(), limits)
+        Handshake(
+            code_hash(), str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), city_in_use(), limits
+        )
     )

@@ -24,7 +24,6 @@ from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
-from tsbench.run.contract import use_file_names
 from tsbench.run.execution import messages
 from tsbench.run.execution.fresh_episode import end_as, run_in_child
 from tsbench.run.execution.heartbeat import Heartbeat
@@ -64,7 +63,6 @@ class Worker:
         """Answer messages until the parent closes the connection."""
         start = messages.decode(self._lines.readline(), (messages.Start,))
         sys.path[:] = start.sys_path
-        use_file_names(start.contract_files)
         self._say(messages.Ready(self._pid))
         for line in self._lines:
             message: Any = messages.decode(line, messages.TO_WORKER)

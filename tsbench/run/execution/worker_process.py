@@ -11,7 +11,6 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from tsbench.run.contract import file_names
 from tsbench.run.execution.child import ONE_THREAD
 from tsbench.run.execution.heartbeat import Heartbeat, heartbeat_file
 from tsbench.run.execution.memory import MemoryUse
@@ -78,7 +77,7 @@ class WorkerProcess:
         os.close(heartbeat_fd)
         far_end.close()
         self.death_fd = os.pidfd_open(self.process.pid)
-        self._send(Start(tuple(sys.path), tuple(sorted(file_names()))))
+        self._send(Start(tuple(sys.path)))
 
     def configure(self, setup: Setup) -> None:
         self._send(setup)

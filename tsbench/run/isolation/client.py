@@ -20,13 +20,11 @@ from tsbench.core.errors import InputError, cause_of
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.run import opened_files
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
 from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
 from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, MessageKind, pack
-from tsbench.run.planner_info import source_file
 
 _ROOM_BYTES = 1 << 16
 _LONGEST_TEXT = 100_000
@@ -124,9 +122,8 @@ def main(spec: str) -> None:
     line = _connected()
     try:
         before = shared_with_children()
-        with opened_files.noted() as opened:
-            loaded = resolve(spec)
-            planner = _made(loaded)
+        loaded = resolve(spec)
+        planner = _made(loaded)
     except InputError as problem:
         line.sendall(pack(MessageKind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
         return
@@ -139,17 +136,9 @@ def main(spec: str) -> None:
         "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
         "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
         "forks": belongings is not None, "keeps_process": belongings is None,
-        "opened": [] if loaded.own else _counted(loaded, opened), "unseen": [] if loaded.own else opened.unseen,
     }  # fmt: skip
     line.sendall(pack(MessageKind.HELLO, json.dumps(facts)))
     Client(line, loaded, planner, belongings).serve()
-
-
-def _counted(loaded: LoadedPlanner, opened: opened_files.Opened) -> list[str]:
-    """Paths of what the referee is to hash."""
-    file = source_file(loaded.sources[0])
-    place = opened_files.place_of(file) if file else None
-    return sorted(map(str, opened_files.of_planner(opened.files, place, only_there=True).values()))
 
 
 def _connected() -> socket.socket:

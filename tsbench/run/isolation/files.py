@@ -6,21 +6,21 @@ the copies needs no right of the user who starts the run.
 
 from __future__ import annotations
 
+import hashlib
 import os
-import shutil
 import stat
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded
 from tsbench.core.provenance import closure_paths
-from tsbench.run.contract import file_names
 from tsbench.run.execution.own_folder import FILES, OwnFolder
 from tsbench.run.isolation.sandbox_paths import (
     covered,
     is_installed,
+    is_of_tsbench,
     is_public,
     shown_to_all,
     source_of,
@@ -33,13 +33,19 @@ _ENVIRONMENT = "pyvenv.cfg"
 
 
 class PlannerFiles:
-    """binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`.
+    """The copies; they go with this object.
 
-    Nothing is copied of what is installed: a sandbox has it anyway. The copies go with this object.
+    binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`. Nothing is
+    copied of what is installed: a sandbox has it anyway.
+    lines: of each of these files, copied or installed, SHA-256 (hex), mode and name, sorted by name; () for tsbench's
+    own planners.
     """
 
-    def __init__(self, spec: str, hidden: Sequence[Path] = ()) -> None:
-        """hidden: files and folders that are not to be seen, such as the run.
+    def __init__(self, spec: str, hidden: Sequence[Path] = (), only: Collection[str] | None = None) -> None:
+        """Copy the files.
+
+        hidden: files and folders that are not to be seen, such as the run.
+        only: names, as in `lines`, of the files that are to be seen; None: all.
 
         Raises InputError for a file that cannot be read, and for a folder with too much in it.
         """
@@ -47,23 +53,33 @@ class PlannerFiles:
         # Any user in the sandbox may read the copies; the folder around them keeps all others out.
         self._folder = OwnFolder(FILES)
         self.binds: list[tuple[Path, Path]] = []
+        found: dict[str, str] = {}
         try:
             for place in source_places(spec):
                 if is_installed(place):
                     _check_public(spec, place)
+                    if not is_of_tsbench(place):
+                        for name, path in _counted(spec, place, apart, only):
+                            found[name] = _copied(path, None)
                 elif place.is_dir() and not _is_shared(place):
                     copy = self._new_place(place.name)
                     self.binds.append((copy, place))
-                    _copy_folder(spec, place, copy, apart)
+                    for name, path in _counted(spec, place, apart, only):
+                        target = copy / name
+                        target.parent.mkdir(parents=True, exist_ok=True)
+                        found[name] = _copied(path, target)
+                    _finish_folder(place, copy, apart)
                 else:
-                    for path in _named(spec, place) if place.is_dir() else [place]:
+                    paths = _named(spec, place) if place.is_dir() else [place]
+                    for name, path in _bounded(spec, place, paths, only):
                         copy = self._new_place(path.name)
                         self.binds.append((copy, path))
-                        _copy(path, copy)
+                        found[name] = _copied(path, copy)
         except OSError as problem:
             raise InputError(
                 f"planner {spec!r}: {problem.filename}: cannot be copied into its sandbox: {problem.strerror}"
             ) from None
+        self.lines = tuple(f"{found[name]}  {name}" for name in sorted(found))
 
     def _new_place(self, name: str) -> Path:
         folder = self._folder.path / str(len(self.binds))
@@ -83,20 +99,35 @@ def _check_public(spec: str, place: Path) -> None:
         )
 
 
-def _copy_folder(spec: str, place: Path, copy: Path, apart: set[Path]) -> None:
-    """apart: what is not copied; a folder of these is an empty one in the copy."""
-    count = size = 0
-    copy.mkdir()
-    for path in _regular(place, apart):
-        count, size = count + 1, size + path.stat().st_size
-        if count > _MOST_FILES or size > _MOST_BYTES:
+def _counted(
+    spec: str, place: Path, apart: set[Path], only: Collection[str] | None
+) -> list[tuple[str, Path]]:
+    """As `_bounded`, of the files below a folder, or of the file itself. apart: what is left out."""
+    return _bounded(spec, place, _regular(place, apart) if place.is_dir() else [place], only)
+
+
+def _bounded(
+    spec: str, place: Path, paths: Iterable[Path], only: Collection[str] | None
+) -> list[tuple[str, Path]]:
+    """(name below the place, path) of those that are to be seen. InputError for too many, before any is read."""
+    found, size = [], 0
+    for path in paths:
+        name = path.name if path == place else path.relative_to(place).as_posix()
+        if only is not None and name not in only:
+            continue
+        found.append((name, path))
+        size += path.stat().st_size
+        if len(found) > _MOST_FILES or size > _MOST_BYTES:
             raise InputError(
                 f"planner {spec!r}: {place} holds more than {_MOST_FILES:,} files or {_MOST_BYTES >> 30} GiB, and all "
                 "of it would be shown to the planner: give the planner a folder of its own"
             )
-        target = copy / path.relative_to(place)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _copy(path, target)
+    return found
+
+
+def _finish_folder(place: Path, copy: Path, apart: set[Path]) -> None:
+    """Folders that are left out are empty in the copy, and every user in the sandbox may look into all."""
+    copy.mkdir(exist_ok=True)
     for one in sorted(apart):
         if one != place and one.is_relative_to(place) and one.is_dir():
             (copy / one.relative_to(place)).mkdir(parents=True, exist_ok=True)
@@ -115,7 +146,7 @@ def _named(spec: str, place: Path) -> Iterator[Path]:
     """Of a folder the files that count with the planner's code: its modules, and the data that they name."""
     source = source_of(spec)
     start = Path(source).resolve() if source.endswith(".py") else place / "__init__.py"
-    for path in closure_paths([start], file_names()).values():
+    for path in closure_paths([start]).values():
         if path.resolve().is_relative_to(place):
             yield path.resolve()
 
@@ -142,12 +173,25 @@ def _raised(problem: OSError) -> None:
     raise problem
 
 
-def _copy(source: Path, target: Path) -> None:
-    """A copy that everybody may read. Raises OSError, for what is no regular file any more, too."""
+def _copied(source: Path, target: Path | None) -> str:
+    """Copy a file for every user to read. Returns the SHA-256 (hex) of what was copied, and its mode.
+
+    target: None: nothing is copied. Raises OSError, also for what is no regular file any more, or grows meanwhile.
+    """
+    found = hashlib.sha256()
     with os.fdopen(os.open(source, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-        mode = os.fstat(file.fileno()).st_mode
-        if not stat.S_ISREG(mode):
+        state = os.fstat(file.fileno())
+        if not stat.S_ISREG(state.st_mode):
             raise OSError(0, "no regular file", str(source))
-        with target.open("xb") as made:
-            shutil.copyfileobj(file, made, 1 << 20)
-    target.chmod(0o755 if mode & 0o111 else 0o644)
+        left = state.st_size
+        mode = 0o755 if state.st_mode & 0o111 else 0o644
+        with (target or Path(os.devnull)).open("wb") as made:
+            while piece := file.read(1 << 20):
+                left -= len(piece)
+                if left < 0:
+                    raise OSError(0, "grows while it is read", str(source))
+                found.update(piece)
+                made.write(piece)
+    if target is not None:
+        target.chmod(mode)
+    return f"{found.hexdigest()} {mode:o}"

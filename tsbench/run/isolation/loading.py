@@ -12,18 +12,17 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.provenance import closure, digest
-from tsbench.planners.registry import EXPERT, EXPERT_MODULE, LoadedPlanner, entry, is_own
+from tsbench.planners.registry import EXPERT, LoadedPlanner, entry, in_package, is_own
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
-from tsbench.run.contract import file_names
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE, module_file, source_of, source_places
-from tsbench.run.planner_info import PlannerInfo, check_unchanged
+from tsbench.run.planner_info import PlannerInfo, check_unchanged, is_file_of
 
-# Of its name, characters; of lists of names, items.
-_LONGEST, _MOST_NAMES = 100, 1000
+# Of its name, characters.
+_LONGEST = 100
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,19 @@ class SandboxedPlanner:
     effects: Mapping[str, Any]
 
 
-def describe(spec: str, hidden: Sequence[Path] = ()) -> SandboxedPlanner:
-    """What a planner is, by its own word, and the hashes of its code and weights, by ours. Raises InputError."""
-    process = PlannerProcess(spec, hidden)
-    facts = process.facts
-    process.close()
-    image, inner = image_of(spec)
+def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -> SandboxedPlanner:
+    """What a planner is, by its own word, and the hashes of its code and weights, by ours. Raises InputError.
+
+    only: lines of the files that it is to see (`PlannerInfo.files`); (): all.
+    """
+    inner = image_of(spec)[1]
+    files = PlannerFiles(inner, hidden, _names(only))
+    try:
+        process = PlannerProcess(spec, hidden, files)
+        facts = process.facts
+        process.close()
+    finally:
+        files.remove()
     name = facts.get("name") or _stem(inner)
     weights_file = facts.get("weights_file")
     if (
@@ -50,51 +56,57 @@ def describe(spec: str, hidden: Sequence[Path] = ()) -> SandboxedPlanner:
     ):
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
     remembers = facts.get("keeps_process") is True and not begins_afresh(spec)
-    told = {key: bool(facts.get(key, key == "sign_access")) for key in ("privileged", "sign_access", "floor")}
     # Its network is its own: none is served by a process that others use too.
     info = PlannerInfo(
         name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
-        code_sha256=code_hash(inner), may_remember=remembers,
-        opened=() if image else opened_here(inner, _names(facts, "opened")), unseen=_names(facts, "unseen"), **told
+        code_sha256=code_hash(inner), privileged=bool(facts.get("privileged", False)),
+        sign_access=bool(facts.get("sign_access", True)), floor=bool(facts.get("floor", False)),
+        may_remember=remembers, files=files.lines,
     )  # fmt: skip
     return SandboxedPlanner(info, process.effects)
 
 
-def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:
-    """Hashes of the files that a planner says it has opened, of those in its own folder, which are all that it can."""
-    if spec.startswith(EXECUTABLE):
-        return ()
-    return opened_files.hashes(files, _place(spec), only_there=True)
-
-
 def _place(spec: str) -> Path | None:
     """Where the files of a Python planner lie."""
-    source = source_of(spec)
-    file = Path(source) if source.endswith(".py") else module_file(source)
+    file = _file(spec)
     return opened_files.place_of(file) if file else None
 
 
-def _names(facts: Mapping[str, Any], key: str) -> tuple[str, ...]:
-    """Names by the planner's own word; InputError for what is no list of them."""
-    told = facts.get(key, [])
-    if (
-        not isinstance(told, list)
-        or len(told) > _MOST_NAMES
-        or not all(isinstance(name, str) and "\0" not in name for name in told)
-    ):
-        raise InputError(f"planner: {key}: expected at most {_MOST_NAMES} names: {told!r:.80}")
-    return tuple(told)
+def _file(spec: str) -> Path | None:
+    """The file that a Python planner is written in, None where there is none."""
+    source = source_of(spec)
+    file = Path(source) if source.endswith(".py") else module_file(source)
+    return file if file is not None and file.is_file() else None
+
+
+def _names(lines: Sequence[str]) -> frozenset[str] | None:
+    return frozenset(opened_files.names(lines)) or None
+
+
+def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
+    """Which of the files in its own folder that a planner is known by are missing here, or are others.
+
+    spec: what to drive. planner: as a run describes it.
+    """
+    inner = image_of(spec)[1]
+    if planner.files:
+        here = PlannerFiles(inner, only=_names(planner.files))
+        here.remove()
+        return opened_files.names({*planner.files} - {*here.lines})
+    place = _place(inner)
+    told = [(line.partition("  ")[2], line.partition("  ")[0]) for line in planner.opened]
+    own = [(name, sha256) for name, sha256 in told if not name.startswith(("/", "~/"))]
+    return [name for name, sha256 in own if place is None or not is_file_of(place / name, sha256)]
 
 
 def code_hash(spec: str) -> str | None:
     """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file."""
     if spec.startswith(EXECUTABLE):
         return sha256_of(Path(spec.removeprefix(EXECUTABLE)))
-    source = source_of(spec)
-    sources = [source, *([EXPERT_MODULE] if spec.endswith(EXPERT) else [])]
-    files = [Path(one) if one.endswith(".py") else module_file(one) for one in sources]
-    found = [path for path in files if path is not None and path.is_file()]
-    return digest(closure(found, file_names())) if found else None
+    if in_package(source_of(spec)):
+        return None
+    file = _file(spec)
+    return digest(closure([file])) if file else None
 
 
 def weights_hash(spec: str, file: str | None) -> str | None:
@@ -131,8 +143,12 @@ def load(
     @cache
     def files() -> PlannerFiles:
         """The planner's files as they were when the run began: one copy for all of a worker's sandboxes."""
-        copied = PlannerFiles(image_of(planner.spec)[1], places)
-        check_unchanged_now(planner)
+        copied = PlannerFiles(image_of(planner.spec)[1], places, _names(planner.files))
+        if changed := opened_files.names({*planner.files} - {*copied.lines}):
+            copied.remove()
+            raise InputError(
+                f"planner {planner.spec!r}: {changed[0]} has changed since the run began: start the run anew"
+            )
         return copied
 
     def made() -> IsolatedPlanner:

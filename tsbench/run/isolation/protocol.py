@@ -57,8 +57,8 @@ MESSAGES: Mapping[MessageKind, tuple[Field, ...]] = {
         (
             "facts",
             TEXT,
-            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file, forks, keeps_process, opened, "
-            "unseen; or problem",
+            "JSON: protocol (2), name, privileged, sign_access, floor, weights_file, forks, keeps_process; or "
+            "problem",
         ),
     ),
     MessageKind.MAP: (

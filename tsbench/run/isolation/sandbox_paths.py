@@ -129,7 +129,12 @@ def is_public(place: Path) -> bool:
 
 def is_installed(place: Path) -> bool:
     """Does a file or folder come with tsbench, or is it where pip installs?"""
-    return any(place.is_relative_to(one.resolve()) for one in (*map(Path, getsitepackages()), _PACKAGE))
+    return is_of_tsbench(place) or any(place.is_relative_to(Path(one).resolve()) for one in getsitepackages())
+
+
+def is_of_tsbench(place: Path) -> bool:
+    """Does a file or folder lie in tsbench's package?"""
+    return place.is_relative_to(_PACKAGE)
 
 
 def covered(hidden: Sequence[Path]) -> list[Path]:

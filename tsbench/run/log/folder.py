@@ -14,6 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
 from tsbench.core.text import written_out
 from tsbench.episode.trace import trace_path
+from tsbench.run.edition import LOCAL
 from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
 from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
@@ -60,6 +61,9 @@ class RunFolder:
             removed = overwrite and _remove_run(path)
             old = None if removed else _same_run(path, manifest)
             self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
+            if old is not None and str(old.get("edition", "")).endswith(LOCAL):
+                # Some of its rows are of changed code.
+                self.manifest["edition"] = old["edition"]
             if self.manifest["status"] == "complete":
                 self._check_complete()
             else:

@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, is_dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,10 @@ from tsbench.core.textfile import read_json
 from tsbench.episode.perception_level import Perception
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
+from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import arithmetic, opened_files
+from tsbench.run.contract import SCORING
+from tsbench.run.edition import standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import SPLITS
@@ -73,6 +76,7 @@ def new_manifest(
         "schema_version": SCHEMA_VERSION,
         "edition": edition,
         "contract": contract,
+        "scoring": SCORING,
         "status": "running",
         "planners": plain_planners(planners),
         "asked": dict(asked),
@@ -99,7 +103,9 @@ def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
 
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     """The planners of a manifest, in the order of the command."""
-    return [dataclass_from_json(PlannerInfo, planner) for planner in manifest["planners"]]
+    found = [dataclass_from_json(PlannerInfo, planner) for planner in manifest["planners"]]
+    # Runs from before there were scoring numbers have a hash for the code of tsbench's own.
+    return [replace(one, code_sha256=None) if comes_with_tsbench(one.spec) else one for one in found]
 
 
 def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
@@ -145,13 +151,13 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
             for key in sorted({*old[part], *new[part]}):
                 if old[part].get(key) != new[part].get(key):
                     return f"{key} is {_short(old[part].get(key))}, not {_short(new[part].get(key))}"
-        elif part == "planners" and old[part] != new[part]:
-            return _planner_difference(planners_of(old), planners_of(new))
-        elif old[part] != new[part]:
-            return (
-                f"contract is {old[part][:12]}, not {new[part][:12]} (rules, scenes or versions have changed)"
-            )
-    if "arithmetic" in new:
+        elif part == "planners":
+            if planners_of(old) != planners_of(new):
+                return _planner_difference(planners_of(old), planners_of(new))
+        elif standing_contract(old[part]) != standing_contract(new[part]):
+            return f"contract is {old[part][:12]}, not {new[part][:12]} (scoring, scenes or versions have changed)"
+    # Nothing is driven beside complete rows.
+    if "arithmetic" in new and old.get("status") != "complete":
         device = str(new["effective"].get("device", "cpu"))
         specs = [planner.spec for planner in planners_of(new)]
         return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], specs, device)
@@ -283,8 +289,8 @@ def _planner_difference(old: Sequence[PlannerInfo], new: Sequence[PlannerInfo]) 
     if specs[0] != specs[1]:
         return f"planners are {', '.join(specs[0])}, not {', '.join(specs[1])}"
     before, now = next((p, q) for p, q in zip(old, new, strict=True) if p != q)
-    names = opened_files.names({*before.opened} ^ {*now.opened})
-    what = f"what it opens: {', '.join(names[:3])}" if names else "its code or weights"
+    names = opened_files.names({*before.opened, *before.files} ^ {*now.opened, *now.files})
+    what = f"its files: {', '.join(names[:3])}" if names else "its code or weights"
     return f"planner {now.spec} has changed since ({what})"
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
-from tsbench.run.edition import edition_of, standing_contract
+from tsbench.run.edition import edition_here, standing_contract
 from tsbench.run.log.tables import file_hashes
 
 NAME = "rescored.json"
@@ -40,8 +40,8 @@ def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disa
     """Write down how judging a run again ended. Raises InputError where the folder takes nothing."""
     hashes = file_hashes(folder)
     told = Rescored(
-        {name: hashes[name] for name in _JUDGED}, contract, edition_of(contract), tsbench.__version__, traces, untraced,
-        disagreements,
+        {name: hashes[name] for name in _JUDGED}, contract, edition_here(contract), tsbench.__version__, traces,
+        untraced, disagreements,
     )  # fmt: skip
     with io_errors_as_input_errors(folder):
         write_json(folder / NAME, {"schema_version": SCHEMA_VERSION, **asdict(told)})

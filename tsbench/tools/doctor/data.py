@@ -71,7 +71,7 @@ def check_data() -> Iterator[Diagnosis]:
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
-    from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_of
+    from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_here, standing_contract
     from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
     from tsbench.scenarios.table import read_table, splits_there, table_path
     from tsbench.signs.catalog import load_catalog
@@ -82,8 +82,8 @@ def check_edition() -> Iterator[Diagnosis]:
             text = f"the scenes of the {split} split are of {earlier[split]}"
             yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios build makes those of today")
             continue
-        contract = contract_now(split)
-        name = edition_of(contract)
+        contract = standing_contract(contract_now(split))
+        name = edition_here(contract)
         text = f"{name}, contract of the {split} split {contract}"
         if name.endswith(LOCAL):
             yield Diagnosis(

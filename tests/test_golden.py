@@ -1,0 +1,99 @@
+"""Records, events and traces of some ninety episodes have the bytes that stand in golden.json.
+
+A difference is a change of scoring: raise `SCORING` in tsbench/run/contract.py, then `make golden`. Where the machine's
+arithmetic is not that of the file, verdicts are compared in place of bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pyarrow.parquet as pq
+import pytest
+
+from tsbench.core.provenance import versions
+from tsbench.episode.perception_level import EXACTLY, Perception, load_level
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import write_trace
+from tsbench.planners.registry import names, resolve
+from tsbench.run import arithmetic
+from tsbench.run.contract import SCORING
+from tsbench.run.log.score import make_record
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import read_table, table_path
+
+GOLDEN = Path(__file__).with_name("golden.json")
+# These share all types; every other planner drives a pair of one type.
+TURNS = ("idm", "idm-e", "reader", "blind")
+# Their code, or what it needs, comes from elsewhere.
+ELSEWHERE = {"commonroad-reactive", "metadrive-ppo", "metadrive-ppo-e"}
+IMPERFECT = ("reader", "poor")
+
+
+def pairs() -> list[list[ScenarioSpec]]:
+    """The halves of the first pair of each type of dev, types in order."""
+    found: dict[str, dict[str, list[ScenarioSpec]]] = {}
+    for row in sorted(read_table(table_path("dev")), key=lambda row: row.scenario_id):
+        found.setdefault(row.pair_type, {}).setdefault(row.pair_id or row.scenario_id, []).append(row)
+    return [next(iter(of_type.values())) for _, of_type in sorted(found.items())]
+
+
+def tasks() -> Iterator[tuple[str, str, list[ScenarioSpec]]]:
+    """(planner, perception level, rows)."""
+    known = pairs()
+    for number, rows in enumerate(known):
+        yield TURNS[number % len(TURNS)], "exact", rows
+    for number, name in enumerate(sorted({*names()} - {*TURNS} - ELSEWHERE)):
+        yield name, "exact", known[(7 * number) % len(known)]
+    for rows in known[::6]:
+        yield *IMPERFECT, rows
+
+
+def driven() -> dict[str, list[str]]:
+    """Of each episode its verdict and the digest of its record, events and trace."""
+    found = {}
+    runners: dict[tuple[str, str], EpisodeRunner] = {}
+    with TemporaryDirectory() as folder:
+        trace = Path(folder, "trace.parquet")
+        for name, level, rows in tasks():
+            if (name, level) not in runners:
+                shared = next(iter(runners.values())).simulation if runners else None
+                perception = EXACTLY if level == "exact" else Perception(level=load_level(level))
+                runners[name, level] = EpisodeRunner(resolve(name), perception=perception, simulation=shared)
+            for row in rows:
+                result = runners[name, level].run(row)
+                record = make_record(result, resolve(name).privileged)
+                write_trace(trace, result)
+                table = pq.read_table(trace)
+                clauses = sorted({event["clause"] for event in record.events if event["target"]})
+                verdict = " ".join([record.row["outcome"], str(record.row["scd"]), *clauses])
+                content = repr((record.row, record.events, table.schema.metadata, table.to_pydict()))
+                digest = hashlib.sha256(content.encode()).hexdigest()[:16]
+                found[f"{name} {level} {row.scenario_id}"] = [verdict, digest]
+    return found
+
+
+def machine() -> dict[str, object]:
+    """What bytes depend on besides tsbench."""
+    return {"versions": versions(), "answers": arithmetic.facts()["answers"]}
+
+
+@pytest.mark.timeout(300)
+def test_scoring_number_stands_for_these_bytes() -> None:
+    golden = json.loads(GOLDEN.read_text(encoding="utf-8"))
+    assert golden["scoring"] == SCORING, "make golden"
+    now, then = driven(), golden["episodes"]
+    assert now.keys() == then.keys(), "make golden"
+    compared = slice(None) if golden["machine"] == machine() else slice(1)
+    differ = [name for name in now if now[name][compared] != then[name][compared]]
+    assert not differ, "raise SCORING in tsbench/run/contract.py, then make golden"
+
+
+if __name__ == "__main__":
+    lines = (f"  {json.dumps(name)}: {json.dumps(told)}" for name, told in driven().items())
+    head = json.dumps({"scoring": SCORING, "machine": machine()}).removesuffix("}")
+    GOLDEN.write_text(head + ', "episodes": {\n' + ",\n".join(lines) + "\n}}\n", encoding="utf-8")
