@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -138,6 +139,13 @@ def test_files_too_large_are_refused_before_they_are_read(tmp_path: Path) -> Non
         file.truncate(1 << 40)
     with pytest.raises(InputError, match=r"net\.pt: with it the planner's files have more than 8 GiB"):
         closure([tmp_path / "mine.py"])
+
+
+def test_windows_into_the_kernel_are_not_read(tmp_path: Path) -> None:
+    """Reading this one waits for ever."""
+    (tmp_path / "mine.py").write_text("import log\n")
+    (tmp_path / "log.py").symlink_to("/proc/kmsg")
+    assert closure([tmp_path / "mine.py"])["log.py"] == hashlib.sha256().hexdigest()
 
 
 def test_a_data_file_elsewhere_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.files import sha256_of
 from tsbench.core.paths import data_file
 
 # SHA-256 (hex) of files, by name as in "package/module.py": below the folder that they are imported from.
@@ -82,12 +81,23 @@ def closure(starts: Iterable[str | Path], without: Collection[str] = ()) -> File
     Raises OSError for a file that cannot be read, InputError for more than `MOST_BYTES` in all.
     """
     paths = closure_paths(starts, without)
+    sizes = {name: path.stat().st_size for name, path in paths.items()}
     left = MOST_BYTES
-    for path in paths.values():
-        left -= path.stat().st_size
+    for name, path in paths.items():
+        left -= sizes[name]
         if left < 0:
             raise InputError(f"{path}: with it the planner's files have more than {MOST_BYTES >> 30} GiB")
-    return {name: sha256_of(path) for name, path in paths.items()}
+    return {name: _sha256(path, sizes[name]) for name, path in paths.items()}
+
+
+def _sha256(path: Path, size: int) -> str:
+    """SHA-256 (hex) of the first bytes of a file: what grows, or is a window into the kernel, does not keep it busy."""
+    found = hashlib.sha256()
+    with path.open("rb") as file:
+        while size and (piece := file.read(min(size, 1 << 20))):
+            found.update(piece)
+            size -= len(piece)
+    return found.hexdigest()
 
 
 def closure_paths(starts: Iterable[str | Path], without: Collection[str] = ()) -> dict[str, Path]:
@@ -212,9 +222,11 @@ class _Code:
 
 def _read(path: Path) -> _Code:
     """What a module imports and names; nothing where the file is no Python of this version (an extension, say)."""
-    if path.suffix != ".py" or path.stat().st_size > _MOST_SOURCE_BYTES:
+    size = path.stat().st_size
+    if path.suffix != ".py" or not 0 < size <= _MOST_SOURCE_BYTES:
         return _Code()
-    return _parsed(path.read_bytes())
+    with path.open("rb") as file:
+        return _parsed(file.read(size))
 
 
 @lru_cache(maxsize=1024)

@@ -24,13 +24,15 @@ class ProgressWatcher:
         self._bars: dict[str, TaskID] = {}
         self._count: dict[str, int] = {}
         self._success: dict[str, int] = {}
+        self._pairs: dict[str, list[bool]] = {}
+        self._halves: dict[tuple[str, str], bool] = {}
         self._asked: dict[str, int] = {}
         self._total = 0
         self._began = self._said = time.monotonic()
         self._fresh = 0
         self._progress = Progress(
             TextColumn("{task.description}"), BarColumn(bar_width=None), MofNCompleteColumn(),
-            TextColumn("SCD {task.fields[scd]}"), TextColumn("{task.fields[pace]}"), TimeRemainingColumn(compact=True),
+            TextColumn("{task.fields[scd]}"), TextColumn("{task.fields[pace]}"), TimeRemainingColumn(compact=True),
             console=console, refresh_per_second=_REFRESH_PER_S, disable=not console.is_terminal,
             speed_estimate_period=_WINDOW_S, expand=True,
         )  # fmt: skip
@@ -43,6 +45,8 @@ class ProgressWatcher:
         self._total = sum(asked.values())
         self._count = dict.fromkeys(asked, 0)
         self._success = dict.fromkeys(asked, 0)
+        self._pairs = {name: [] for name in asked}
+        self._halves.clear()
         for row in done:
             self._take(row)
         there = sum(self._count.values())
@@ -77,12 +81,22 @@ class ProgressWatcher:
         self._progress.stop()
 
     def _take(self, row: Row) -> None:
-        self._count[row["planner"]] += 1
-        self._success[row["planner"]] += bool(row["scd"])
+        name, passed = row["planner"], bool(row["scd"])
+        self._count[name] += 1
+        self._success[name] += passed
+        if row["pair_id"]:
+            pair = name, row["pair_id"]
+            if pair in self._halves:
+                self._pairs[name].append(self._halves.pop(pair) and passed)
+            else:
+                self._halves[pair] = passed
 
     def _scd(self, name: str) -> str:
+        """Paired SCD so far; SCD of the episodes as long as no pair is whole, or where no pairs are driven."""
+        if pairs := self._pairs[name]:
+            return f"paired SCD {100 * sum(pairs) / len(pairs):5.1f} %"
         count = self._count[name]
-        return f"{100 * self._success[name] / count:5.1f} %" if count else "    –  "
+        return f"SCD {100 * self._success[name] / count:5.1f} %" if count else "SCD     –  "
 
     def _say(self, now: float) -> None:
         if now - self._said < LINE_EVERY_S:
@@ -91,9 +105,11 @@ class ProgressWatcher:
         done = sum(self._count.values())
         pace = self._fresh / (now - self._began)
         left = round((self._total - done) / pace)
-        scd = ", ".join(f"{name} {self._scd(name).strip()}" for name in self._count if self._count[name])
+        scd = ", ".join(
+            f"{name} {' '.join(self._scd(name).split())}" for name in self._count if self._count[name]
+        )
         self._print(
-            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, SCD {scd}"
+            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, {scd}"
         )
 
     def _print(self, line: str) -> None:

@@ -62,6 +62,13 @@ def test_some_rows_of_a_table(tmp_path: Path, folder: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_group_that_was_not_driven_has_no_column(tmp_path: Path, folder: Path) -> None:
+    text = "<!-- analysis main | bare | columns planner, paired SCD obstacles, SCD all -->\n<!-- end -->"
+    path = page(tmp_path, text)
+    refresh(path, folder)
+    assert path.read_text(encoding="utf-8").splitlines()[1] == "| planner | SCD all |"
+
+
 def test_some_planners_rows(tmp_path: Path, folder: Path) -> None:
     path = page(tmp_path, "<!-- analysis main | planners a\\_b | columns planner, DS % -->\n<!-- end -->")
     refresh(path, folder)

@@ -23,13 +23,16 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.metrics.episode import EPISODE_METRICS
+from tsbench.report.analyses.columns import NAMES
 from tsbench.report.analyses.writing import markdown_row
+from tsbench.signs.model import GROUPS
 
 _BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
 _OPENED = re.compile(r"<!-- analysis ")
 _FIGURE = re.compile(r"<!-- figure (\S+) -->\n!\[[^\]]*\]\(([^)]+)\)")
 _CONTRACT = re.compile(r"Contract `[0-9a-f]+`")
 _BESIDE = ("n", "figure")
+_BY_GROUP = frozenset(f"{figure} {group}" for figure in NAMES.values() for group in GROUPS)
 _INTERVAL = re.compile(r" \([^()]*\)$")
 
 
@@ -106,7 +109,9 @@ def _table(page: Path, told: str, words: list[str]) -> str:
                 raise InputError(f"{page}: no row of planner {', '.join(absent)}")
             rows = [rows[0], *(row for row in rows[1:] if row[named].split(" (")[0] in wanted)]
         elif word.startswith("columns "):
-            columns = [_place(page, head, name.strip()) for name in word.removeprefix("columns ").split(",")]
+            asked = [name.strip() for name in word.removeprefix("columns ").split(",")]
+            # A selection of fewer groups has no columns of the others.
+            columns = [_place(page, head, name) for name in asked if name in head or name not in _BY_GROUP]
         else:
             raise InputError(
                 f"{page}: {word!r} is none of: bare, contract, columns A, B, …, planners A, B, …, where A = x"
