@@ -39,7 +39,7 @@ def put(folder: Path, name: str, submission: Submission) -> str:
 
 def record(of: str, **changes: object) -> Verification:
     plain = Verification(
-        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, TWO, 2, (), (), (), {}, {"processor": "x"}
+        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, TWO, 2, (), (), (), {}, {"processor": "x"}, True
     )
     return replace(plain, **changes)  # type: ignore[arg-type]
 
@@ -102,11 +102,12 @@ def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None
     page = (out / "index.html").read_text()
     assert f"by alice: 8 of {DEV_ROWS}" in page
     assert "7 to the byte, 1 by verdict only" in page
-    assert "verdicts confirmed" not in page
+    assert '<span class="good">confirmed</span>' in page
+    assert "bytes not comparable" not in page
     (base / "most.json").write_text(most.to_json())
     build(base, out)
     page = (out / "index.html").read_text()
-    assert "verdicts confirmed" in page
+    assert '<span class="half-good">verdicts equal, bytes not comparable</span>' in page
     assert "0 to the byte, 2 by verdict only" in page
     (own,) = out.glob("idm-*.html")
     assert "; ".join(why) in own.read_text()

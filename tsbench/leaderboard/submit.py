@@ -9,7 +9,7 @@ from tsbench.core.paths import city_in_use
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.trace import trace_path
 from tsbench.leaderboard.claim import episodes_of, events_of
-from tsbench.leaderboard.submission import Submission, fault_of_words, figures_of, problem_of_level
+from tsbench.leaderboard.submission import Submission, fault_of_level, fault_of_words, figures_of
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import StoredRun, read_run
@@ -68,8 +68,8 @@ def make_submission(
 def _level(run: StoredRun) -> PerceptionLevel | None:
     """How plates reached its planners. Raises InputError for a level under the name of one of tsbench's."""
     level = run.perception.level
-    if problem := problem_of_level(level):
-        raise InputError(f"{run.path}: {problem}: drive it with a file of another name")
+    if fault := fault_of_level(level):
+        raise InputError(f"{run.path}: {fault}: drive it with a file of another name")
     return level
 
 
