@@ -114,6 +114,43 @@ def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None
     assert "only verdicts speak for this row" in own.read_text()
 
 
+def test_nothing_is_green_that_was_driven_beside_the_referee(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    of = put(base, "idm.json", honest("idm"))
+    (base / "v.json").write_text(record(of, isolated=False).to_json())
+    build(base, out)
+    (own,) = out.glob("idm-*.html")
+    for page in ((out / "index.html").read_text(), own.read_text()):
+        assert '<span class="half-good">confirmed, in a shared process</span>' in page
+        assert 'class="good"' not in page
+
+
+@pytest.mark.parametrize(
+    ("first", "name", "title"),
+    [
+        ("coco", "\u0441\u043e\u0441\u043e", ""),
+        ("coco", "other", "\u0441\u043e\u0441\u043e"),
+        ("model-l", "model-1", ""),
+        ("model", "rnodel", ""),
+        ("planér", "plane\u0301r", ""),
+    ],
+)
+def test_two_planners_whose_names_look_alike_are_no_board(
+    honest: Make, tmp_path: Path, first: str, name: str, title: str
+) -> None:
+    base, made = tmp_path / "all", honest("idm")
+    for number, called in enumerate((first, first, name)):
+        planner = replace(made.planner, name=called, code_sha256=str(number) * 64)
+        put(base, f"{number}.json", replace(made, planner=planner, title=(title * (number == 2)) or called))
+        if number == 1:
+            # One name for two planners is in plain sight.
+            assert build(base, tmp_path / "site") == 2
+    with pytest.raises(
+        InputError, match=rf"2\.json: .* looks like {re.escape(ascii(first))} of .*0\.json: one of"
+    ):
+        build(base, tmp_path / "site")
+
+
 def test_levels_have_tables_of_their_own_and_a_curve(honest: Make, tmp_path: Path) -> None:
     base, out = tmp_path / "all", tmp_path / "site"
     put(base, "exact.json", honest("idm-e"))
@@ -328,6 +365,14 @@ def test_from_the_command_line(
     assert (code, said.splitlines()[-1]) == (0, "confirmed")
     code, said = call("verify", "idm-e-dev.json", *draw, "--planner", "idm")
     assert (code, said.splitlines()[-1]) == (1, "refuted")
+    # Other bytes that another arithmetic would explain.
+    data = json.loads(Path("idm-e-dev.json").read_text())
+    data["arithmetic"]["answers"]["libm"] = "f" * 16
+    for number, episode in enumerate(data["episodes"]):
+        episode["digest"] = f"{number:032x}"
+    Path("other.json").write_text(json.dumps(data))
+    code, said = call("verify", "other.json", *draw)
+    assert (code, said.splitlines()[-1]) == (3, "verdicts equal, bytes not comparable")
     (tmp_path / "board").mkdir()
     for name in ("idm-e-dev.json", "record.json"):
         (tmp_path / name).rename(tmp_path / "board" / name)

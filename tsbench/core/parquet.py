@@ -113,9 +113,13 @@ def open_table(
 
 
 def check_size(
-    file: pq.ParquetFile, path: Path, most_rows: int = _MOST_ROWS, most_bytes: int = _MOST_BYTES
+    file: pq.ParquetFile, path: Path, most_rows: int | None = None, most_bytes: int | None = None
 ) -> None:
-    """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours."""
+    """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours.
+
+    Its own kind may have closer bounds than all tables.
+    """
+    most_rows, most_bytes = most_rows or _MOST_ROWS, most_bytes or _MOST_BYTES
     about = file.metadata
     groups = [about.row_group(k) for k in range(about.num_row_groups)]
     # Equal values take next to nothing until they are unpacked.
@@ -123,8 +127,8 @@ def check_size(
     size = max(_VALUE_BYTES * values, sum(group.total_byte_size for group in groups))
     if about.num_rows > most_rows or size > most_bytes:
         raise InputError(
-            f"{path}: {about.num_rows} rows, {size >> 20} MiB unpacked: more than {most_rows} rows or "
-            f"{most_bytes >> 20} MiB is no file of ours"
+            f"{path}: {about.num_rows} rows, {size >> 20} MiB unpacked: too large (at most {most_rows} rows, "
+            f"{most_bytes >> 20} MiB)"
         )
 
 

@@ -49,7 +49,7 @@ def _made(kind: Any, value: Any) -> Any:
 def _bounded(number: int) -> int:
     """Python's whole numbers have no end; those of tables and other programs have."""
     if abs(number) >= _LARGEST:
-        raise ValueError("a whole number is out of range")
+        raise ValueError("a whole number below 2^63 was expected")
     return number
 
 

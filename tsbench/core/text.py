@@ -74,7 +74,9 @@ def fault_in_name(name: str) -> str:
         if len(plain) == 1 and plain != unicodedata.normalize("NFC", character) and kind[0] == "L":
             return f"{name!a}: has a letter in the form of another ({ascii(character)[1:-1]})"
     for word in re.findall(r"[^\W\d_]+", name):
-        named = {unicodedata.name(letter, "?").split()[0].split("-")[0] for letter in word}
+        named = {
+            unicodedata.name(letter, "?").split()[0].split("-")[0] for letter in word if letter.isalpha()
+        }
         scripts = {"CJK" if script == "IDEOGRAPHIC" else script for script in named}
         if len(scripts) > 1 and not any(scripts <= allowed for allowed in _TOGETHER):
             return f"{name!a}: {word!a} mixes scripts ({', '.join(sorted(scripts)).lower()})"

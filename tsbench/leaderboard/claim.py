@@ -69,19 +69,20 @@ def claims_of(folder: Path) -> list[Claim]:
     path = folder / "episodes.parquet"
     told = events_of(run)
     m, effective = run.manifest, run.manifest["effective"]
+    versions: dict[str, Any] = m.get("versions", {})
     planners, device = planners_of(m), str(effective.get("device", "cpu"))
     fault = (
         fault_of_place(city_of(m), str(effective["split"]), device)
         or fault_of_level(run.perception.level)
         or fault_of_arithmetic(m.get("arithmetic"))
-        or fault_of_lines([m["arithmetic"], m["planners"], run.edition, run.contract])
+        or fault_of_lines([m["arithmetic"], m["planners"], versions, run.edition, run.contract])
         or next(filter(None, map(fault_of_planner, planners)), "")
     )
     if fault:
         raise InputError(f"{folder}: {fault}")
     return [
         Claim(
-            path=path, sha256=sha256_of(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
+            path=path, sha256=sha256_of(path), title=info.name, tsbench=str(versions.get("tsbench", "?")),
             edition=run.edition, contract=run.contract, city=city_of(m), split=str(effective["split"]), planner=info,
             device=device, arithmetic=m["arithmetic"], perception=run.perception, figures=None,
             episodes=episodes_of(run, info, told),

@@ -207,6 +207,7 @@ def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
         or fault_of_level(found.perception)
         or fault_of_arithmetic(found.arithmetic)
         or fault_of_planner(found.planner)
+        or ("" if found.title else "title: is empty")
         or ("" if 0 <= found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
         or _fault_of_figures(found.figures)
         or _fault_of_episodes(found.episodes)
