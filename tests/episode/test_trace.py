@@ -269,7 +269,7 @@ def test_no_scenario_has_endless_ticks(tmp_path: Path, request: pytest.FixtureRe
     repeated(path, 10_002)
     edited(path, lambda head: head["scenario"].update(horizon=10**9))
     request.getfixturevalue("unread")
-    with pytest.raises(InputError, match="10002 rows, .* too large"):
+    with pytest.raises(InputError, match=r"10002 rows, .* too large"):
         read_trace(path)
 
 

@@ -286,6 +286,7 @@ def test_a_record_is_of_what_a_submission_says_and_of_its_episodes(honest: Make,
         ({"driven": (DEV[0], DEV[0])}, "or one twice"),
         ({"equal": 1}, "the counts do not fit"),
         ({"explained": (DEV[5],), "equal": 1}, "the counts do not fit"),
+        ({"explained": TWO, "equal": 0}, "2 episodes have other bytes, and nothing explains them"),
         ({"driven": ("a", "b")}, "says that a was driven, of which"),
     ):
         (base / "v.json").write_text(record(digest, **changes).to_json())

@@ -123,6 +123,13 @@ INFO = PlannerInfo("idm-e", "idm-e", True, True, (), "ab" * 32, "cd" * 32)
             "hashed: net.npz; files not seen: what torch may open without Python",
         ),
         (
+            replace(INFO, name="m\u0456ne"),
+            {"namespaces": "bubblewrap 0.8.0"},
+            "name",
+            Level.PROBLEM,
+            "mixes scripts",
+        ),
+        (
             replace(INFO, code_sha256=None),
             {"namespaces": "bubblewrap 0.8.0"},
             "code",

@@ -137,6 +137,8 @@ def _fault_of_counts(found: Verification) -> str:
         driven
     ):
         return f"{told}, {len(found.explained)} explained and {len(wrong)} wrong: the counts do not fit"
+    if found.explained and not found.arithmetic_differences:
+        return f"{len(found.explained)} episodes have other bytes, and nothing explains them"
     return ""
 
 
