@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, read_submission
-from tsbench.leaderboard.verify import Verdict, verify
+from tsbench.leaderboard.verify import ClaimVerdict, verify
 
 Make = Callable[..., Submission]
 Json = dict[str, Any]
@@ -179,7 +179,7 @@ def test_no_claim_turns_isolation_off(honest: Make, tmp_path: Path) -> None:
     for claimed, shared in ((None, False), ({"namespaces": "bubblewrap"}, True)):
         path.write_text(honest("idm", isolation=claimed).to_json())
         found = verify(claim_of(path), None, shared_process=shared, **DRAW)  # type: ignore[arg-type]
-        assert (found.verdict, found.isolated) == (Verdict.CONFIRMED, not shared)
+        assert (found.verdict, found.isolated) == (ClaimVerdict.CONFIRMED, not shared)
         assert found.good is not shared
     path.write_text(honest("idm", device="cuda").to_json())
     with pytest.raises(

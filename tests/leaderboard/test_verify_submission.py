@@ -14,13 +14,13 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
-from tsbench.leaderboard.verify import Verdict, Verification, read_verification, verify
+from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification, verify
 from tsbench.run import edition
 from tsbench.run.edition import SameResults, editions
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
-CONFIRMED, REFUTED = Verdict.CONFIRMED, Verdict.REFUTED
+CONFIRMED, REFUTED = ClaimVerdict.CONFIRMED, ClaimVerdict.REFUTED
 NO_HASHES = [f"{k:032x}" for k in range(1, 2000)]
 
 
@@ -125,7 +125,7 @@ def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Ma
     answers = {**made.arithmetic["answers"], "libm": "f" * 16}
     elsewhere = replace(made, arithmetic={**made.arithmetic, "answers": answers})
     found = check(tmp_path, replace(elsewhere, episodes=others))
-    assert (found.verdict, found.equal, found.explained) == (Verdict.VERDICTS_ONLY, 0, found.driven)
+    assert (found.verdict, found.equal, found.explained) == (ClaimVerdict.VERDICTS_ONLY, 0, found.driven)
     (why,) = found.arithmetic_differences
     assert why.startswith("the arithmetic of libm is another")
     # Its own word is all that explains so much.

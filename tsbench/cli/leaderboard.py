@@ -106,7 +106,7 @@ def verify(
     Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
     """
     from tsbench.leaderboard.claim import claim_of, claims_of
-    from tsbench.leaderboard.verify import Verdict
+    from tsbench.leaderboard.verify import ClaimVerdict
     from tsbench.leaderboard.verify import verify as run_verify
     from tsbench.run.isolation.image import image_of, in_image
 
@@ -135,9 +135,9 @@ def verify(
                 write_atomic(out, found.to_json().encode())
         _say(found)
         verdicts.add(found.verdict)
-    if Verdict.REFUTED in verdicts:
+    if ClaimVerdict.REFUTED in verdicts:
         sys.exit(EXIT_FAILED)
-    if Verdict.VERDICTS_ONLY in verdicts:
+    if ClaimVerdict.VERDICTS_ONLY in verdicts:
         sys.exit(EXIT_NOT_COMPARABLE)
 
 

@@ -16,7 +16,7 @@ from tsbench.leaderboard.lookalikes import skeleton
 from tsbench.leaderboard.submission import KIND as SUBMISSION
 from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
 from tsbench.leaderboard.verify import KIND as VERIFICATION
-from tsbench.leaderboard.verify import Verdict, Verification, read_verification
+from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification
 from tsbench.metrics.records import PAIRED, SIGNED_ONES
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_of, standing_contract
@@ -43,7 +43,7 @@ class BoardRow:
 
     @property
     def refuted(self) -> bool:
-        return any(found.verdict is Verdict.REFUTED for found in self.verifications)
+        return any(found.verdict is ClaimVerdict.REFUTED for found in self.verifications)
 
     @property
     def flags(self) -> list[str]:

@@ -44,7 +44,7 @@ _HIGH_SHARE = 0.25
 _ISOLATED_ONLY = ("exe:", "image:")
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """What a second drive says of a claim. CONFIRMED: byte for byte."""
 
     CONFIRMED = "confirmed"
@@ -90,17 +90,17 @@ class Verification:
     isolated: bool
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> ClaimVerdict:
         """What explains other bytes is the claim's own word: where many are others, only verdicts speak for it."""
         if self.differences:
-            return Verdict.REFUTED
+            return ClaimVerdict.REFUTED
         few = len(self.explained) <= _HIGH_SHARE * len(self.driven)
-        return Verdict.CONFIRMED if few else Verdict.VERDICTS_ONLY
+        return ClaimVerdict.CONFIRMED if few else ClaimVerdict.VERDICTS_ONLY
 
     @property
     def good(self) -> bool:
         """Is it confirmed, and out of the planner's reach?"""
-        return self.verdict is Verdict.CONFIRMED and self.isolated
+        return self.verdict is ClaimVerdict.CONFIRMED and self.isolated
 
     def to_json(self) -> str:
         content = {"kind": KIND, "schema": SCHEMA_VERSION, "verdict": self.verdict, **asdict(self)}
