@@ -20,6 +20,8 @@ RUN make base EXTRAS="$EXTRAS" && rm -rf /root/.cache
 COPY . .
 RUN .venv/bin/python -m compileall -q tsbench && .venv/bin/tsbench signs list > /dev/null
 
+RUN useradd --no-create-home tsbench && install --directory --owner tsbench /work
+USER tsbench
 # HOME: any user's, also one without an entry in /etc/passwd.
 ENV PATH=/opt/tsbench/.venv/bin:$PATH HOME=/tmp
 WORKDIR /work

@@ -8,3 +8,4 @@ COPY tsbench-*.whl /tmp/
 RUN python3 -m pip install --no-cache-dir /tmp/tsbench-*.whl && rm /tmp/tsbench-*.whl
 # What the planner needs, with its versions:
 # RUN python3 -m pip install --no-cache-dir torch==2.6.0
+USER nobody

@@ -81,6 +81,42 @@ def test_what_is_wrong_is_one_line(
     assert error.count("\n") == 1
 
 
+def test_what_is_taken_from_the_file_is_said(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (here / "tsbench.toml").write_text(FILE)
+    # What the command line gives is not the file's.
+    assert called("run", "--types", "stop", "--out", "mine") == 0
+    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, workers"
+    tsbench.evaluate(types="stop", out="mine")
+    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, workers"
+    (here / "tsbench.toml").write_text("[signs.equivalents]\ncountry = 'de'\n")
+    assert called("signs", "equivalents") == 0
+    assert capsys.readouterr().err == "tsbench.toml: country\n"
+    assert called("signs", "list") == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (("verify", "x.json", "--seed", "1"), "[verify]\nshared-process = true\n"),
+        (("submit", "run", "--authors", "us"), "[submit]\nshared-process = true\n"),
+        (("leaderboard", "build", "."), "[leaderboard.build]\nplayers = 1\n"),
+    ],
+)
+def test_what_judges_others_takes_nothing(
+    command: tuple[str, ...], text: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "tsbench.toml").write_text(text)
+    assert called(*command) == 2
+    assert capsys.readouterr().err == (
+        f"error: tsbench.toml: [{command[0]}]: options of this command are given on the command line only\n"
+    )
+    # Other sections are no business of it.
+    (here / "tsbench.toml").write_text("[run]\nworkers = 1\n")
+    called(*command)
+    assert "tsbench.toml" not in capsys.readouterr().err
+
+
 def test_other_commands_do_not_mind_another_section(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "tsbench.toml").write_text("[run]\nplaner = 1\n")
     assert called("signs", "list") == 0

@@ -45,7 +45,8 @@ def test_numbers_that_json_lacks_may_be_text() -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"count": True}, {"count": 1.0}, {"count": "3"}, {"ready": 1}, {"inner": {"name": "a"}}, {"inner": [1]},
+        {"count": True}, {"count": 1.0}, {"count": 1 << 63}, {"inner": {"name": "a", "value": 10**400}},
+        {"count": "3"}, {"ready": 1}, {"inner": {"name": "a"}}, {"inner": [1]},
         {"several": {"name": "b"}}, {"several": [{"name": 1, "value": None}]}, {"more": []}, {"rows": {}}, {"new": 1},
         {"inner": {"name": "a", "value": "much"}},
     ],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError, cause_of
-from tsbench.core.text import fault_in_texts, one_line
+from tsbench.core.text import csv_text, fault_in_name, fault_in_texts, one_line
 from tsbench.core.textfile import read_json
 
 # A terminal clears its screen, a name ends in another file type, half a character, a bell, a C1 control.
@@ -58,3 +58,59 @@ def test_a_text_may_be_long_but_not_endless() -> None:
 def test_equal_failures_read_equal() -> None:
     assert one_line("at <object at 0x7f00aa11bb22>\n  twice") == "at <object at 0x…> twice"
     assert len(one_line("x" * 1000)) == 300
+
+
+@pytest.mark.parametrize(
+    ("cell", "written"),
+    [
+        ("=HYPERLINK(1)", "'=HYPERLINK(1)"),
+        ("+a", "'+a"),
+        ("-", "'-"),
+        ("@sum", "'@sum"),
+        ("\t=1", "'\t=1"),
+        ("-2.5", "-2.5"),
+        ("+1e-3", "+1e-3"),
+        ("-inf", "-inf"),
+        ("a=b", "a=b"),
+        (-3, "-3"),
+        ("", '""'),
+    ],
+)
+def test_a_table_has_no_formula(cell: object, written: str) -> None:
+    assert csv_text([[cell]]) == f"{written}\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("id\u200bm", "nobody sees"),
+        ("\u202eidm", "nobody sees"),
+        ("idm\ue000", "nobody sees"),
+        ("idm\u2800", "nobody sees"),
+        ("idm\ufe0f", "nobody sees"),
+        ("idm\u00a0", "nobody sees"),
+        ("\uff49dm", "the form of another"),
+        ("\u0456dm", "mixes scripts"),
+        ("plan-\u03b1b", "mixes scripts"),
+        (" ", "expected a name"),
+    ],
+)
+def test_a_name_that_readers_take_for_another_is_found(name: str, said: str) -> None:
+    assert said in fault_in_name(name)
+    assert fault_in_name(name).isascii()
+
+
+@pytest.mark.parametrize(
+    "name", ["idm", "规划器v2", "プランナー々", "Планировщик", "α-planner", "สำรวจ", "계획ko", "m/s²"]
+)
+def test_a_name_of_any_language_is_a_name(name: str) -> None:
+    assert fault_in_name(name) == ""
+
+
+def test_what_is_nested_too_deep_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "it.json"
+    path.write_text("[" * 50 + "]" * 50)
+    read_json(path, "thing")
+    path.write_text('{"a": ' * 51 + "1" + "}" * 51)
+    with pytest.raises(InputError, match="more than 50 levels deep"):
+        read_json(path, "thing")

@@ -227,3 +227,64 @@ def test_verdicts_as_plain_values() -> None:
     with pytest.raises(ValueError, match="Verdict"):
         dataclass_from_json(Verdict, {"violations": [], "engaged": True})
     assert dataclass_from_json(Verdict, {**plain, "violations": []}) == Verdict("plate", True, (), 4)
+
+
+def repeated(path: Path, ticks: int) -> None:
+    """The first tick of a trace many times over."""
+    with pq.ParquetFile(path) as file:
+        head, table = file.metadata.metadata[b"tsbench.trace"], file.read()
+    first = pa.concat_tables([table.slice(0, 1)] * ticks)
+    with pq.ParquetWriter(path, table.schema) as writer:
+        writer.write_table(first)
+        writer.add_key_value_metadata({"tsbench.trace": head.decode()})
+
+
+@pytest.fixture
+def unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that are read end the test."""
+
+    def read(*_: object, **__: object) -> None:
+        pytest.fail("its rows are read")
+
+    monkeypatch.setattr(pq.ParquetFile, "read", read)
+
+
+def test_more_ticks_than_the_scenario_has_are_not_read(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    horizon = read_trace(path).spec.horizon
+    repeated(path, horizon + 1)
+    assert len(read_trace(path).snapshots) == horizon + 1
+    repeated(path, horizon + 2)
+    request.getfixturevalue("unread")
+    with pytest.raises(InputError, match=f"{horizon + 2} ticks, of a scenario that ends after {horizon}"):
+        read_trace(path)
+
+
+def test_no_scenario_has_endless_ticks(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    repeated(path, 10_002)
+    edited(path, lambda head: head["scenario"].update(horizon=10**9))
+    request.getfixturevalue("unread")
+    with pytest.raises(InputError, match=r"10002 rows, .* too large"):
+        read_trace(path)
+
+
+def test_few_bytes_that_unpack_to_many_are_not_read(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    with pq.ParquetFile(path) as file:
+        head, table = file.metadata.metadata[b"tsbench.trace"], file.read().slice(0, 1)
+    plan = pa.array([np.zeros(40_000_000, np.float32)], table.schema.field("plan_x").type)
+    for name in ("plan_x", "plan_y"):
+        table = table.set_column(table.schema.get_field_index(name), table.schema.field(name), plan)
+    with pq.ParquetWriter(path, table.schema, compression="zstd") as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"tsbench.trace": head.decode()})
+    assert path.stat().st_size < 1_000_000
+    request.getfixturevalue("unread")
+    with pytest.raises(InputError, match=r"1 rows, 61\d MiB unpacked: too large"):
+        read_trace(path)

@@ -39,7 +39,7 @@ def put(folder: Path, name: str, submission: Submission) -> str:
 
 def record(of: str, **changes: object) -> Verification:
     plain = Verification(
-        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, TWO, 2, (), (), (), {}, {"processor": "x"}
+        of, "t", "alice", "2026-01-02", "0.1.0", 7, 2, TWO, 2, (), (), (), {}, {"processor": "x"}, True
     )
     return replace(plain, **changes)  # type: ignore[arg-type]
 
@@ -102,15 +102,53 @@ def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None
     page = (out / "index.html").read_text()
     assert f"by alice: 8 of {DEV_ROWS}" in page
     assert "7 to the byte, 1 by verdict only" in page
-    assert "verdicts confirmed" not in page
+    assert '<span class="good">confirmed</span>' in page
+    assert "bytes not comparable" not in page
     (base / "most.json").write_text(most.to_json())
     build(base, out)
     page = (out / "index.html").read_text()
-    assert "verdicts confirmed" in page
+    assert '<span class="half-good">verdicts equal, bytes not comparable</span>' in page
     assert "0 to the byte, 2 by verdict only" in page
     (own,) = out.glob("idm-*.html")
     assert "; ".join(why) in own.read_text()
     assert "only verdicts speak for this row" in own.read_text()
+
+
+def test_nothing_is_green_that_was_driven_beside_the_referee(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    of = put(base, "idm.json", honest("idm"))
+    (base / "v.json").write_text(record(of, isolated=False).to_json())
+    build(base, out)
+    (own,) = out.glob("idm-*.html")
+    for page in ((out / "index.html").read_text(), own.read_text()):
+        assert '<span class="half-good">confirmed, in a shared process</span>' in page
+        assert 'class="good"' not in page
+
+
+@pytest.mark.parametrize(
+    ("first", "name", "title"),
+    [
+        ("coco", "\u0441\u043e\u0441\u043e", ""),
+        ("coco", "other", "\u0441\u043e\u0441\u043e"),
+        ("model-l", "model-1", ""),
+        ("model", "rnodel", ""),
+        ("planér", "plane\u0301r", ""),
+    ],
+)
+def test_two_planners_whose_names_look_alike_are_no_board(
+    honest: Make, tmp_path: Path, first: str, name: str, title: str
+) -> None:
+    base, made = tmp_path / "all", honest("idm")
+    for number, called in enumerate((first, first, name)):
+        planner = replace(made.planner, name=called, code_sha256=str(number) * 64)
+        put(base, f"{number}.json", replace(made, planner=planner, title=(title * (number == 2)) or called))
+        if number == 1:
+            # One name for two planners is in plain sight.
+            assert build(base, tmp_path / "site") == 2
+    with pytest.raises(
+        InputError, match=rf"2\.json: .* looks like {re.escape(ascii(first))} of .*0\.json: one of"
+    ):
+        build(base, tmp_path / "site")
 
 
 def test_levels_have_tables_of_their_own_and_a_curve(honest: Make, tmp_path: Path) -> None:
@@ -248,6 +286,7 @@ def test_a_record_is_of_what_a_submission_says_and_of_its_episodes(honest: Make,
         ({"driven": (DEV[0], DEV[0])}, "or one twice"),
         ({"equal": 1}, "the counts do not fit"),
         ({"explained": (DEV[5],), "equal": 1}, "the counts do not fit"),
+        ({"explained": TWO, "equal": 0}, "2 episodes have other bytes, and nothing explains them"),
         ({"driven": ("a", "b")}, "says that a was driven, of which"),
     ):
         (base / "v.json").write_text(record(digest, **changes).to_json())
@@ -327,6 +366,14 @@ def test_from_the_command_line(
     assert (code, said.splitlines()[-1]) == (0, "confirmed")
     code, said = call("verify", "idm-e-dev.json", *draw, "--planner", "idm")
     assert (code, said.splitlines()[-1]) == (1, "refuted")
+    # Other bytes that another arithmetic would explain.
+    data = json.loads(Path("idm-e-dev.json").read_text())
+    data["arithmetic"]["answers"]["libm"] = "f" * 16
+    for number, episode in enumerate(data["episodes"]):
+        episode["digest"] = f"{number:032x}"
+    Path("other.json").write_text(json.dumps(data))
+    code, said = call("verify", "other.json", *draw)
+    assert (code, said.splitlines()[-1]) == (3, "verdicts equal, bytes not comparable")
     (tmp_path / "board").mkdir()
     for name in ("idm-e-dev.json", "record.json"):
         (tmp_path / name).rename(tmp_path / "board" / name)

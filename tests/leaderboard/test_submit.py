@@ -142,6 +142,13 @@ def test_a_planner_that_shared_the_referees_process_is_none_unless_it_says_so(ru
         make("idm-e", shared_process=False)
 
 
+def test_a_name_that_readers_take_for_another_is_none(run: Path, make: Make) -> None:
+    text = (run / "run.json").read_text()
+    (run / "run.json").write_text(text.replace('"name": "idm"', '"name": "id\\u200bm"'))
+    with pytest.raises(InputError, match=r"nobody sees .*: rename it and drive it again"):
+        make("id\u200bm")
+
+
 def test_an_edited_table_is_none(run: Path, make: Make) -> None:
     before = (run / "run.json").read_bytes()
     pass_all(run)

@@ -14,10 +14,11 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
-from tsbench.leaderboard.verify import Verification, read_verification, verify
+from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
+CONFIRMED, REFUTED = ClaimVerdict.CONFIRMED, ClaimVerdict.REFUTED
 NO_HASHES = [f"{k:032x}" for k in range(1, 2000)]
 
 
@@ -40,9 +41,9 @@ def with_figures(submission: Submission) -> Submission:
 
 def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) -> None:
     found = check(tmp_path, honest("idm-e"))
-    assert (found.confirmed, found.equal, len(found.driven), found.explained) == (True, 6, 6, ())
+    assert (found.verdict, found.equal, len(found.driven), found.explained) == (CONFIRMED, 6, 6, ())
     assert found.arithmetic_differences == ()
-    assert not found.mostly_explained
+    assert found.good
     (tmp_path / "record.json").write_text(found.to_json())
     assert read_verification(tmp_path / "record.json") == found
     # The draw is the verifier's: by the seed, and nothing else.
@@ -58,7 +59,7 @@ def test_verdicts_that_were_turned_are_found(honest: Make, tmp_path: Path) -> No
     forged = with_figures(replace(honest("idm"), episodes=turned))
     assert forged.figures[0].value == 100.0
     found = check(tmp_path, forged)
-    assert not found.confirmed
+    assert found.verdict is REFUTED
     assert "verdict is arrived, passed as submitted" in whats(found)
 
 
@@ -79,14 +80,17 @@ def test_who_changed_the_referee_in_a_shared_process_is_found(tmp_path: Path) ->
     assert {episode.outcome for episode in claim.episodes} == {"arrived"}
     told = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
     beside = verify(claim, None, shared_process=True, **told)  # type: ignore[arg-type]
-    assert (beside.confirmed, beside.isolated) == (True, False), "else this cheat proves nothing"
+    assert (beside.verdict, beside.isolated, beside.good) == (CONFIRMED, False, False), (
+        "else this cheat proves nothing"
+    )
     found = verify(claim, None, **told)  # type: ignore[arg-type]
-    assert (found.confirmed, found.isolated, found.equal) == (False, True, 0)
+    assert (found.verdict, found.isolated, found.equal) == (REFUTED, True, 0)
     assert "verdict is arrived" in whats(found)
 
 
 def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Path) -> None:
     found = check(tmp_path, honest("idm"), "blind", sample=2)
+    assert "the planner is called idm as submitted, blind here" in whats(found)
     assert "the planner's floor is False as submitted, True here" in whats(found)
     weights = replace(honest("idm"), planner=replace(honest("idm").planner, weights_sha256="f" * 64))
     assert (
@@ -101,30 +105,31 @@ def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Ma
         replace(episode, digest=no_hash) for episode, no_hash in zip(made.episodes, NO_HASHES, strict=False)
     )
     same = check(tmp_path, replace(made, episodes=others))
-    assert not same.confirmed
+    assert same.verdict is REFUTED
     assert "on the same arithmetic" in whats(same)
     answers = {**made.arithmetic["answers"], "libm": "f" * 16}
     elsewhere = replace(made, arithmetic={**made.arithmetic, "answers": answers})
     found = check(tmp_path, replace(elsewhere, episodes=others))
-    assert (found.confirmed, found.equal, found.explained) == (True, 0, found.driven)
+    assert (found.verdict, found.equal, found.explained) == (ClaimVerdict.VERDICTS_ONLY, 0, found.driven)
     (why,) = found.arithmetic_differences
     assert why.startswith("the arithmetic of libm is another")
-    # Its own word is all that explains so much: that is said.
-    assert found.mostly_explained
+    # Its own word is all that explains so much.
+    assert not found.good
     turned = tuple(
         replace(e, outcome="timeout" if e.scd else "arrived", scd=not e.scd, clauses=()) for e in others
     )
     found = check(tmp_path, with_figures(replace(elsewhere, episodes=turned)))
-    assert (found.confirmed, len(found.differences), found.explained) == (False, 6, ())
+    assert (found.verdict, len(found.differences), found.explained) == (REFUTED, 6, ())
 
 
 def test_another_contract_and_a_record_that_contradicts_itself(honest: Make, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="its contract is 000000000000, that of this tsbench"):
         check(tmp_path, replace(honest("idm"), contract="0" * 64))
     text = check(tmp_path, honest("idm"), sample=1).to_json()
-    (tmp_path / "record.json").write_text(text.replace('"confirmed": true', '"confirmed": false'))
-    with pytest.raises(InputError, match="says confirmed: False, which its differences do not"):
-        read_verification(tmp_path / "record.json")
+    for said in ("refuted", "verdicts equal, bytes not comparable", "fine"):
+        (tmp_path / "record.json").write_text(text.replace('"verdict": "confirmed"', f'"verdict": "{said}"'))
+        with pytest.raises(InputError, match=f"says '{said}', by its counts it is confirmed"):
+            read_verification(tmp_path / "record.json")
 
 
 def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> None:
@@ -139,7 +144,8 @@ def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> N
     told = {"sample": 99, "seed": 3, "verifier": "me", "workers": 2, "on_progress": lambda *_: None}
     for claim in (idm, reader):
         found = verify(claim, None, **told)  # type: ignore[arg-type]
-        assert (found.confirmed, found.equal, found.explained) == (True, len(claim.episodes), ())
+        assert (found.verdict, found.equal, found.explained) == (CONFIRMED, len(claim.episodes), ())
     # Other eyes read other plates: who leaves the level out does not find what the run says.
     for eyes in (EXACTLY, replace(reader.perception, mask_signs=True)):
-        assert not verify(replace(reader, perception=eyes), None, **told).confirmed  # type: ignore[arg-type]
+        found = verify(replace(reader, perception=eyes), None, **told)  # type: ignore[arg-type]
+        assert found.verdict is REFUTED

@@ -124,6 +124,13 @@ INFO = PlannerInfo(
             "of tsbench, scoring 1",
         ),
         (
+            replace(INFO, name="m\u0456ne"),
+            {"namespaces": "bubblewrap 0.8.0"},
+            "name",
+            Level.PROBLEM,
+            "mixes scripts",
+        ),
+        (
             replace(INFO, files=()),
             {"namespaces": "bubblewrap 0.8.0"},
             "code",

@@ -37,23 +37,25 @@ def _with_file(function: Callable[_P, _R]) -> Callable[_P, _R]:
     @functools.wraps(function)
     def filled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         given = signature.bind(*args, **kwargs)
-        for name, value in _file_options().items():
-            given.arguments.setdefault(name, value)
+        _fill(given.arguments)
         return function(*given.args, **given.kwargs)
 
     return filled
 
 
-def _file_options() -> dict[str, Any]:
+def _fill(given: dict[str, Any]) -> None:
+    """Add what is missing and stands in the file, and say what that is."""
     if not Path("tsbench.toml").is_file():
-        return {}
+        return
     # The options of the command itself: there is no second list of them.
-    from tsbench.cli.config import values_of
+    from tsbench.cli.config import tell, values_of
     from tsbench.cli.run import run as command
 
-    values = values_of(command, "run")
     renamed = {"planners": "planner"}
-    return {renamed.get(name, name): value for name, value in values.items()}
+    values = {renamed.get(name, name): value for name, value in values_of(command, "run").items()}
+    missing = {name: value for name, value in values.items() if name not in given}
+    given.update(missing)
+    tell(missing)
 
 
 @_with_file

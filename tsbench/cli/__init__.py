@@ -49,7 +49,7 @@ SECTIONS = {
         "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     },
 }
-EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+EXIT_FAILED, EXIT_INPUT, EXIT_NOT_COMPARABLE, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
 class LazyGroup(click.Group):
@@ -79,9 +79,10 @@ class LazyGroup(click.Group):
         """The command, and the options that the folder's tsbench.toml gives it."""
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and command is not None and Path("tsbench.toml").is_file():
-            from tsbench.cli.config import defaults_of
+            from tsbench.cli.config import defaults_of, telling
 
             ctx.default_map = {name: defaults_of(command, [name, *rest])}
+            command = telling(command)
         return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
@@ -98,7 +99,9 @@ def cli() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and exit: 0 done, 1 errors, holes or broken off, 2 bad input, 130 interrupted."""
+    """Run the command line and exit: 0 done, 1 errors, holes or broken off, 2 bad input, 3 verdicts equal but
+    bytes not comparable, 130 interrupted.
+    """
     with standard_streams():
         code = _code_of(lambda: cli.main(args=arguments, prog_name="tsbench", standalone_mode=False))
         # What was printed last has to arrive, too.

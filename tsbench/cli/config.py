@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from tsbench.core.errors import InputError
 
 FILE = Path("tsbench.toml")
+# What is judged here may come with a file of its own.
+_TAKE_NOTHING = ("submit", "verify", "leaderboard")
 
 
 def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE) -> dict[str, Any]:
@@ -19,10 +23,16 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
 
     words: the command's section, and what follows it on the command line. A group's section has a section for each of
     its commands; its other keys hold for every command of the group that has such an option. Only the command that is
-    called is looked at. Raises InputError for a file that is no TOML, and for what is no option.
+    called is looked at. Raises InputError for a file that is no TOML, for what is no option, and for a section of a
+    command that takes none.
     """
     name, *rest = words
-    section = _table(_read(path).get(name, {}), path, name)
+    content = _read(path)
+    if name in _TAKE_NOTHING:
+        if name in content:
+            raise InputError(f"{path}: [{name}]: options of this command are given on the command line only")
+        return {}
+    section = _table(content.get(name, {}), path, name)
     if not isinstance(command, click.Group):
         return _options(command, section, f"{path}: [{name}]")
     called = rest[0] if rest else ""
@@ -53,6 +63,32 @@ def values_of(command: click.Command, name: str, path: Path = FILE) -> dict[str,
             key = long_name(options[parameter])
             raise InputError(f"{path}: [{name}] {key}: {problem.message}") from None
     return found
+
+
+def telling(command: click.Command) -> click.Command:
+    """The command, which says before it begins what it takes from the file."""
+    told = copy(command)
+    if isinstance(command, click.Group) and isinstance(told, click.Group):
+        told.commands = {name: telling(one) for name, one in command.commands.items()}
+    elif (callback := command.callback) is not None:
+
+        def tell_and_call(*args: Any, **kwargs: Any) -> Any:
+            context = click.get_current_context()
+            tell(
+                long_name(option)
+                for option in _known(command).values()
+                if context.get_parameter_source(option.name or "") is ParameterSource.DEFAULT_MAP
+            )
+            return callback(*args, **kwargs)
+
+        told.callback = tell_and_call
+    return told
+
+
+def tell(options: Iterable[str]) -> None:
+    """Say on standard error which options the file gave, where it gave any."""
+    if names := ", ".join(options):
+        click.echo(f"{FILE}: {names}", err=True)
 
 
 def long_name(option: click.Option) -> str:

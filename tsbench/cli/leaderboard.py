@@ -11,7 +11,7 @@ from urllib.parse import quote
 import click
 from rich.progress import Progress
 
-from tsbench.cli import EXIT_FAILED, options
+from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
@@ -87,12 +87,12 @@ def submit(
     help="Episodes to drive, of each planner.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), required=True, metavar="N",
+    "--seed", type=click.IntRange(0, 2**63 - 1), required=True, metavar="N",
     help="Of the draw: your own choice, made after the submission.",
 )  # fmt: skip
 @click.option(
     "--shared-process", is_flag=True,
-    help="Drive what was driven without --isolate so again: for a planner whose code you trust.",
+    help="Drive it beside the referee: for a planner whose code you trust. The record says so.",
 )  # fmt: skip
 @click.option("--by", "verifier", default="", metavar="TEXT", help="Who verifies.")
 @options.run_workers
@@ -101,8 +101,12 @@ def verify(
     claimed: Path, planner: str | None, image: str | None, name: str | None, sample: int, seed: int, verifier: str,
     workers: int | None, shared_process: bool, out: Path | None,
 ) -> None:  # fmt: skip
-    """Drive a sample of a SUBMISSION's or a RUN's episodes again and compare; exit status 1 where it is refuted."""
+    """Drive a sample of a SUBMISSION's or a RUN's episodes again and compare.
+
+    Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
+    """
     from tsbench.leaderboard.claim import claim_of, claims_of
+    from tsbench.leaderboard.verify import ClaimVerdict
     from tsbench.leaderboard.verify import verify as run_verify
     from tsbench.run.isolation.image import image_of, in_image
 
@@ -114,7 +118,7 @@ def verify(
             raise InputError(f"{claimed}: no planner {name}; there are {names}")
     if len(claims) > 1 and (planner, out) != (None, None):
         raise InputError(f"{claimed}: several planners: with --planner or --out, name one by --of")
-    console, confirmed = progress_console(), True
+    console, verdicts = progress_console(), set()
     for claim in claims:
         driven = planner
         if image is not None:
@@ -130,9 +134,11 @@ def verify(
             with io_errors_as_input_errors(out):
                 write_atomic(out, found.to_json().encode())
         _say(found)
-        confirmed = confirmed and found.confirmed
-    if not confirmed:
+        verdicts.add(found.verdict)
+    if ClaimVerdict.REFUTED in verdicts:
         sys.exit(EXIT_FAILED)
+    if ClaimVerdict.VERDICTS_ONLY in verdicts:
+        sys.exit(EXIT_NOT_COMPARABLE)
 
 
 def _say(found: Verification) -> None:
@@ -143,15 +149,11 @@ def _say(found: Verification) -> None:
         )
     for difference in found.differences:
         click.echo(" ".join(filter(None, (difference.scenario_id, difference.what))))
-    if found.mostly_explained:
-        click.echo(
-            "most bytes are others: only verdicts were compared. Verify it on the arithmetic that it names"
-        )
     if not found.isolated:
         click.echo(
             "driven beside the referee: what a planner changes of it in its own favour is not found so"
         )
-    click.echo("confirmed" if found.confirmed else "refuted")
+    click.echo(found.verdict)
 
 
 @click.group()

@@ -8,6 +8,7 @@ from types import ModuleType
 from tsbench.core.errors import InputError
 
 EXTRA_OF = {
+    "confusable_homoglyphs": "report",
     "jinja2": "report",
     "markupsafe": "report",
     "matplotlib": "report",

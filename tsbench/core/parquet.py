@@ -22,7 +22,7 @@ _TYPES = {
     "tuple[int, ...]": pa.list_(pa.int64()), "tuple[str, ...]": pa.list_(pa.string()),
 }  # fmt: skip
 # Far more than any table of ours has.
-_MOST_ROWS, _MOST_BYTES = 20_000_000, 1 << 32
+_MOST_ROWS, _MOST_BYTES, _VALUE_BYTES = 20_000_000, 1 << 32, 8
 _PART_ROWS = 2048
 
 
@@ -112,13 +112,23 @@ def open_table(
     raise InputError(f"{path}: column {missing[0]!r} is missing")
 
 
-def check_size(file: pq.ParquetFile, path: Path) -> None:
-    """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours."""
+def check_size(
+    file: pq.ParquetFile, path: Path, most_rows: int | None = None, most_bytes: int | None = None
+) -> None:
+    """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours.
+
+    Its own kind may have closer bounds than all tables.
+    """
+    most_rows, most_bytes = most_rows or _MOST_ROWS, most_bytes or _MOST_BYTES
     about = file.metadata
-    size = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
-    if about.num_rows > _MOST_ROWS or size > _MOST_BYTES:
+    groups = [about.row_group(k) for k in range(about.num_row_groups)]
+    # Equal values take next to nothing until they are unpacked.
+    values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
+    size = max(_VALUE_BYTES * values, sum(group.total_byte_size for group in groups))
+    if about.num_rows > most_rows or size > most_bytes:
         raise InputError(
-            f"{path}: {about.num_rows} rows, {size >> 20} MiB unpacked: too large for a table of ours"
+            f"{path}: {about.num_rows} rows, {size >> 20} MiB unpacked: too large (at most {most_rows} rows, "
+            f"{most_bytes >> 20} MiB)"
         )
 
 

@@ -31,6 +31,7 @@ CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
 SHIPPED_CITIES = ("andorra", "north-bayreuth")
 # Before a city's name: its data set in a mirror, made of the stored one as it is read, with traffic on the left.
 MIRRORED = "mirrored-"
+_LONGEST = 100
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
@@ -73,8 +74,13 @@ def source_city() -> str:
     return city_in_use().removeprefix(MIRRORED)
 
 
+def is_city_name(name: str) -> bool:
+    """Can it be a city's name? No path is."""
+    return len(name) <= _LONGEST and re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name) is not None
+
+
 def _checked(name: str) -> str:
-    if not re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name):
+    if not is_city_name(name):
         raise InputError(
             f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
         )

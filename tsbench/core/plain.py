@@ -13,6 +13,7 @@ T = TypeVar("T")
 
 # JSON has no such numbers, so some files hold them as text.
 _NOT_FINITE = ("nan", "inf", "-inf")
+_LARGEST = 1 << 63
 
 
 def dataclass_from_json(kind: type[T], value: Any) -> T:
@@ -38,11 +39,18 @@ def _made(kind: Any, value: Any) -> Any:
             raise ValueError(f"a list was expected, not {value!r:.80}")
         return tuple(_made(parts[0], one) for one in value)
     if origin is float and (type(value) is int or value in _NOT_FINITE):
-        return float(value)
+        return float(value) if isinstance(value, str) else float(_bounded(value))
     # A truth value is no number, though Python takes it for one.
     if origin is not Any and not (isinstance(value, origin) and isinstance(value, bool) is (origin is bool)):
         raise ValueError(f"{origin.__name__} was expected, not {value!r:.80}")
-    return value
+    return _bounded(value) if origin is int else value
+
+
+def _bounded(number: int) -> int:
+    """Python's whole numbers have no end; those of tables and other programs have."""
+    if abs(number) >= _LARGEST:
+        raise ValueError("a whole number below 2^63 was expected")
+    return number
 
 
 @cache

@@ -38,9 +38,23 @@ def read_json(path: Path, what: str) -> Any:
         content = json.loads(read_text(path, what))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
-    if fault := fault_in_texts(content):
+    if fault := _fault_in_depth(content) or fault_in_texts(content):
         raise InputError(f"{path}: cannot be read as a {what} ({fault})")
     return content
+
+
+def _fault_in_depth(content: Any) -> str:
+    level = [content]
+    for _ in range(_DEEPEST):
+        level = [
+            inner
+            for one in level
+            if isinstance(one, dict | list)
+            for inner in (one.values() if isinstance(one, dict) else one)
+        ]
+        if not level:
+            return ""
+    return f"more than {_DEEPEST} levels deep"
 
 
 def read_yaml(path: Path, what: str, loader: type[yaml.CSafeLoader] = yaml.CSafeLoader) -> Any:

@@ -8,7 +8,8 @@ bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,15 @@ from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans
 from tsbench.geometry.polyline import Array
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.rules.monitor import Verdict, Violation
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import MOST_TICKS, ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
 
 TRACE_SCHEMA = 1
 _KEY = "tsbench.trace"
+# Unpacked: far more than any of ours has.
+_MOST_BYTES = 1 << 29
 
 
 @dataclass(frozen=True)
@@ -169,28 +172,47 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
 
 
 def read_trace(path: Path) -> Trace:
-    """Read a trace. Raises InputError (one line) for anything that is not a whole trace of this schema."""
+    """Read a trace. Raises InputError (one line) for anything that is not a whole trace of this schema.
+
+    Nothing is unpacked of a file that says it has more ticks than its scenario.
+    """
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            head = (file.metadata.metadata or {}).get(_KEY.encode())
-            check_size(file, path)
+            check_size(file, path, MOST_TICKS + 1, _MOST_BYTES)
+            meta = _head(file, path)
             table = file.read(use_threads=False)
     except FileNotFoundError:
         raise InputError(f"{path}: no such trace") from None
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{path}: cannot be read as a trace ({one_line(str(error))})") from None
-    if head is None:
-        raise InputError(f"{path}: a Parquet file, but no trace of tsbench")
-    try:
-        meta = json.loads(head)
-        if meta["schema"] != TRACE_SCHEMA:
-            raise InputError(
-                f"{path}: trace of schema {meta['schema']}, this tsbench reads schema {TRACE_SCHEMA}"
-            )
+    with _malformed(path):
         for name in PLAN:
             if name not in table.column_names:
                 table = table.append_column(SCHEMA.field(name), pa.nulls(len(table), SCHEMA.field(name).type))
         return _trace(meta, table.cast(SCHEMA).combine_chunks())
+
+
+def _head(file: pq.ParquetFile, path: Path) -> dict[str, Any]:
+    """What a trace says of its whole episode."""
+    head = (file.metadata.metadata or {}).get(_KEY.encode())
+    if head is None:
+        raise InputError(f"{path}: a Parquet file, but no trace of tsbench")
+    with _malformed(path):
+        meta: dict[str, Any] = json.loads(head)
+        if meta["schema"] != TRACE_SCHEMA:
+            raise InputError(
+                f"{path}: trace of schema {meta['schema']!r:.20}, this tsbench reads schema {TRACE_SCHEMA}"
+            )
+        horizon = dataclass_from_json(ScenarioSpec, meta["scenario"]).horizon
+    if file.metadata.num_rows > horizon + 1:
+        raise InputError(f"{path}: {file.metadata.num_rows} ticks, of a scenario that ends after {horizon}")
+    return meta
+
+
+@contextmanager
+def _malformed(path: Path) -> Iterator[None]:
+    try:
+        yield
     except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
         raise InputError(
             f"{path}: malformed trace ({type(error).__name__}: {one_line(str(error))})"

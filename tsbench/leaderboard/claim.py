@@ -10,7 +10,17 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.episode.perception_level import Perception
-from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, read_submission
+from tsbench.leaderboard.submission import (
+    Figure,
+    SubmittedEpisode,
+    episode_of,
+    fault_of_arithmetic,
+    fault_of_level,
+    fault_of_lines,
+    fault_of_place,
+    fault_of_planner,
+    read_submission,
+)
 from tsbench.run.log.manifest import city_of, planners_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.planner_info import PlannerInfo
@@ -20,8 +30,8 @@ from tsbench.run.planner_info import PlannerInfo
 class Claim:
     """What some file says of one planner's episodes, and how they were driven.
 
-    sha256: of what a submission says, or of a run's file. isolated: the planner had a process of its own. figures: None
-    where the file has none. episodes: sorted by scenario_id.
+    sha256: of what a submission says, or of a run's file. figures: None where the file has none. episodes: sorted by
+    scenario_id.
     """
 
     path: Path
@@ -35,7 +45,6 @@ class Claim:
     planner: PlannerInfo
     device: str
     arithmetic: dict[str, Any]
-    isolated: bool
     perception: Perception
     figures: tuple[Figure, ...] | None
     episodes: tuple[SubmittedEpisode, ...]
@@ -47,26 +56,38 @@ def claim_of(path: Path) -> Claim:
     return Claim(
         path=path, sha256=s.sha256, title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
         city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
-        isolated=s.isolation is not None, perception=Perception(level=s.perception),
-        figures=s.figures, episodes=s.episodes,
+        perception=Perception(level=s.perception), figures=s.figures, episodes=s.episodes,
     )  # fmt: skip
 
 
 def claims_of(folder: Path) -> list[Claim]:
-    """What a run says of each of its planners, in its order, as far as it has got. Raises InputError for no run."""
+    """What a run says of each of its planners, in its order, as far as it has got.
+
+    Raises InputError for no run, and for what a submission may not say either.
+    """
     run = read_run(folder)
     path = folder / "episodes.parquet"
     told = events_of(run)
     m, effective = run.manifest, run.manifest["effective"]
+    versions: dict[str, Any] = m.get("versions", {})
+    planners, device = planners_of(m), str(effective.get("device", "cpu"))
+    fault = (
+        fault_of_place(city_of(m), str(effective["split"]), device)
+        or fault_of_level(run.perception.level)
+        or fault_of_arithmetic(m.get("arithmetic"))
+        or fault_of_lines([m["arithmetic"], m["planners"], versions, run.edition, run.contract])
+        or next(filter(None, map(fault_of_planner, planners)), "")
+    )
+    if fault:
+        raise InputError(f"{folder}: {fault}")
     return [
         Claim(
-            path=path, sha256=sha256_of(path), title=info.name, tsbench=str(m["versions"]["tsbench"]),
+            path=path, sha256=sha256_of(path), title=info.name, tsbench=str(versions.get("tsbench", "?")),
             edition=run.edition, contract=run.contract, city=city_of(m), split=str(effective["split"]), planner=info,
-            device=str(effective["device"]), arithmetic=m["arithmetic"],
-            isolated=bool(effective.get("isolate", False)), perception=run.perception,
-            figures=None, episodes=episodes_of(run, info, told),
+            device=device, arithmetic=m["arithmetic"], perception=run.perception, figures=None,
+            episodes=episodes_of(run, info, told),
         )
-        for info in planners_of(m)
+        for info in planners
     ]  # fmt: skip
 
 

@@ -12,10 +12,11 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
+from tsbench.leaderboard.lookalikes import skeleton
 from tsbench.leaderboard.submission import KIND as SUBMISSION
-from tsbench.leaderboard.submission import Figure, Submission, figures_of, problem_of_level, read_submission
+from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
 from tsbench.leaderboard.verify import KIND as VERIFICATION
-from tsbench.leaderboard.verify import Verification, read_verification
+from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification
 from tsbench.metrics.records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.contract import contract_hash
@@ -43,7 +44,7 @@ class BoardRow:
 
     @property
     def refuted(self) -> bool:
-        return any(not found.confirmed for found in self.verifications)
+        return any(found.verdict is ClaimVerdict.REFUTED for found in self.verifications)
 
     @property
     def flags(self) -> list[str]:
@@ -123,8 +124,9 @@ def latest(rows: Iterable[BoardRow]) -> BoardRow:
 def read_rows(folder: Path) -> list[BoardRow]:
     """All submissions below a folder with their verifications.
 
-    Raises InputError: no such folder, a JSON file of another kind, a verification of no submission that is there, or a
-    submission whose figures do not follow from its episodes (where its data are here).
+    Raises InputError: no such folder, a JSON file of another kind, a verification of no submission that is there, a
+    submission whose figures do not follow from its episodes (where its data are here), or two planners with names that
+    look alike.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of submissions")
@@ -153,7 +155,21 @@ def read_rows(folder: Path) -> list[BoardRow]:
                 f"{path}: says that {min(strange)} was driven, of which {row.path} has no episode"
             )
         row.verifications.append(record)
+    _check_names(rows.values())
     return list(rows.values())
+
+
+def _check_names(rows: Iterable[BoardRow]) -> None:
+    """Raises InputError where readers take one planner's name for another's."""
+    seen: dict[str, tuple[str, BoardRow]] = {}
+    for row in rows:
+        for name in {row.submission.planner.name, row.submission.title}:
+            other, first = seen.setdefault(skeleton(name), (name, row))
+            if other != name and first.planner_id != row.planner_id:
+                raise InputError(
+                    f"{row.path}: {name!a} looks like {other!a} of {first.path}: "
+                    "one of them needs another name"
+                )
 
 
 def _check(path: Path, submission: Submission) -> bool:
@@ -165,8 +181,6 @@ def _check(path: Path, submission: Submission) -> bool:
         if standing_contract(contract_hash(table, load_catalog())) != standing_contract(submission.contract):
             return False
         found = figures_of(submission.episodes, table, submission.planner, submission.contract)
-    if problem := problem_of_level(submission.perception):
-        raise InputError(f"{path}: {problem}")
     if found != submission.figures:
         wrong = next(
             (f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number"

@@ -19,17 +19,20 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
+from tsbench.core.paths import is_city_name
 from tsbench.core.plain import dataclass_from_json
-from tsbench.core.text import fault_in_texts
+from tsbench.core.text import fault_in_name, fault_in_texts
 from tsbench.core.textfile import read_json, read_yaml
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.planners.common.batching import DEVICES
 from tsbench.run.log.record import Row, head_row
 from tsbench.run.log.schema import EPISODES
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.table import SPLITS
 
 KIND, SCHEMA_VERSION = "tsbench-submission", 1
 # What stands before the fields. The rows are of OpenStreetMap's roads.
@@ -38,6 +41,8 @@ _DIGEST_HEX = 32
 _DIGEST = re.compile(rf"[0-9a-f]{{{_DIGEST_HEX}}}")
 # The submitter's own words, in characters.
 _LONGEST = {"title": 200, "authors": 1000, "url": 1000, "note": 10_000}
+# All other texts: words, hashes, paths.
+_LONGEST_LINE = 1000
 _JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
 # Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
 _UNCOMPARED = ("planner", "error")
@@ -170,8 +175,7 @@ def _schema_of(kind: Any) -> dict[str, Any]:
 def read_submission(path: Path) -> Submission:
     """A submission.
 
-    Raises InputError for what is none, for episodes that stand twice, out of order or contradict themselves, and for
-    digests that cannot be.
+    Raises InputError for what is none, for what no run can say, and for names that show readers other ones.
     """
     data = read_json(path, "submission")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:
@@ -182,8 +186,7 @@ def read_submission(path: Path) -> Submission:
         raise InputError(f"{path}: malformed submission (licence: expected {OSM_LICENCE['licence']!r})")
     try:
         found = dataclass_from_json(Submission, data)
-        dataclass_from_json(Arithmetic, found.arithmetic)
-        if fault := fault_of_words(data) or _fault_of_episodes(found.episodes):
+        if fault := _fault_of_submission(found, data):
             raise ValueError(fault)
         # Refuses numbers that JSON has none of.
         found.sha256  # noqa: B018
@@ -193,6 +196,75 @@ def read_submission(path: Path) -> Submission:
     if ids != sorted(set(ids)):
         raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
     return found
+
+
+def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
+    """What in a submission no run can say, "" where nothing is."""
+    return (
+        fault_of_words(data)
+        or fault_of_lines({key: value for key, value in data.items() if key not in _LONGEST})
+        or fault_of_place(found.city, found.split, found.device)
+        or fault_of_level(found.perception)
+        or fault_of_arithmetic(found.arithmetic)
+        or fault_of_planner(found.planner)
+        or ("" if found.title else "title: is empty")
+        or ("" if 0 <= found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
+        or _fault_of_figures(found.figures)
+        or _fault_of_episodes(found.episodes)
+    )
+
+
+def fault_of_place(city: str, split: str, device: str) -> str:
+    """What of where and on what episodes were driven tsbench does not know, "" where it knows all."""
+    if not is_city_name(city):
+        return f"city {city!r:.60}: a city's name is of a-z, 0-9 and '-'"
+    for name, value, known in (("split", split, SPLITS), ("device", device, DEVICES)):
+        if value not in known:
+            return f"{name} {value!r:.60}: expected {', '.join(known)}"
+    return ""
+
+
+def fault_of_planner(planner: PlannerInfo) -> str:
+    """What is wrong with the name of a planner, "" where nothing is."""
+    fault = fault_in_name(planner.name)
+    return fault and f"the planner's name: {fault}"
+
+
+def fault_of_arithmetic(told: Any) -> str:
+    """Why it is not what `tsbench.run.arithmetic.facts` says, "" where it is."""
+    try:
+        versions = dataclass_from_json(Arithmetic, told).versions
+    except ValueError as problem:
+        return f"arithmetic: {problem}"
+    strange = [name for name, version in versions.items() if not isinstance(version, str | None)]
+    return f"arithmetic: the version of {strange[0]} is no text" if strange else ""
+
+
+def fault_of_lines(value: Any) -> str:
+    """What is no line of at most so many characters among the texts in a value, keys included; "" where all are."""
+    left = [value]
+    while left:
+        one = left.pop()
+        if isinstance(one, str):
+            if len(one) > _LONGEST_LINE or not _is_line(one):
+                return f"{one!r:.60}: expected one line of at most {_LONGEST_LINE} characters"
+        elif isinstance(one, Mapping):
+            left += [*one.keys(), *one.values()]
+        elif isinstance(one, list | tuple):
+            left += one
+    return ""
+
+
+def _is_line(text: str) -> bool:
+    return text.splitlines() in ([], [text])
+
+
+def _fault_of_figures(figures: Sequence[Figure]) -> str:
+    for f in figures:
+        low, value, high = f.low, f.value, f.high
+        if f.n < 0 or not all(0.0 <= v <= 100.0 for v in (low, value, high) if v is not None):
+            return f"{f.figure} of {f.over}: is no share of episodes, in %"
+    return ""
 
 
 def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
@@ -216,20 +288,27 @@ def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
 def fault_of_words(words: Mapping[str, Any]) -> str:
     """What is wrong with the submitter's own words, by field; "" where they fit a page."""
     for name, most in _LONGEST.items():
-        if len(words[name]) > most or (name != "note" and "\n" in words[name]):
+        if len(words[name]) > most or (name != "note" and not _is_line(words[name])):
             return f"{name}: expected {'text' if name == 'note' else 'one line'} of at most {most} characters"
-    return fault_in_texts([words[name] for name in _LONGEST])
+    if fault := fault_in_texts([words[name] for name in _LONGEST]):
+        return fault
+    # Without a title of its own a submission has the planner's name.
+    fault = fault_in_name(words["title"]) if words["title"] else ""
+    return fault and f"title: {fault}"
 
 
-def problem_of_level(level: PerceptionLevel | None) -> str | None:
-    """Why a level is not what its name says to readers, None where it is.
+def fault_of_level(level: PerceptionLevel | None) -> str:
+    """Why a level is not what its name says to readers, "" where it is.
 
     The names of tsbench's own levels are for these: levels with other values need other names.
     """
-    if level is None or (level.name != EXACT and level.name not in read_yaml(PATH, "levels")["levels"]):
-        return None
-    if load_level(level.name) == level:
-        return None
+    if level is None:
+        return ""
+    if fault := fault_in_name(level.name):
+        return f"the perception level's name: {fault}"
+    name = level.name.strip().casefold()
+    if (name != EXACT and name not in read_yaml(PATH, "levels")["levels"]) or load_level(name) == level:
+        return ""
     return f"its perception level is called {level.name}, but is not tsbench's level of that name"
 
 

@@ -9,7 +9,13 @@ from tsbench.core.paths import city_in_use
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.episode.trace import trace_path
 from tsbench.leaderboard.claim import episodes_of, events_of
-from tsbench.leaderboard.submission import Submission, fault_of_words, figures_of, problem_of_level
+from tsbench.leaderboard.submission import (
+    Submission,
+    fault_of_level,
+    fault_of_planner,
+    fault_of_words,
+    figures_of,
+)
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import StoredRun, read_run
@@ -68,8 +74,8 @@ def make_submission(
 def _level(run: StoredRun) -> PerceptionLevel | None:
     """How plates reached its planners. Raises InputError for a level under the name of one of tsbench's."""
     level = run.perception.level
-    if problem := problem_of_level(level):
-        raise InputError(f"{run.path}: {problem}: drive it with a file of another name")
+    if fault := fault_of_level(level):
+        raise InputError(f"{run.path}: {fault}: drive it with a file of another name")
     return level
 
 
@@ -86,6 +92,8 @@ def _planner(run: StoredRun, name: str | None) -> PlannerInfo:
 def _check(run: StoredRun, info: PlannerInfo) -> None:
     """Is it a run that a row may be made of? Raises InputError with what to do."""
     effective, status = run.manifest["effective"], run.manifest["status"]
+    if fault := fault_of_planner(info):
+        raise InputError(f"{run.path}: {fault}: rename it and drive it again")
     if status != "complete" or run.holes(info.name):
         raise InputError(
             f"{run.path}: {run.holes(info.name)} episodes are missing: the same command continues it"

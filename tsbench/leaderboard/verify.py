@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.plain import dataclass_from_json
 from tsbench.core.seeds import rng_of
+from tsbench.core.text import one_line
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.claim import Claim
-from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, figures_of, problem_of_level
+from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, fault_of_lines, figures_of
 from tsbench.run import arithmetic
-from tsbench.run.contract import contract_hash
+from tsbench.run.contract import code_is_local, contract_hash
 from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import make_executor
@@ -32,12 +34,23 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
-KIND, SCHEMA_VERSION = "tsbench-verification", 2
+KIND, SCHEMA_VERSION = "tsbench-verification", 3
 # Rounded as figures are shown: the bootstrap's own draws are of the contract, and so the same.
 _DIGITS = 6
-# Of the episodes driven. Another libm (glibc's without FMA) changed 2 of 30 dev episodes of `idm-e`.
+# Of the episodes of a claim that is confirmed. Another libm (glibc's without FMA) changed 2 of 30 dev episodes of
+# `idm-e`.
 _HIGH_SHARE = 0.25
 _SHOWN = 5
+# Programs, and planners in images.
+_ISOLATED_ONLY = ("exe:", "image:")
+
+
+class ClaimVerdict(StrEnum):
+    """What a second drive says of a claim. CONFIRMED: byte for byte."""
+
+    CONFIRMED = "confirmed"
+    VERDICTS_ONLY = "verdicts equal, bytes not comparable"
+    REFUTED = "refuted"
 
 
 @dataclass(frozen=True)
@@ -58,7 +71,7 @@ class Verification:
     driven: scenario ids; equal: how many of them have the digest that was submitted. explained: those whose verdict is
     as submitted but whose digest is another, which `arithmetic_differences` may explain: what the claim says of its
     arithmetic, against what is here. differences: what is wrong.
-    isolated: the planner had a process of its own; records from before this was told do not say.
+    isolated: the planner had a process of its own. files: of the planner's own that drove then, as in `PlannerInfo`.
     """
 
     submission_sha256: str
@@ -75,23 +88,24 @@ class Verification:
     differences: tuple[Mismatch, ...]
     arithmetic: dict[str, Any]
     machine: dict[str, Any]
-    isolated: bool = False
+    isolated: bool
+    files: tuple[str, ...] = ()
 
     @property
-    def confirmed(self) -> bool:
-        """Is nothing wrong? Verdicts are then equal; of bytes `mostly_explained` says more."""
-        return not self.differences
+    def verdict(self) -> ClaimVerdict:
+        """What explains other bytes is the claim's own word: where many are others, only verdicts speak for it."""
+        if self.differences:
+            return ClaimVerdict.REFUTED
+        few = len(self.explained) <= _HIGH_SHARE * len(self.driven)
+        return ClaimVerdict.CONFIRMED if few else ClaimVerdict.VERDICTS_ONLY
 
     @property
-    def mostly_explained(self) -> bool:
-        """Have so many episodes other bytes that only their verdicts speak for the claim?
-
-        What explains them is the claim's own word on its arithmetic.
-        """
-        return len(self.explained) > _HIGH_SHARE * len(self.driven)
+    def good(self) -> bool:
+        """Is it confirmed, and out of the planner's reach?"""
+        return self.verdict is ClaimVerdict.CONFIRMED and self.isolated
 
     def to_json(self) -> str:
-        content = {"kind": KIND, "schema": SCHEMA_VERSION, "confirmed": self.confirmed, **asdict(self)}
+        content = {"kind": KIND, "schema": SCHEMA_VERSION, "verdict": self.verdict, **asdict(self)}
         return json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 
@@ -102,15 +116,15 @@ def read_verification(path: Path) -> Verification:
         raise InputError(f"{path}: no record of a verification (expected `kind: {KIND}`)")
     if (version := data.pop("schema", None)) != SCHEMA_VERSION:
         raise InputError(f"{path}: schema {version!r:.20}, this tsbench reads {SCHEMA_VERSION}")
-    said = data.pop("confirmed", None)
+    said = data.pop("verdict", None)
     try:
         found = dataclass_from_json(Verification, data)
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed ({' '.join(str(problem).split())[:200]})") from None
-    if said is not found.confirmed:
-        raise InputError(f"{path}: says confirmed: {said}, which its differences do not")
-    if fault := _fault_of_counts(found):
+    if fault := _fault_of_counts(found) or fault_of_lines(data):
         raise InputError(f"{path}: {fault}")
+    if said != found.verdict:
+        raise InputError(f"{path}: says {said!r:.60}, by its counts it is {found.verdict!s}")
     return found
 
 
@@ -125,6 +139,8 @@ def _fault_of_counts(found: Verification) -> str:
         driven
     ):
         return f"{told}, {len(found.explained)} explained and {len(wrong)} wrong: the counts do not fit"
+    if found.explained and not found.arithmetic_differences:
+        return f"{len(found.explained)} episodes have other bytes, and nothing explains them"
     return ""
 
 
@@ -136,10 +152,18 @@ def verify(
 
     planner: what to drive, as for `tsbench run`; None: as the claim names it. on_progress: gets how many are done, and
     of how many.
-    On a CPU it is driven isolated, however the claim's was: the bytes are the same, but for a planner that changes its
-    referee. shared_process: for one that nobody suspects, beside the referee, if the claim's was, too.
-    Raises InputError: another contract here, or no such planner.
+    It is driven isolated, however the claim's was: the bytes are the same, but for a planner that changes its referee.
+    shared_process: beside the referee, for a planner whose code the verifier trusts. A claim says nothing on this.
+    Raises InputError: another contract here, no such planner, or one that was driven on what no isolated planner has.
     """
+    if claim.device != "cpu" and not shared_process:
+        raise InputError(
+            f"{claim.path}: was driven on {claim.device}, and isolated planners run on the CPU: if you trust the "
+            "planner's code, --shared-process drives it so beside the referee"
+        )
+    driven = planner or claim.planner.spec
+    if shared_process and driven.startswith(_ISOLATED_ONLY):
+        raise InputError(f"--shared-process: {driven!r:.60} is driven isolated only: leave it out")
     table = sorted(read_table(table_path(claim.split)), key=lambda row: row.scenario_id)
     contract = contract_hash(table, load_catalog())
     if standing_contract(contract) != standing_contract(claim.contract):
@@ -151,11 +175,12 @@ def verify(
     name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
         found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
-    if claim.figures is not None and (problem := problem_of_level(claim.perception.level)):
-        found.append(Mismatch("", problem))
     specs = _draw(claim, table, sample, seed)
-    isolated = claim.isolated or (claim.device == "cpu" and not shared_process)
-    info, records = _drive(planner or claim.planner.spec, claim, specs, isolated, workers, on_progress)
+    info, records = _drive(driven, claim, specs, not shared_process, workers, on_progress)
+    if info.name != claim.planner.name:
+        found.append(
+            Mismatch("", f"the planner is called {claim.planner.name} as submitted, {info.name} here")
+        )
     found += _of_planner(info, claim.planner)
     here = arithmetic.facts()
     # By what drove here: what the claim calls its planner is the claim's word.
@@ -172,10 +197,12 @@ def verify(
             found.append(Mismatch(episode.scenario_id, _words(then, episode)))
     return Verification(
         submission_sha256=claim.sha256, title=claim.title, verifier=verifier,
-        date=f"{datetime.now(UTC):%Y-%m-%d}", tsbench=tsbench.__version__, seed=seed, sample=sample,
+        date=f"{datetime.now(UTC):%Y-%m-%d}", tsbench=f"{tsbench.__version__}{LOCAL * code_is_local()}", seed=seed, sample=sample,
         driven=tuple(spec.scenario_id for spec in specs), equal=equal, explained=tuple(explained),
-        arithmetic_differences=why, differences=tuple(found), arithmetic=here, machine=machine(),
-        isolated=isolated,
+        # What a claim says of itself may be long.
+        arithmetic_differences=tuple(map(one_line, why)),
+        differences=tuple(Mismatch(one.scenario_id, one_line(one.what)) for one in found),
+        arithmetic=here, machine=machine(), isolated=not shared_process, files=info.files,
     )  # fmt: skip
 
 

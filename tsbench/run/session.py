@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import pyarrow as pa
 
 from tsbench.core.errors import InputError
+from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import Perception, load_level
 from tsbench.run.contract import code_changed, contract_hash
@@ -181,9 +182,11 @@ def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPla
 
 
 def distinct(found: Sequence[PlannerInfo]) -> tuple[PlannerInfo, ...]:
-    """Planners as they are; InputError where two would be one in records."""
+    """Planners as they are; InputError where two would be one in records, or a name shows readers another one."""
     seen: dict[str, str] = {}
     for planner in found:
+        if fault := fault_in_name(planner.name):
+            raise InputError(f"--planner {planner.spec}: its name: {fault}: rename it")
         other = seen.setdefault(planner.name, planner.spec)
         if other != planner.spec:
             raise InputError(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 SCHEMA_VERSION = 1
 SIGNED, CONTRAST = "signed", "contrast"
 HALVES = (SIGNED, CONTRAST)
+MOST_TICKS = 10_000
 
 
 def pair_type(pair_id: str, scenario_type: str) -> str:

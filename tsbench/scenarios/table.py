@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
 from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, source_city
 from tsbench.scenarios.mirror import mirrored_row
-from tsbench.scenarios.spec import CONTRAST, SCHEMA_VERSION, SIGNED, ScenarioSpec
+from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
 # Tables from before contrast pairs lack them.
@@ -65,7 +65,7 @@ def _problem(spec: ScenarioSpec) -> str:
     """What is impossible in a row, "" if nothing is."""
     if spec.split not in SPLITS:
         return f"unknown split {spec.split!r}"
-    if not 0 < spec.horizon <= 10_000 or not 0.0 <= spec.initial_speed < math.inf:
+    if not 0 < spec.horizon <= MOST_TICKS or not 0.0 <= spec.initial_speed < math.inf:
         return f"horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
     own_pair = spec.scenario_id == spec.pair_name
     if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) == own_pair:

@@ -4,7 +4,6 @@ The files are for readers and pictures: no rule, scene or record looks at them, 
 them out. Scenes of a city are drawn with the plates of its country, where that has a file.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,8 +12,9 @@ from typing import Literal
 
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
-from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import data_file, left_hand_in_use, source_city
+from tsbench.core.text import csv_text
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
 from tsbench.signs.driving_side import driving_sides
 from tsbench.signs.model import Sign
@@ -231,17 +231,16 @@ def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> Non
     ------
         InputError: the file cannot be written.
     """
-    with (
-        io_errors_as_input_errors(path),
-        replacing(path) as part,
-        part.open("w", encoding="utf-8", newline="") as file,
-    ):
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for country in countries:
-            for sign, entry in country.equivalents.items():
-                texts = (entry.code, entry.reason or "", entry.note or "", str(entry.checked).lower())
-                writer.writerow((country.code, sign, catalog.sign(sign).name_en, *texts))
+    rows = [
+        (
+            country.code, sign, catalog.sign(sign).name_en, entry.code, entry.reason or "", entry.note or "",
+            str(entry.checked).lower(),
+        )
+        for country in countries
+        for sign, entry in country.equivalents.items()
+    ]  # fmt: skip
+    with io_errors_as_input_errors(path):
+        write_atomic(path, csv_text([_COLUMNS, *rows]).encode())
 
 
 def _in_latin(code: str, latin: Mapping[str, str]) -> str:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from tsbench.core.errors import InputError
+from tsbench.core.text import fault_in_name
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
@@ -79,6 +80,8 @@ def _sandbox(made_by: str) -> Finding:
 
 
 def _about(info: PlannerInfo) -> list[Finding]:
+    if fault := fault_in_name(info.name):
+        return [Finding(Level.PROBLEM, "name", fault)]
     weights = f", weights {info.weights_sha256[:12]}" if info.weights_sha256 else ""
     if comes_with_tsbench(info.spec):
         found = [Finding(Level.OK, "code", f"{info.name}, of tsbench, scoring {SCORING}{weights}")]

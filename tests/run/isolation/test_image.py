@@ -176,7 +176,7 @@ def test_an_image_drives_as_a_sandbox_does_and_is_verified_in_it(install: Instal
     found = verify(
         inside, None, sample=1, seed=1, verifier="", workers=1, on_progress=lambda *_: None
     )  # fmt: skip
-    assert (found.confirmed, found.equal) == (True, 1)
+    assert (found.good, found.equal) == (True, 1)
     ran = [one for one in calls(engine) if one[0] == "run"]
     assert len(ran) >= 4, "described and driven, twice"
     assert not list(engine.glob("*.pid")), "each container was removed"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import sys
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import click
 
 from tsbench.core.errors import InputError
 from tsbench.core.home import expanded
+from tsbench.core.text import csv_text
 
 
 @click.command()
@@ -30,10 +30,9 @@ def main(run: Path, out: Path | None) -> None:
         sys.exit(2)
     text = f"{table(found)}\n{reasons(found)}"
     (folder / "agreement.md").write_text(text, encoding="utf-8")
-    with (folder / "agreement.csv").open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(rows(found)[0]))
-        writer.writeheader()
-        writer.writerows(rows(found))
+    told = rows(found)
+    cells = csv_text([list(told[0]), *(list(row.values()) for row in told)])
+    (folder / "agreement.csv").write_text(cells, encoding="utf-8")
     click.echo(text)
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.text import csv_text
 from tsbench.report.analyses.model import Analysis, Cell, Column, Kind, Table, Value
 from tsbench.report.analyses.shown import lines_of
 
@@ -124,17 +123,14 @@ def write_analysis(analysis: Analysis, folder: Path) -> list[Path]:
 
 def to_csv(analysis: Analysis) -> str:
     """One line per row. A value takes four columns: itself, `_low`, `_high`, `_n`; title and contract in each line."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     columns, scored = analysis.table.columns, bool(analysis.contract)
-    heads = [head for column in columns for head in _heads(column)]
-    writer.writerow([*heads, "title", *(["contract"] if scored else [])])
+    lines = [[*(head for column in columns for head in _heads(column)), "title", *["contract"] * scored]]
     for row in analysis.table.rows:
         cells = [
             part for column, cell in zip(columns, row.cells, strict=True) for part in _parts(column, cell)
         ]
-        writer.writerow([*cells, analysis.title, *([analysis.contract] if scored else [])])
-    return text.getvalue()
+        lines.append([*cells, analysis.title, *[analysis.contract] * scored])
+    return csv_text(lines)
 
 
 def _heads(column: Column) -> Iterator[str]:

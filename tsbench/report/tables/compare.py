@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -14,6 +12,7 @@ from rich.text import Text
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.text import csv_text
 from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
@@ -214,15 +213,12 @@ def _scores(name: str, scores: Scores[Difference]) -> Table:
 
 
 def flips_csv(comparison: Comparison, path: Path) -> None:
-    text = io.StringIO()
     names = [field.name for field in fields(Flip) if field.name != "won"]
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["change", *names])
-    for flip in comparison.flips:
-        row = asdict(flip)
-        writer.writerow(["won" if flip.won else "lost", *(row[name] for name in names)])
+    rows = [
+        ["won" if flip.won else "lost", *(getattr(flip, name) for name in names)] for flip in comparison.flips
+    ]
     with io_errors_as_input_errors(path):
-        write_atomic(path, text.getvalue().encode())
+        write_atomic(path, csv_text([["change", *names], *rows]).encode())
 
 
 def _no_interval(c: Comparison) -> Iterator[str]:

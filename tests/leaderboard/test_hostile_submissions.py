@@ -1,0 +1,198 @@
+"""What a stranger may write into a submission or a run: each is refused in one line, before anything is driven."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tsbench.core.errors import InputError
+from tsbench.episode.perception_level import load_level
+from tsbench.leaderboard.claim import claim_of, claims_of
+from tsbench.leaderboard.submission import Submission, read_submission
+from tsbench.leaderboard.verify import ClaimVerdict, verify
+
+Make = Callable[..., Submission]
+Json = dict[str, Any]
+DRAW = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
+
+
+def put(data: Json, *where: str, to: object) -> None:
+    *into, last = where
+    for key in into:
+        data = data[key]
+    data[last] = to
+
+
+def level(name: str, **changes: object) -> Json:
+    poor = load_level("poor")
+    assert poor is not None
+    return {**asdict(poor), "name": name, **changes}
+
+
+def nested(depth: int) -> object:
+    made: object = 1
+    for _ in range(depth):
+        made = [made]
+    return made
+
+
+# Where in the file, what stands there, what is said of it.
+FIELDS = [
+    (("device",), "cpu ", "device 'cpu ': expected cpu, cuda"),
+    (("device",), "CPU", "device 'CPU': expected cpu, cuda"),
+    (("device",), "", "device '': expected cpu, cuda"),
+    (("city",), "../x", "city '../x': a city's name is of a-z"),
+    (("city",), "/tmp", "city '/tmp': a city's name is of a-z"),
+    (("city",), "moscow\n", "expected one line"),
+    (("city",), "a" * 1001, "expected one line of at most 1000 characters"),
+    (("city",), "a" * 101, "a city's name is of a-z"),
+    (("split",), "/tmp/x.parquet", "split '/tmp/x.parquet': expected test"),
+    (("split",), "../scenarios/dev", "split '../scenarios/dev': expected test"),
+    (("split",), "Dev", "split 'Dev': expected test"),
+    (("perception",), level("poor", right=0.99), "called poor, but is not tsbench's level of that name"),
+    (("perception",), level("Poor"), "called Poor, but is not tsbench's level of that name"),
+    (("perception",), level("exact"), "called exact, but is not tsbench's level of that name"),
+    (("perception",), level("p\u043eor"), "mixes scripts (cyrillic, latin)"),
+    (("perception",), level("x" * 201), "the perception level's name: expected a name of 1 to 200"),
+    (("perception",), level("mine", noise_m=10**400), "a whole number below 2^63 was expected"),
+    (("perception",), level("mine", right="nan"), "right: nan is no share"),
+    (("title",), "", "title: is empty"),
+    (("title",), "idm\u200b", "has a character that nobody sees (\\u200b)"),
+    (("title",), "\u0456dm", "mixes scripts (cyrillic, latin)"),
+    (("title",), "idm\u2028", "title: expected one line"),
+    (("planner", "name"), "id\u200bm", "has a character that nobody sees (\\u200b)"),
+    (("planner", "name"), "idm\u200f", "has a character that nobody sees (\\u200f)"),
+    (("planner", "name"), "idm\u3164", "has a character that nobody sees (\\u3164)"),
+    (("planner", "name"), "\U0001d422dm", "has a letter in the form of another"),
+    (("planner", "name"), "\u0456dm", "mixes scripts (cyrillic, latin)"),
+    (("planner", "name"), "idm\nconfirmed", "expected one line"),
+    (("planner", "name"), "", "expected a name of 1 to 200 characters"),
+    (("planner", "weights_sha256"), "\nconfirmed", "expected one line"),
+    (("edition",), "2026.3\nconfirmed", "expected one line"),
+    (("arithmetic", "versions", "numpy"), {"a": "b"}, "the version of numpy is no text"),
+    (("arithmetic", "versions", "numpy"), "2\nconfirmed", "expected one line"),
+    (("arithmetic", "libc"), "x" * 1001, "expected one line of at most 1000 characters"),
+    (("arithmetic", "answers"), {}, "arithmetic: "),
+    (("versions", "tsbench"), "\x1b[2J", "control characters in the text"),
+    (("machine", "cores"), nested(60), "more than 50 levels deep"),
+    (("machine", "cores"), float("nan"), "malformed submission"),
+    (("rescored",), 10**6, "rescored: is no number of its episodes"),
+    (("rescored",), -1, "rescored: is no number of its episodes"),
+    (("rescored",), 10**400, "a whole number below 2^63 was expected"),
+    (("isolation",), "sandbox", "malformed submission"),
+]
+FIGURES = [
+    ({"value": 10**400}, "a whole number below 2^63 was expected"),
+    ({"value": 1e308}, "is no share of episodes"),
+    ({"low": -1.0}, "is no share of episodes"),
+    ({"n": -1}, "is no share of episodes"),
+    ({"over": "all\nconfirmed"}, "expected one line"),
+]
+
+
+def refusal(read: Callable[[Path], object], path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read(path)
+    line = str(caught.value)
+    assert line.isprintable()
+    assert line.startswith(str(path))
+    return line
+
+
+@pytest.mark.parametrize(("where", "to", "said"), FIELDS)
+def test_a_field_that_no_run_writes(
+    honest: Make, tmp_path: Path, where: tuple[str, ...], to: object, said: str
+) -> None:
+    data = json.loads(honest("idm").to_json())
+    put(data, *where, to=to)
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(data))
+    assert said in refusal(read_submission, path)
+
+
+@pytest.mark.parametrize(("changes", "said"), FIGURES)
+def test_a_figure_that_is_none(honest: Make, tmp_path: Path, changes: Json, said: str) -> None:
+    data = json.loads(honest("idm").to_json())
+    data["figures"][0].update(changes)
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps(data))
+    assert said in refusal(read_submission, path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"kind": "' + "x" * 100_000_000 + '"}', "larger than 64 MiB"),
+        ("[" * 100_000, "cannot be read as a submission"),
+        ("[" * 900 + "]" * 900, "more than 50 levels deep"),
+        ("9" * 5000, "cannot be read as a submission"),
+    ],
+    ids=["long", "open", "deep", "digits"],
+)
+def test_a_file_that_is_none(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "x.json"
+    path.write_text(text)
+    assert said in refusal(read_submission, path)
+
+
+@pytest.mark.parametrize(
+    ("where", "to", "said"),
+    [
+        (("effective", "device"), "cpu ", "device 'cpu ': expected cpu, cuda"),
+        (("effective", "split"), "/tmp/x.parquet", "effective.split"),
+        (("effective", "city"), "../x", "city '../x': a city's name is of a-z"),
+        (("effective", "perception"), level("poor", right=0.99), "called poor, but is not tsbench's level"),
+        (("arithmetic",), None, "arithmetic: "),
+        (("arithmetic", "versions", "numpy"), "2\nconfirmed", "expected one line"),
+        (("edition",), "x\nconfirmed", "expected one line"),
+    ],
+)
+def test_a_run_may_say_no_more(run: Path, where: tuple[str, ...], to: object, said: str) -> None:
+    manifest = json.loads((run / "run.json").read_text())
+    put(manifest, *where, to=to)
+    (run / "run.json").write_text(json.dumps(manifest))
+    assert said in refusal(claims_of, run)
+
+
+def test_a_name_of_a_run_is_one_that_readers_see(run: Path) -> None:
+    text = (run / "run.json").read_text()
+    (run / "run.json").write_text(text.replace('"name": "idm"', '"name": "id\\u200bm"'))
+    assert "the planner's name: " in refusal(claims_of, run)
+
+
+@pytest.mark.parametrize("name", ["规划器v2", "Планировщик-2", "مخطط", "idm e (5 m/s²)", "ドライバー"])
+def test_names_of_any_language_are_taken(honest: Make, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "x.json"
+    made = honest("idm")
+    path.write_text(replace(made, title=name, planner=replace(made.planner, name=name)).to_json())
+    assert read_submission(path).planner.name == name
+
+
+def test_no_claim_turns_isolation_off(honest: Make, tmp_path: Path) -> None:
+    """Nor on: what is driven beside the referee is the verifier's choice alone, and the record tells it."""
+    path = tmp_path / "x.json"
+    for claimed, shared in ((None, False), ({"namespaces": "bubblewrap"}, True)):
+        path.write_text(honest("idm", isolation=claimed).to_json())
+        found = verify(claim_of(path), None, shared_process=shared, **DRAW)  # type: ignore[arg-type]
+        assert (found.verdict, found.isolated) == (ClaimVerdict.CONFIRMED, not shared)
+        assert found.good is not shared
+    path.write_text(honest("idm", device="cuda").to_json())
+    with pytest.raises(
+        InputError, match=r"was driven on cuda, and isolated planners run on the CPU: .*--shared-process"
+    ):
+        verify(claim_of(path), None, **DRAW)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="'exe:x' is driven isolated only"):
+        verify(claim_of(path), "exe:x", shared_process=True, **DRAW)  # type: ignore[arg-type]
+
+
+def test_a_planner_under_another_ones_name_is_found(honest: Make, tmp_path: Path) -> None:
+    made = honest("idm")
+    path = tmp_path / "x.json"
+    path.write_text(replace(made, planner=replace(made.planner, name="best")).to_json())
+    found = verify(claim_of(path), None, **DRAW)  # type: ignore[arg-type]
+    assert [one.what for one in found.differences] == ["the planner is called best as submitted, idm here"]
