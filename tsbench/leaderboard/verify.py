@@ -197,7 +197,8 @@ def verify(
             found.append(Mismatch(episode.scenario_id, _words(then, episode)))
     return Verification(
         submission_sha256=claim.sha256, title=claim.title, verifier=verifier,
-        date=f"{datetime.now(UTC):%Y-%m-%d}", tsbench=f"{tsbench.__version__}{LOCAL * code_is_local()}", seed=seed, sample=sample,
+        date=f"{datetime.now(UTC):%Y-%m-%d}", tsbench=f"{tsbench.__version__}{LOCAL * code_is_local()}",
+        seed=seed, sample=sample,
         driven=tuple(spec.scenario_id for spec in specs), equal=equal, explained=tuple(explained),
         # What a claim says of itself may be long.
         arithmetic_differences=tuple(map(one_line, why)),
