@@ -127,7 +127,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
                 # Nobody can say by which code the rows came about: the run stays open, and is no other's.
-                changed = _changed_meanwhile(planners)
+                changed = _changed_meanwhile(planners, folder)
                 status = "interrupted" if changed else status
             ending = _ending(folder, status, counts, options)
             if journal is not None:
@@ -139,7 +139,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             return ending
 
 
-def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
+def _changed_meanwhile(planners: Sequence[PlannerInfo], folder: RunFolder) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run."""
     from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
 
@@ -148,6 +148,7 @@ def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
     try:
         for planner in planners:
             check_unchanged_now(planner)
+        folder.check_later()
     except InputError as problem:
         return problem
     return None

@@ -64,10 +64,10 @@ def opened_here(spec: str, files: Sequence[str]) -> tuple[str, ...]:
     """Hashes of the files that a planner says it has opened, of those in its own folder, which are all that it can."""
     if spec.startswith(EXECUTABLE):
         return ()
-    return opened_files.hashes(files, _place(spec), only_there=True)
+    return opened_files.hashes(files, files_place(spec), only_there=True)
 
 
-def _place(spec: str) -> Path | None:
+def files_place(spec: str) -> Path | None:
     """Where the files of a Python planner lie."""
     source = source_of(spec)
     file = Path(source) if source.endswith(".py") else module_file(source)
@@ -150,7 +150,7 @@ def load(
 def check_unchanged_now(planner: PlannerInfo) -> None:
     """As `planner_info.check_unchanged`, without running a line of the planner's code."""
     inner = image_of(planner.spec)[1]
-    check_unchanged(planner, code_hash(inner), _place(inner))
+    check_unchanged(planner, code_hash(inner), files_place(inner))
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

@@ -16,7 +16,16 @@ from tsbench.core.text import written_out
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
-from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
+from tsbench.run.log.later import Later
+from tsbench.run.log.manifest import (
+    NAME,
+    Manifest,
+    difference,
+    identity,
+    planners_of,
+    read_manifest,
+    timestamp,
+)
 from tsbench.run.log.quarantine import FOLDER as ASIDE
 from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record
@@ -35,7 +44,7 @@ _FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report", "t
 
 
 # What a continued run takes over from its earlier sessions.
-_KEPT = ("started", "sessions", "status", "finished", "counts", "files")
+_KEPT = ("started", "sessions", "status", "finished", "counts", "files", "later")
 
 
 class RunFolder:
@@ -59,11 +68,19 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
             removed = overwrite and _remove_run(path)
             old = None if removed else _same_run(path, manifest)
-            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
+            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT if key in old}}
+            self._later = Later(planners_of(manifest))
             if self.manifest["status"] == "complete":
+                self._later.take_all(self.manifest.get("later", []))
                 self._check_complete()
             else:
                 self._take_over()
+            try:
+                self.check_later()
+            except InputError:
+                self.close()
+                raise
+            if self.journal is not None:
                 self._open_session()
 
     def keep(self, record: Record) -> None:
@@ -77,7 +94,12 @@ class RunFolder:
         if record.detail:
             names = ("planner", "scenario_id", "outcome", "error")
             write_error(self.path, record, "".join(f"{name}: {row[name]}\n" for name in names) + "\n")
-        self.journal.append(record)
+        self.journal.append(self._later.hashed(record))
+        self.manifest["later"] = self._later.told()
+
+    def check_later(self) -> None:
+        """Raises InputError where a file that a planner opened in an episode is another now."""
+        self._later.check()
 
     def end(self, status: str, summary: Summary | None, errors: int, memory: Sequence[MemoryUse]) -> None:
         """Write summary and manifest; the journal goes when everything in it stands in the tables."""
@@ -150,7 +172,7 @@ class RunFolder:
     def _has_its_trace(self, content: Content) -> bool:
         wanted = content["trace"]
         if wanted is None:
-            return True
+            return self._noted(content)
         path = trace_path(self.path, content["row"]["planner"], content["row"]["scenario_id"])
         if not path.is_file():
             return False
@@ -158,6 +180,10 @@ class RunFolder:
             self._aside.move(path, "is not the trace that the run wrote (SHA-256 differs)")
             return False
         self._traced.add(path)
+        return self._noted(content)
+
+    def _noted(self, content: Content) -> bool:
+        self._later.take(content["row"]["planner"], content.get("opened", []), content.get("left", []))
         return True
 
     def _paths(self, keys: Iterable[Key], traces: bool = True) -> set[Path]:
