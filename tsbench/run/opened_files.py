@@ -1,5 +1,7 @@
-"""Which files a planner opened: a run knows it by what is in them, as by its code. And what it left outside its process,
-by which an episode could tell another one something."""
+"""Which files a planner opened: a run knows it by what is in them, as by its code.
+
+And what it left outside its process, by which an episode could tell another one something.
+"""
 
 from __future__ import annotations
 
