@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -80,7 +79,9 @@ def test_a_run_that_was_broken_off_knows_its_files_too(
         "folder.RunFolder.keep = keep\n"
         "tsbench.evaluate([sys.argv[1]], split='dev', types=['speed_limit'], limit=2, workers=1, out=sys.argv[2])\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, spec, str(out)], cwd=tmp_path, timeout=HANG_S, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, spec, str(out)], cwd=tmp_path, timeout=HANG_S, check=False
+    )
     assert done.returncode == 9
     monkeypatch.chdir(tmp_path)
     assert Path("note").exists()

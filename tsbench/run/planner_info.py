@@ -15,6 +15,7 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.home import expanded
+from tsbench.core.machine import adopt_orphans
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
@@ -52,6 +53,8 @@ def describe(spec: str) -> PlannerInfo:
 
     Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
+    # A process that its parent has left is one that the planner has started, too.
+    adopt_orphans()
     before = shared_with_children()
     with opened_files.noted() as opened:
         loaded = resolve(spec)

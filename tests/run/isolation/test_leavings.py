@@ -2,42 +2,59 @@
 
 from __future__ import annotations
 
+import json
+import os
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import leaving
 import pytest
+from patience import HANG_S
 
-import tsbench
-from tsbench.episode.trace import read_trace, trace_path
 from tsbench.run.isolation import loading, process, system_calls
 from tsbench.run.isolation.protocol import MessageKind, pack
-from tsbench.run.planner_info import describe
 
 FILE = Path(leaving.__file__)
 FIRST = 0.2
 
 
-def test_no_bit_that_an_episode_leaves_reaches_the_next(tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    made = tsbench.evaluate(
-        [f"{FILE}:{name}" for name in leaving.ALL], split="dev", types=["speed_limit"], limit=2, workers=1,
-        trace="all", isolate=True, out=out,
+# How a run is started, and by which planners. The log's pipe is a user's own, and root's is not its planner's.
+STARTED = {
+    "as it is": ((), leaving.ALL),
+    "by a user": (("unshare", "--user", "--map-user=1000", "--map-group=1000"), leaving.IN_LOG),
+}
+
+
+@pytest.mark.parametrize("started", STARTED)
+def test_no_bit_that_an_episode_leaves_reaches_the_next(started: str, tmp_path: Path) -> None:
+    before, names = STARTED[started]
+    done = subprocess.run(
+        [*before, sys.executable, str(FILE), str(tmp_path / "run"), *names],
+        stdout=subprocess.PIPE, text=True, timeout=HANG_S, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
-    assert not made.episodes.error.notna().any()
-    found: dict[str, list[float]] = {name: [] for name in leaving.ALL}
-    for row in made.episodes.itertuples():
-        trace = read_trace(trace_path(out, row.planner, row.scenario_id))
-        found[row.planner].append(float(trace.commands[0, 0]))
-    assert found == dict.fromkeys(leaving.ALL, [FIRST, FIRST])
+    assert json.loads(done.stdout) == {name: [FIRST, FIRST] for name in names}
 
 
-def test_who_handles_signals_is_marked() -> None:
-    """Signals of an episode reach the process that episodes are forks of."""
-    assert describe(f"{FILE}:Handler").may_remember
-    assert loading.describe(f"{FILE}:Handler").planner.may_remember
-    assert not describe(f"{FILE}:Place").may_remember
+@pytest.mark.parametrize(("name", "remembers"), [("Handler", True), ("Daemon", True), ("Place", False)])
+def test_what_a_constructor_makes_for_all_episodes_is_marked(name: str, remembers: bool) -> None:
+    """Signals of an episode reach the process that episodes are forks of, and its messages another one."""
+    # Not in this process: it would have the handler and the other process.
+    code = (
+        "import sys; from tsbench.run.planner_info import describe; print(describe(sys.argv[1]).may_remember)"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, f"{FILE}:{name}"],
+        capture_output=True,
+        text=True,
+        timeout=HANG_S,
+        check=True,
+    )
+    assert told.stdout.split()[-1] == str(remembers)
+    assert loading.describe(f"{FILE}:{name}").planner.may_remember is remembers
 
 
 class Told:

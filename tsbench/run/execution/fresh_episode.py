@@ -29,8 +29,8 @@ _NOTHING = Path("/dev/null")
 def shared_with_children() -> frozenset[str]:
     """What children of a fork would share with this process and with each other, or would miss; in words.
 
-    Threads, child processes, handlers of signals, memory that is shared, and open files that are not only read. What the constructor of a
-    planner adds to it can carry something from one episode to the next.
+    Threads, child processes, handlers of signals, memory that is shared, and open files that are not only read. What
+    the constructor of a planner adds to it can carry something from one episode to the next.
     """
     own = Path("/proc/self")
     found = set()
@@ -98,13 +98,14 @@ def run_in_child(play: Callable[[], object]) -> int | None:
 
 def _reopen_files() -> None:
     """Of files that are only read, open each anew: a child shares their places with its parent otherwise."""
-    for name in os.listdir("/proc/self/fd"):
-        file = int(name)
+    for path in list(Path("/proc/self/fd").iterdir()):
+        file = int(path.name)
         # The folder that is listed is closed by now; what may not be opened again is not the planner's to read.
         with suppress(OSError):
             flags, kind = fcntl.fcntl(file, fcntl.F_GETFL), os.fstat(file).st_mode
-            if not flags & (os.O_WRONLY | os.O_RDWR | os.O_PATH) and (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-                own = os.open(f"/proc/self/fd/{name}", flags)
+            only_read = not flags & (os.O_WRONLY | os.O_RDWR | os.O_PATH)
+            if only_read and (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+                own = os.open(path, flags)
                 os.lseek(own, os.lseek(file, 0, os.SEEK_CUR), os.SEEK_SET)
                 os.dup2(own, file, os.get_inheritable(file))
                 os.close(own)

@@ -17,6 +17,7 @@ from contextlib import suppress
 from typing import Any
 
 from tsbench.core.errors import InputError, cause_of
+from tsbench.core.machine import adopt_orphans
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
@@ -126,6 +127,7 @@ class Client:
 def main(spec: str) -> None:
     line = _connected()
     try:
+        adopt_orphans()
         before = shared_with_children()
         with opened_files.noted() as opened:
             loaded = resolve(spec)

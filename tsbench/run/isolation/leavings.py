@@ -22,8 +22,9 @@ _SETTINGS: Final = ("oom_score_adj", "coredump_filter", "timerslack_ns", "autogr
 _STATUS: Final = ("Sig", "Shd", "Cpus_allowed", "Mems_allowed", "Umask", "TracerPid", "Threads")
 # Of a namespace: System V's objects; counts, ports and what waits for an end, of a network that leads nowhere.
 _SHARED: Final = tuple(
-    Path("/proc", name)
-    for name in ("sysvipc/shm", "sysvipc/sem", "sysvipc/msg", "net/dev", "net/tcp", "net/tcp6", "net/udp", "net/udp6")
+    Path("/proc", folder, name)
+    for folder, names in (("sysvipc", ("shm", "sem", "msg")), ("net", ("dev", "tcp", "tcp6", "udp", "udp6")))
+    for name in names
 )
 _IOPRIO_GET: Final = {"x86_64": 252, "aarch64": 31}
 _F_GETSIG, _F_GETPIPE_SZ = 11, 1032
@@ -59,7 +60,8 @@ class Leavings:
 
     def _begin(self) -> None:
         # Found by files and processes that are gone.
-        self._numbers = [_next_number(place) for place in self._places] + ([_last_process()] if self._alone else [])
+        self._numbers = [_next_number(place) for place in self._places]
+        self._numbers += [_last_process()] if self._alone else []
         self._before = self._look()
 
     def _look(self) -> _State:
@@ -125,12 +127,12 @@ def _io_priority() -> int:
 
 def _descriptors() -> Iterator[tuple[str, object]]:
     """Of each open file what belongs to it, and not to the process: whoever has the same file changes it."""
-    for name in os.listdir(_OWN / "fd"):
-        file = int(name)
+    for path in list((_OWN / "fd").iterdir()):
+        file = int(path.name)
         told: list[object] = []
         with suppress(OSError):
             kind = os.fstat(file)
-            told += [(_OWN / "fd" / name).readlink(), _text(_OWN / "fdinfo" / name), kind.st_mode, kind.st_uid]
+            told += [path.readlink(), _text(_OWN / "fdinfo" / path.name), kind.st_mode, kind.st_uid]
             told += [fcntl.fcntl(file, fcntl.F_GETOWN), fcntl.fcntl(file, _F_GETSIG)]
             if stat.S_ISFIFO(kind.st_mode):
                 told.append(fcntl.fcntl(file, _F_GETPIPE_SZ))
@@ -140,7 +142,7 @@ def _descriptors() -> Iterator[tuple[str, object]]:
                 told += [kind.st_mtime_ns, kind.st_ctime_ns, *os.listxattr(file)]
         # The folder that is being listed is closed by now.
         if told:
-            yield name, told
+            yield path.name, told
 
 
 def _options(line: socket.socket) -> dict[int, bytes]:

@@ -68,7 +68,8 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
             removed = overwrite and _remove_run(path)
             old = None if removed else _same_run(path, manifest)
-            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT if key in old}}
+            kept = {key: old[key] for key in _KEPT if key in old} if old else {}
+            self.manifest = {**manifest, **kept}
             self._later = Later(planners_of(manifest))
             if self.manifest["status"] == "complete":
                 self._later.take_all(self.manifest.get("later", []))

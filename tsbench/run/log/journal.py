@@ -62,9 +62,8 @@ class Journal:
         """Keep one episode. Raises InputError if the disk does not take it."""
         row = record.row
         later = {key: value for key in _LATER if (value := list(getattr(record, key)))}
-        line = encode(
-            {"row": row, "events": record.events, "timing": record.timing, "trace": record.trace_sha256, **later}
-        )
+        parts = {"row": row, "events": record.events, "timing": record.timing, "trace": record.trace_sha256}
+        line = encode({**parts, **later})
         with io_errors_as_input_errors(self.path):
             try:
                 _write(self._fd, line)
@@ -218,7 +217,9 @@ def _key(content: Content) -> Key:
 
 def _has_all(content: Any) -> bool:
     """Is this an episode with exactly the columns that the tables want?"""
-    if not isinstance(content, dict) or {*content} - {*_LATER} != _PARTS or not isinstance(content["events"], list):
+    if not isinstance(content, dict) or {*content} - {*_LATER} != _PARTS:
+        return False
+    if not isinstance(content["events"], list):
         return False
     later = [content.get(key, []) for key in _LATER]
     if not all(isinstance(told, list) and all(isinstance(one, str) for one in told) for told in later):

@@ -50,7 +50,8 @@ class Later:
         name = record.row["planner"]
         told = self._of(name)
         new = {one: told.place / expanded(one) if told.place else expanded(one) for one in record.opened}
-        found = opened_files.hashes([str(path) for one, path in new.items() if one not in told.opened], told.place)
+        unknown = [str(path) for one, path in new.items() if one not in told.opened]
+        found = opened_files.hashes(unknown, told.place)
         self.take(name, found, record.left)
         return replace(record, opened=tuple(told.opened[one] for one in record.opened if one in told.opened))
 
