@@ -267,6 +267,9 @@ class Daemon(_Planner):
         middle = os.fork()
         if not middle:
             if not os.fork():
+                # Nobody is to wait for the end of what it could print.
+                os.closerange(0, 3)
+                signal.alarm(20)
                 signal.pause()
             os._exit(0)
         os.waitpid(middle, 0)
