@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import sys
 from pathlib import Path
@@ -116,6 +117,19 @@ def test_read_and_written_are_told_apart(tmp_path: Path, monkeypatch: pytest.Mon
     assert [file for file in opened.files if file.startswith(str(tmp_path))] == [
         str(tmp_path / name) for name in ("away/read", "read")
     ]
+
+
+@pytest.mark.parametrize("name", ["policy.py", "policy.so", "policy.pyc", "a.dist-info/policy"])
+def test_weights_count_whatever_their_name(tmp_path: Path, name: str) -> None:
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("0.5")
+    (tmp_path / "imported_once.py").write_text("")
+    with opened_files.noted() as opened, pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        importlib.import_module("imported_once")
+        file.read_text()
+    assert opened_files.hashes(opened.files, tmp_path) == (line(b"0.5", name),)
 
 
 def test_a_failed_block_ends_the_notes(tmp_path: Path) -> None:

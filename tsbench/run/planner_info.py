@@ -15,6 +15,7 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.home import expanded
+from tsbench.core.machine import adopt_orphans
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served
@@ -58,6 +59,8 @@ def describe(spec: str) -> PlannerInfo:
 
     Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
+    # A process that its parent has left is one that the planner has started, too.
+    adopt_orphans()
     before = shared_with_children()
     with opened_files.noted() as opened:
         loaded = resolve(spec)
@@ -65,7 +68,6 @@ def describe(spec: str) -> PlannerInfo:
     shared = loaded.keeps_process or bool(shared_with_children() - before)
     del planner
     sources = _sources(loaded)
-    place = opened_files.place_of(sources[0]) if sources else None
     return PlannerInfo(
         name=loaded.name,
         spec=loaded.spec,
@@ -76,7 +78,7 @@ def describe(spec: str) -> PlannerInfo:
         weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
         code_sha256=_code_hash(sources),
         may_remember=shared and not loaded.own,
-        opened=() if loaded.own else opened_files.hashes(opened.files, place),
+        opened=() if loaded.own else opened_files.hashes(opened.files, place_of(loaded)),
         unseen=() if loaded.own else opened.unseen,
     )
 
@@ -85,8 +87,14 @@ def resolve_unchanged(planner: PlannerInfo) -> LoadedPlanner:
     """A planner of a run, loaded. Raises InputError as `check_unchanged` does, too."""
     loaded = resolve(planner.spec)
     sources = _sources(loaded)
-    check_unchanged(planner, _code_hash(sources), opened_files.place_of(sources[0]) if sources else None)
+    check_unchanged(planner, _code_hash(sources), place_of(loaded))
     return loaded
+
+
+def place_of(loaded: LoadedPlanner) -> Path | None:
+    """Where the files of a planner lie, see `opened_files.place_of`."""
+    sources = _sources(loaded)
+    return opened_files.place_of(sources[0]) if sources else None
 
 
 def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) -> None:

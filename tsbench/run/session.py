@@ -129,7 +129,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
                 # Which version made these rows is not known: the run stays interrupted, and "+local" stays with it.
-                changed = _changed_meanwhile(planners)
+                changed = _changed_meanwhile(planners, folder)
                 status = "interrupted" if changed else status
                 if code_changed():
                     folder.manifest["edition"] = f"{manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
@@ -143,7 +143,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             return ending
 
 
-def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
+def _changed_meanwhile(planners: Sequence[PlannerInfo], folder: RunFolder) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run."""
     from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
 
@@ -152,6 +152,7 @@ def _changed_meanwhile(planners: Sequence[PlannerInfo]) -> InputError | None:
     try:
         for planner in planners:
             check_unchanged_now(planner)
+        folder.check_later()
     except InputError as problem:
         return problem
     return None

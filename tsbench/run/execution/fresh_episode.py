@@ -7,10 +7,12 @@ outlive it: only an isolated planner (`run.isolation`) shares none with other ep
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
 import re
 import signal
+import stat
 import sys
 import traceback
 from collections.abc import Callable
@@ -27,8 +29,8 @@ _NOTHING = Path("/dev/null")
 def shared_with_children() -> frozenset[str]:
     """What children of a fork would share with this process and with each other, or would miss; in words.
 
-    Threads, child processes, memory that is shared, and open files that are not only read. What the constructor of a
-    planner adds to it can carry something from one episode to the next.
+    Threads, child processes, handlers of signals, memory that is shared, and open files that are not only read. What
+    the constructor of a planner adds to it can carry something from one episode to the next.
     """
     own = Path("/proc/self")
     found = set()
@@ -38,6 +40,11 @@ def shared_with_children() -> frozenset[str]:
             if (thread / "comm").read_text().strip() != _ALLOCATOR:
                 found.add(f"thread {thread.name}")
     found |= {f"process {child}" for child in children_of()}
+    # A child may send signals to this process.
+    for number in signal.valid_signals():
+        handler = signal.getsignal(number)
+        if handler not in (signal.SIG_DFL, signal.SIG_IGN):
+            found.add(f"handler {handler!r} of signal {number}")
     for line in (own / "maps").read_text().splitlines():
         place, rights, _, _, _, *name = line.split(maxsplit=5)
         if rights[1] == "w" and rights[3] == "s":
@@ -71,6 +78,7 @@ def run_in_child(play: Callable[[], object]) -> int | None:
         status = 1
         try:
             die_with(parent)
+            _reopen_files()
             play()
             os.write(to_parent, b"1")
             status = 0
@@ -86,6 +94,21 @@ def run_in_child(play: Callable[[], object]) -> int | None:
     os.close(to_parent)
     with os.fdopen(returned, "rb", buffering=0) as told:
         return None if told.read(1) else status
+
+
+def _reopen_files() -> None:
+    """Of files that are only read, open each anew: a child shares their places with its parent otherwise."""
+    for path in list(Path("/proc/self/fd").iterdir()):
+        file = int(path.name)
+        # The folder that is listed is closed by now; what may not be opened again is not the planner's to read.
+        with suppress(OSError):
+            flags, kind = fcntl.fcntl(file, fcntl.F_GETFL), os.fstat(file).st_mode
+            only_read = not flags & (os.O_WRONLY | os.O_RDWR | os.O_PATH)
+            if only_read and (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+                own = os.open(path, flags)
+                os.lseek(own, os.lseek(file, 0, os.SEEK_CUR), os.SEEK_SET)
+                os.dup2(own, file, os.get_inheritable(file))
+                os.close(own)
 
 
 def end_as(status: int) -> None:

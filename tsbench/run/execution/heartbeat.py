@@ -1,4 +1,4 @@
-"""The heartbeat of a worker: four words of shared memory that cost a worker a fraction of a microsecond."""
+"""The heartbeat of a worker: five words of shared memory that cost a worker a fraction of a microsecond."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def heartbeat_file() -> int:
 class Heartbeat:
     """Word 0: beats and phase in one, so that a reader never sees half of a beat. Word 1: how often the
     planner was entered in this task. Word 2: number of the task begun last (tasks count from 1). Word 3: the process
-    that plays it.
+    that plays it. Word 4: has the planner left something outside its process (`opened_files`)?
     """
 
     def __init__(self, fd: int) -> None:
@@ -40,6 +40,13 @@ class Heartbeat:
         if phase == Phase.PLANNING:
             self._words[1] += 1
         self._words[0] = self._beats << _PHASE_BITS | phase
+
+    def leave(self) -> None:
+        self._words[4] = 1
+
+    @property
+    def left(self) -> bool:
+        return bool(self._words[4])
 
     @property
     def stamp(self) -> int:

@@ -47,6 +47,8 @@ class Pool:
         self._setup: Setup | None = None
         self._failed_starts = 0
         self._looked = 0.0
+        # Planners an episode of which left something outside its process, and did not end.
+        self._leavers: set[str] = set()
 
     def __enter__(self) -> Pool:
         """Start all: they come up while the parent has other things to do."""
@@ -223,8 +225,13 @@ class Pool:
                 use, limits = worker.memory, self._limits
                 use.take(resident_mb(worker.pid))
                 worker.outgrown = use.last > limits.memory and use.episodes >= limits.least_episodes
-                keep(_with_output(message.record, worker))
+                keep(self._marked(_with_output(message.record, worker), worker))
                 worker.drop_tail()
+
+    def _marked(self, record: Record, worker: WorkerProcess) -> Record:
+        """A record that says of a planner what an episode before could not."""
+        unsaid = worker.planner in self._leavers and not record.left
+        return replace(record, left=("an episode that did not end",)) if unsaid else record
 
     def _watch(self, tasks: TaskQueue, keep: Callable[[Record], None]) -> None:
         """End workers that have shown no sign of life for too long, or take too much memory."""
@@ -255,6 +262,8 @@ class Pool:
         worker = self._workers[slot]
         assert worker is not None
         status = self._drop(slot, worker)
+        if worker.heartbeat.left:
+            self._leavers.add(worker.planner)
         begun = worker.heartbeat.task in [task.number for task in worker.held]
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if begun:
@@ -263,7 +272,7 @@ class Pool:
             late = overrun is not None and overrun.late
             outside = overrun is None and not worker.broken and status in _FROM_OUTSIDE
             if not ((late or outside) and tasks.retry(task, alone=late)):
-                keep(lost_record(worker, task, self._planner_of(task), status, overrun))
+                keep(self._marked(lost_record(worker, task, self._planner_of(task), status, overrun), worker))
         for task in worker.held:
             tasks.requeue(task)
         if self._failed_starts >= _MOST_FAILED_STARTS:

@@ -24,13 +24,14 @@ from tsbench.episode.phase import Phase
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
+from tsbench.run import opened_files
 from tsbench.run.execution import messages
 from tsbench.run.execution.fresh_episode import end_as, run_in_child
 from tsbench.run.execution.heartbeat import Heartbeat
 from tsbench.run.execution.inference_client import InferenceClient
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record, cut_short, error_row, last_seconds, lost_timing, make_timing
-from tsbench.run.planner_info import PlannerInfo, describe, resolve_unchanged
+from tsbench.run.planner_info import PlannerInfo, describe, place_of, resolve_unchanged
 from tsbench.scenarios.spec import ScenarioSpec
 
 
@@ -57,7 +58,8 @@ class Worker:
         self._pid = os.getpid()
         self._current = -1
         self._runner: Runner | None = None
-        self._afresh: dict[int, bool] = {}
+        self._watched: dict[int, bool] = {}
+        self._place: Path | None = None
 
     def serve(self) -> None:
         """Answer messages until the parent closes the connection."""
@@ -68,7 +70,7 @@ class Worker:
             message: Any = messages.decode(line, messages.TO_WORKER)
             if isinstance(message, messages.Setup):
                 self._setup = message
-                self._afresh.clear()
+                self._watched.clear()
             else:
                 self._answer(message)
 
@@ -93,10 +95,13 @@ class Worker:
 
         Those of the package's own do so by themselves (tests/planners/test_memory.py). Isolated ones are elsewhere.
         """
-        if planner not in self._afresh:
-            who = self._setup.planners[planner]
-            self._afresh[planner] = not (self._setup.loader or who.may_remember or _own(who))
-        return self._afresh[planner]
+        return self._is_watched(planner) and not self._setup.planners[planner].may_remember
+
+    def _is_watched(self, planner: int) -> bool:
+        """Is what a planner opens and leaves in episodes to be noted? It runs here, and is not of the package."""
+        if planner not in self._watched:
+            self._watched[planner] = not (self._setup.loader or _own(self._setup.planners[planner]))
+        return self._watched[planner]
 
     def _prepare(self, task: Task) -> None:
         """Make the planner and load the roads, for a child to begin with. What fails fails in the child once more."""
@@ -133,8 +138,13 @@ class Worker:
 
     def _episode(self, task: Task) -> messages.Finished | messages.FolderFailed:
         self._heartbeat.begin(task.number)
-        record, result = self._run(task)
-        self._exit_if_forked()
+        if self._is_watched(task.planner):
+            with opened_files.noted(self._heartbeat.leave) as seen:
+                record, result = self._run(task)
+            self._exit_if_forked()
+            record = replace(record, opened=self._names(seen, task.planner), left=seen.left)
+        else:
+            record, result = self._run(task)
         if result is not None and self._wants_trace(record, result):
             path = trace_path(Path(self._setup.out), result.planner, task.spec.scenario_id)
             try:
@@ -147,6 +157,11 @@ class Worker:
                 )
         self._heartbeat.beat(Phase.IDLE)
         return messages.Finished(task.number, record)
+
+    def _names(self, seen: opened_files.Opened, planner: int) -> tuple[str, ...]:
+        """Of the files that a planner read in an episode those that the run does not know it by yet."""
+        known = opened_files.names(self._setup.planners[planner].opened)
+        return tuple(sorted({*opened_files.of_planner(seen.files, self._place)}.difference(known)))
 
     def _run(self, task: Task) -> tuple[Record, EpisodeResult | None]:
         spec, who = task.spec, self._setup.planners[task.planner]
@@ -188,6 +203,7 @@ class Worker:
     def _make_runner(self, who: PlannerInfo) -> Runner:
         setup = self._setup
         loaded = _named(setup.loader)(who, setup.hidden) if setup.loader else resolve_unchanged(who)
+        self._place = place_of(loaded)
         if setup.inference and setup.device in who.served_on:
             assert loaded.batched is not None
             outputs = loaded.batched.outputs

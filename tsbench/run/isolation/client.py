@@ -17,13 +17,14 @@ from contextlib import suppress
 from typing import Any
 
 from tsbench.core.errors import InputError, cause_of
+from tsbench.core.machine import adopt_orphans
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
-from tsbench.run.isolation.belongings import Belongings, own_places
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
+from tsbench.run.isolation.leavings import Leavings
 from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, MessageKind, pack
 
 _ROOM_BYTES = 1 << 16
@@ -33,14 +34,14 @@ _LONGEST_TEXT = 100_000
 class Client:
     """Hears what happens, and answers.
 
-    belongings: of a planner whose episodes are each played by a child of this process, so that they begin in the state
+    leavings: of a planner whose episodes are each played by a child of this process, so that they begin in the state
     that its constructor left; None: this process plays them all.
     """
 
     def __init__(
-        self, line: socket.socket, loaded: LoadedPlanner, planner: Planner, belongings: Belongings | None
+        self, line: socket.socket, loaded: LoadedPlanner, planner: Planner, leavings: Leavings | None
     ) -> None:
-        self._line, self._loaded, self._belongings = line, loaded, belongings
+        self._line, self._loaded, self._leavings = line, loaded, leavings
         self._planner: Planner | None = planner
         self._decoder = Decoder()
         # Made once: to make room for each message takes longer than to read it.
@@ -49,10 +50,11 @@ class Client:
         self._start = self._end = 0
 
     def serve(self) -> None:
-        """Until the line is closed."""
+        """Until the line is closed, or an episode has left something: its sandbox is none for the next."""
         while (message := self._message()) is not None:
-            if self._belongings is not None and message[0] is MessageKind.CONTEXT:
-                self._episode_in_child(message, self._belongings)
+            if self._leavings is not None and message[0] is MessageKind.CONTEXT:
+                if not self._episode_in_child(message, self._leavings):
+                    return
             else:
                 self._hear(*message)
 
@@ -61,15 +63,17 @@ class Client:
         if asked is not None:
             self._line.sendall(self._answer(asked))
 
-    def _episode_in_child(self, context: tuple[MessageKind, bytes], belongings: Belongings) -> None:
-        """One episode, up to its END, which is answered once nothing of it is left."""
+    def _episode_in_child(self, context: tuple[MessageKind, bytes], leavings: Leavings) -> bool:
+        """One episode, up to its END, which is answered if nothing of it is left. Is nothing left?"""
         status = run_in_child(lambda: self._episode(context))
         if status is not None:
             end_as(status)
-        belongings.restore()
+        if not leavings.nothing_left():
+            return False
         # The referee may have gone.
         with suppress(OSError):
             self._line.sendall(pack(MessageKind.DONE))
+        return True
 
     def _episode(self, context: tuple[MessageKind, bytes]) -> None:
         message: tuple[MessageKind, bytes] | None = context
@@ -121,24 +125,21 @@ class Client:
 def main(spec: str) -> None:
     line = _connected()
     try:
+        adopt_orphans()
         before = shared_with_children()
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
         line.sendall(pack(MessageKind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
         return
-    belongings = None
-    if not (loaded.own or loaded.keeps_process or shared_with_children() - before):
-        # What cannot be put back keeps its process.
-        with suppress(OSError):
-            belongings = Belongings(own_places())
+    forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
     facts = {
         "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
         "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
-        "forks": belongings is not None, "keeps_process": belongings is None,
+        "forks": forks, "keeps_process": not forks,
     }  # fmt: skip
     line.sendall(pack(MessageKind.HELLO, json.dumps(facts)))
-    Client(line, loaded, planner, belongings).serve()
+    Client(line, loaded, planner, Leavings(line) if forks else None).serve()
 
 
 def _connected() -> socket.socket:

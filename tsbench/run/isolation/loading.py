@@ -66,7 +66,7 @@ def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -
     return SandboxedPlanner(info, process.effects)
 
 
-def _place(spec: str) -> Path | None:
+def files_place(spec: str) -> Path | None:
     """Where the files of a Python planner lie."""
     file = _file(spec)
     return opened_files.place_of(file) if file else None
@@ -93,7 +93,7 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
         here = PlannerFiles(inner, only=_names(planner.files))
         here.remove()
         return opened_files.names({*planner.files} - {*here.lines})
-    place = _place(inner)
+    place = files_place(inner)
     told = [(line.partition("  ")[2], line.partition("  ")[0]) for line in planner.opened]
     own = [(name, sha256) for name, sha256 in told if not name.startswith(("/", "~/"))]
     return [name for name, sha256 in own if place is None or not is_file_of(place / name, sha256)]
@@ -166,7 +166,7 @@ def load(
 def check_unchanged_now(planner: PlannerInfo) -> None:
     """As `planner_info.check_unchanged`, without running a line of the planner's code."""
     inner = image_of(planner.spec)[1]
-    check_unchanged(planner, code_hash(inner), _place(inner))
+    check_unchanged(planner, code_hash(inner), files_place(inner))
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

@@ -205,6 +205,8 @@ class IsolatedPlanner:
             with suppress(IsolatedPlannerError, PlannerOutputError):
                 if self._ask(pack(MessageKind.END)) == (MessageKind.DONE, b""):
                     return
+            # A planner that could have its sandbox replaced, or not, would tell the next episode something by that.
+            self._alone = True
         self.close()
 
     def act(self, observation: Observation) -> Control | Trajectory:

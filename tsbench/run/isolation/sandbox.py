@@ -11,9 +11,11 @@ import os
 import resource
 import shutil
 import socket
+import stat
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -52,6 +54,9 @@ _BEGIN: Final = (
 )
 # Above the line's.
 _FIRST_DESCRIPTOR: Final = 20
+_F_SETSIG: Final = 10
+# The kernel's for a new pipe.
+_PIPE_BYTES: Final = 1 << 16
 _counter = itertools.count()
 
 
@@ -92,6 +97,10 @@ class Sandbox:
         self.effects: Mapping[str, Any] = {
             "namespaces": maker.version, "control_group": self._group is not None, "limits": limits,
         }  # fmt: skip
+        if output is None:
+            # What an earlier planner printed to: nothing that it may have set there is for the next.
+            for file in (1, 2):
+                _as_new(file)
         groups = [str(file) for file in self._group.members] if self._group else []
         try:
             self.process = subprocess.Popen(
@@ -170,6 +179,20 @@ def _confined(maker: _Maker) -> list[str]:
     own = str(_FIRST_UID + os.getpid() * _UIDS_OF_A_PROCESS + next(_counter) % _UIDS_OF_A_PROCESS)
     nobody = ["--reuid", own, "--regid", own, "--clear-groups", "--bounding-set=-all", "--inh-caps=-all"]
     return [maker.setpriv, *nobody, "--", *found, "--"]
+
+
+def _as_new(file: int) -> None:
+    """Put back what whoever has a pipe may have changed of it."""
+    kind = os.fstat(file).st_mode
+    if not stat.S_ISFIFO(kind):
+        return
+    with suppress(OSError):
+        os.fchmod(file, 0o600)
+        os.utime(file)
+        fcntl.fcntl(file, fcntl.F_SETFL, 0)
+        fcntl.fcntl(file, fcntl.F_SETOWN, 0)
+        fcntl.fcntl(file, _F_SETSIG, 0)
+        fcntl.fcntl(file, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
 
 
 def _readable(content: bytes) -> int:

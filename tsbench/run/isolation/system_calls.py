@@ -13,23 +13,37 @@ from tsbench.core.errors import InputError
 # Of a kind of machine: its number in seccomp's data, and the numbers of system calls. Refused are those on the kernel's
 # keys, which outlive an episode, on namespaces and mounts, those that watch the kernel or reach into another process
 # (bubblewrap's own has no filter), and those that take memory which no limit counts: System V's, and files that lie in
-# no folder. /dev/shm stays, which is limited.
+# no folder. /dev/shm stays, which is limited. System V's semaphores and queues leave numbers behind that go on.
 _MACHINES: Final[Mapping[str, tuple[int, Mapping[str, int]]]] = {
     "x86_64": (0xC000003E, {
         "shmget": 29, "clone": 56, "ptrace": 101, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166,
         "add_key": 248, "request_key": 249, "keyctl": 250, "unshare": 272, "perf_event_open": 298, "setns": 308,
         "memfd_create": 319, "process_vm_readv": 310, "process_vm_writev": 311, "bpf": 321, "userfaultfd": 323,
+        "semget": 64, "msgget": 68, "migrate_pages": 256, "move_pages": 279, "kcmp": 312,
+        "socket": 41, "setpriority": 141, "sched_setparam": 142, "sched_setscheduler": 144, "sched_setaffinity": 203,
+        "ioprio_set": 251, "prlimit64": 302, "sched_setattr": 314,
     }),
     "aarch64": (0xC00000B7, {
         "shmget": 194, "clone": 220, "ptrace": 117, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39,
         "add_key": 217, "request_key": 218, "keyctl": 219, "unshare": 97, "perf_event_open": 241, "setns": 268,
         "memfd_create": 279, "process_vm_readv": 270, "process_vm_writev": 271, "bpf": 280, "userfaultfd": 282,
+        "semget": 190, "msgget": 186, "migrate_pages": 238, "move_pages": 239, "kcmp": 272,
+        "socket": 198, "setpriority": 140, "sched_setparam": 118, "sched_setscheduler": 119, "sched_setaffinity": 122,
+        "ioprio_set": 30, "prlimit64": 261, "sched_setattr": 274,
     }),
 }  # fmt: skip
 # The same on all kinds: of newer calls.
 _NEWER: Final[Mapping[str, int]] = {
     "io_uring_setup": 425, "open_tree": 428, "move_mount": 429, "fsopen": 430, "fsconfig": 431, "fsmount": 432,
     "clone3": 435, "pidfd_getfd": 438, "mount_setattr": 442, "memfd_secret": 447,
+    "process_madvise": 440, "process_mrelease": 448,
+}  # fmt: skip
+# What the first arguments have to be, where a call may be made with these: a process may change its own priority,
+# processors and limits, and not those of the process that all its planner's episodes come from. A socket of another
+# family than AF_UNIX leaves counts and ports in use for a minute, though there is no network.
+_ONLY: Final[Mapping[str, tuple[int, ...]]] = {
+    "prlimit64": (0,), "sched_setparam": (0,), "sched_setscheduler": (0,), "sched_setaffinity": (0,),
+    "sched_setattr": (0,), "setpriority": (0, 0), "ioprio_set": (1, 0), "socket": (1,),
 }  # fmt: skip
 # Flags of clone that make namespaces.
 _NAMESPACES: Final = 0x7E020000
@@ -53,6 +67,7 @@ def call_filter() -> bytes:
     arch, found = _MACHINES[machine]
     numbers = {**found, **_NEWER}
     clone, clone3 = numbers.pop("clone"), numbers.pop("clone3")
+    only = {numbers.pop(name): wanted for name, wanted in _ONLY.items()}
     # (operation, steps to skip if it holds, steps to skip if not, value)
     steps = [(_LOAD, 0, 0, 4), (_IS, 1, 0, arch), (_RETURN, 0, 0, _REFUSE), (_LOAD, 0, 0, 0)]
     steps += [(_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE)]
@@ -63,6 +78,11 @@ def call_filter() -> bytes:
         for number in sorted(numbers.values())
         for step in ((_IS, 0, 1, number), (_RETURN, 0, 0, _REFUSE))
     ]
+    for number, wanted in only.items():
+        # The lower half of an argument, which is all of it that the kernel looks at.
+        asked = [step for k, value in enumerate(wanted) for step in ((_LOAD, 0, 0, 16 + 8 * k), (_IS, 1, 0, value),
+                                                                     (_RETURN, 0, 0, _REFUSE))]  # fmt: skip
+        steps += [(_IS, 0, len(asked) + 1, number), *asked, (_RETURN, 0, 0, _ALLOW)]
     steps += [(_IS, 0, 3, clone), (_LOAD, 0, 0, 16), (_HAS, 0, 1, _NAMESPACES), (_RETURN, 0, 0, _REFUSE)]
     steps += [(_RETURN, 0, 0, _ALLOW)]
     return b"".join(struct.pack("=HBBI", *step) for step in steps)

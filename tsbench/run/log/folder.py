@@ -17,7 +17,16 @@ from tsbench.episode.trace import trace_path
 from tsbench.run.edition import LOCAL
 from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
-from tsbench.run.log.manifest import NAME, Manifest, difference, identity, read_manifest, timestamp
+from tsbench.run.log.later import Later
+from tsbench.run.log.manifest import (
+    NAME,
+    Manifest,
+    difference,
+    identity,
+    planners_of,
+    read_manifest,
+    timestamp,
+)
 from tsbench.run.log.quarantine import FOLDER as ASIDE
 from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record
@@ -36,7 +45,7 @@ _FOLDERS = frozenset((ASIDE, TRACES, ERRORS, "pictures", "exports", "report", "t
 
 
 # What a continued run takes over from its earlier sessions.
-_KEPT = ("started", "sessions", "status", "finished", "counts", "files")
+_KEPT = ("started", "sessions", "status", "finished", "counts", "files", "later")
 
 
 class RunFolder:
@@ -60,14 +69,23 @@ class RunFolder:
             path.mkdir(parents=True, exist_ok=True)
             removed = overwrite and _remove_run(path)
             old = None if removed else _same_run(path, manifest)
-            self.manifest = manifest if old is None else {**manifest, **{key: old[key] for key in _KEPT}}
+            kept = {key: old[key] for key in _KEPT if key in old} if old else {}
             if old is not None and str(old.get("edition", "")).endswith(LOCAL):
                 # Some of its rows are of changed code.
-                self.manifest["edition"] = old["edition"]
+                kept["edition"] = old["edition"]
+            self.manifest = {**manifest, **kept}
+            self._later = Later(planners_of(manifest))
             if self.manifest["status"] == "complete":
+                self._later.take_all(self.manifest.get("later", []))
                 self._check_complete()
             else:
                 self._take_over()
+            try:
+                self.check_later()
+            except InputError:
+                self.close()
+                raise
+            if self.journal is not None:
                 self._open_session()
 
     def keep(self, record: Record) -> None:
@@ -81,7 +99,12 @@ class RunFolder:
         if record.detail:
             names = ("planner", "scenario_id", "outcome", "error")
             write_error(self.path, record, "".join(f"{name}: {row[name]}\n" for name in names) + "\n")
-        self.journal.append(record)
+        self.journal.append(self._later.hashed(record))
+        self.manifest["later"] = self._later.told()
+
+    def check_later(self) -> None:
+        """Raises InputError where a file that a planner opened in an episode is another now."""
+        self._later.check()
 
     def end(self, status: str, summary: Summary | None, errors: int, memory: Sequence[MemoryUse]) -> None:
         """Write summary and manifest; the journal goes when everything in it stands in the tables."""
@@ -154,7 +177,7 @@ class RunFolder:
     def _has_its_trace(self, content: Content) -> bool:
         wanted = content["trace"]
         if wanted is None:
-            return True
+            return self._noted(content)
         path = trace_path(self.path, content["row"]["planner"], content["row"]["scenario_id"])
         if not path.is_file():
             return False
@@ -162,6 +185,10 @@ class RunFolder:
             self._aside.move(path, "is not the trace that the run wrote (SHA-256 differs)")
             return False
         self._traced.add(path)
+        return self._noted(content)
+
+    def _noted(self, content: Content) -> bool:
+        self._later.take(content["row"]["planner"], content.get("opened", []), content.get("left", []))
         return True
 
     def _paths(self, keys: Iterable[Key], traces: bool = True) -> set[Path]:

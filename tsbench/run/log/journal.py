@@ -25,6 +25,8 @@ Content = dict[str, Any]
 _SYNC_EVERY_S = 1.0
 _DIGEST_HEX = 16
 _PARTS = {"row", "events", "timing", "trace"}
+# Lists of texts, in lines of episodes that have some: lines of `opened_files.hashes`, and what was left.
+_LATER = ("opened", "left")
 _TORN, _OTHER_RUN, _FOREIGN = "torn or changed", "of another run", "of no episode of this run"
 _TWICE, _NO_TRACE = "of an episode that has one already", "of an episode whose trace is gone or was changed"
 
@@ -59,9 +61,9 @@ class Journal:
     def append(self, record: Record) -> None:
         """Keep one episode. Raises InputError if the disk does not take it."""
         row = record.row
-        line = encode(
-            {"row": row, "events": record.events, "timing": record.timing, "trace": record.trace_sha256}
-        )
+        later = {key: value for key in _LATER if (value := list(getattr(record, key)))}
+        parts = {"row": row, "events": record.events, "timing": record.timing, "trace": record.trace_sha256}
+        line = encode({**parts, **later})
         with io_errors_as_input_errors(self.path):
             try:
                 _write(self._fd, line)
@@ -215,7 +217,12 @@ def _key(content: Content) -> Key:
 
 def _has_all(content: Any) -> bool:
     """Is this an episode with exactly the columns that the tables want?"""
-    if not isinstance(content, dict) or set(content) != _PARTS or not isinstance(content["events"], list):
+    if not isinstance(content, dict) or {*content} - {*_LATER} != _PARTS:
+        return False
+    if not isinstance(content["events"], list):
+        return False
+    later = [content.get(key, []) for key in _LATER]
+    if not all(isinstance(told, list) and all(isinstance(one, str) for one in told) for told in later):
         return False
     wanted = [(content["row"], EPISODES), (content["timing"], TIMING)]
     wanted += [(event, VIOLATIONS) for event in content["events"]]

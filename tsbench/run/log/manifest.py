@@ -54,6 +54,7 @@ _SHAPE: dict[str, Any] = {
     "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
     "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
     "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
+    "later?": [{"planner": str, "opened": [str], "left": [str]}],
     "asked?": {}, "isolation?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str},
     "started?": str, "finished?": (str, _NONE),
 }  # fmt: skip
@@ -110,12 +111,16 @@ def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
 
 def marks_of(manifest: Mapping[str, Any]) -> dict[str, str]:
     """What tables write behind the names of a run's planners: of floors, of those that others made, and of those that
-    may remember earlier episodes.
+    may remember earlier episodes, or left something outside their process in one (`later`).
 
     By name; the others have none. Where a planner is from is not in the manifest: its registered name says it.
     """
+    left = {told["planner"] for told in manifest.get("later", []) if told["left"]}
     marks = {
-        planner.name: (FLOOR if planner.floor else origin(planner.spec), MAY_REMEMBER * planner.may_remember)
+        planner.name: (
+            FLOOR if planner.floor else origin(planner.spec),
+            MAY_REMEMBER * (planner.may_remember or planner.name in left),
+        )
         for planner in planners_of(manifest)
     }
     return {name: mark for name, words in marks.items() if (mark := ", ".join(filter(None, words)))}

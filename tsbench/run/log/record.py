@@ -29,7 +29,8 @@ class Record:
 
     row: columns of `episodes.parquet`; events: rows of `violations.parquet`; timing: of `timing.parquet`.
     detail: text for `errors/`, "" where there was no error. trace_sha256: of the trace (hex), None where none was
-    kept.
+    kept. opened: names of files that the planner read in the episode; left: what it left outside its process, by which
+    it may remember (`run.opened_files`).
     """
 
     row: Row
@@ -37,6 +38,8 @@ class Record:
     timing: Row
     detail: str
     trace_sha256: str | None = None
+    opened: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
 
 
 def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:

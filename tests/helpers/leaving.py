@@ -1,0 +1,305 @@
+"""Planners whose episodes leave a bit somewhere in their sandbox, outside their own process, for the next to find.
+
+One that finds nothing is driven at 0.2 m/s2 and leaves the bit; one that finds it at 0.4.
+
+python leaving.py OUT NAME...: drives both halves of a pair in sandboxes by each, and prints what they were driven at.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import json
+import os
+import platform
+import resource
+import signal
+import socket
+import stat
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+from tsbench.planners.base import Control
+
+SYSTEM = ctypes.CDLL(None)
+IOPRIO_SET, IOPRIO_GET = {"x86_64": (251, 252), "aarch64": (30, 31)}[platform.machine()]
+F_SETSIG, F_GETSIG, F_SETPIPE_SZ, F_GETPIPE_SZ = 10, 11, 1031, 1032
+
+
+def line():
+    """The socket to the referee."""
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            if stat.S_ISSOCK(os.fstat(int(file.name)).st_mode):
+                return socket.socket(fileno=os.dup(int(file.name)))
+    raise OSError("no line")
+
+
+class _Planner:
+    found = False
+
+    def reset(self, context):
+        self.found = False
+        with suppress(OSError):
+            self.found = bool(self.finds())
+        if not self.found:
+            with suppress(OSError):
+                self.leaves()
+
+    def act(self, observation):
+        return Control(0.4 if self.found else 0.2, 0.0)
+
+
+class Limit(_Planner):
+    def finds(self):
+        return resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 200
+
+    def leaves(self):
+        resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (200, 256))
+
+
+class Niceness(_Planner):
+    def finds(self):
+        return os.getpriority(os.PRIO_PROCESS, 0) == 7
+
+    def leaves(self):
+        os.setpriority(os.PRIO_PROCESS, os.getppid(), 7)
+
+
+class NicenessOfGroup(Niceness):
+    def leaves(self):
+        os.setpriority(os.PRIO_PGRP, 0, 7)
+
+
+class Processors(_Planner):
+    def finds(self):
+        return os.sched_getaffinity(0) == {max(os.sched_getaffinity(os.getpid()))}
+
+    def leaves(self):
+        os.sched_setaffinity(os.getppid(), {max(os.sched_getaffinity(0))})
+
+
+class Policy(_Planner):
+    def finds(self):
+        return os.sched_getscheduler(0) == os.SCHED_BATCH
+
+    def leaves(self):
+        os.sched_setscheduler(os.getppid(), os.SCHED_BATCH, os.sched_param(0))
+
+
+class IoPriority(_Planner):
+    def finds(self):
+        return SYSTEM.syscall(IOPRIO_GET, 1, 0) == (2 << 13 | 7)
+
+    def leaves(self):
+        SYSTEM.syscall(IOPRIO_SET, 1, os.getppid(), 2 << 13 | 7)
+
+
+class LineOption(_Planner):
+    def finds(self):
+        return line().getsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY) == 5
+
+    def leaves(self):
+        line().setsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY, 5)
+
+
+class LineName(_Planner):
+    def finds(self):
+        return line().getsockname() == b"\0bit"
+
+    def leaves(self):
+        line().bind(b"\0bit")
+
+
+class LineSignal(_Planner):
+    def finds(self):
+        return fcntl.fcntl(line(), F_GETSIG) == 12
+
+    def leaves(self):
+        fcntl.fcntl(line(), F_SETSIG, 12)
+
+
+class LogSize(_Planner):
+    def finds(self):
+        return fcntl.fcntl(1, F_GETPIPE_SZ) == 1 << 18
+
+    def leaves(self):
+        fcntl.fcntl(1, F_SETPIPE_SZ, 1 << 18)
+
+
+class LogSignal(_Planner):
+    def finds(self):
+        return fcntl.fcntl(2, F_GETSIG) == 12
+
+    def leaves(self):
+        fcntl.fcntl(2, F_SETSIG, 12)
+
+
+class LogMode(_Planner):
+    def finds(self):
+        return os.fstat(1).st_mode & 0o777 == 0o123
+
+    def leaves(self):
+        os.fchmod(1, 0o123)
+
+
+class LogTime(_Planner):
+    def finds(self):
+        return int(os.fstat(1).st_mtime) == 12
+
+    def leaves(self):
+        os.utime(1, (12, 12))
+
+
+class Place(_Planner):
+    """In a file that the constructor opened to read."""
+
+    def __init__(self):
+        self.file = os.open(__file__, os.O_RDONLY)
+
+    def finds(self):
+        return os.lseek(self.file, 0, os.SEEK_CUR) == 12
+
+    def leaves(self):
+        os.lseek(self.file, 12, os.SEEK_SET)
+
+
+class Port(_Planner):
+    """Of a connection that has ended: it stays in use for a minute."""
+
+    PLACE = ("127.0.0.1", 4711)
+
+    def finds(self):
+        with socket.socket() as server:
+            try:
+                server.bind(self.PLACE)
+            except OSError as problem:
+                return problem.errno == 98
+        return False
+
+    def leaves(self):
+        with socket.create_server(self.PLACE) as server, socket.create_connection(self.PLACE) as client:
+            there, _ = server.accept()
+            there.close()
+            client.recv(1)
+
+
+class Processes(_Planner):
+    """In the numbers of processes, which are counted on."""
+
+    def finds(self):
+        return os.getpid() > 150
+
+    def leaves(self):
+        for _ in range(150):
+            thread = threading.Thread(target=int)
+            thread.start()
+            thread.join()
+
+
+class Files(_Planner):
+    """In the numbers of files in memory."""
+
+    def finds(self):
+        path = Path("/tmp/file")
+        path.touch()
+        return path.stat().st_ino > 150
+
+    def leaves(self):
+        for _ in range(150):
+            Path("/tmp/file").unlink()
+            Path("/tmp/file").touch()
+        Path("/tmp/file").unlink()
+
+
+class FileTime(_Planner):
+    def __init__(self):
+        self.path = Path("/tmp/made")
+        self.path.touch()
+
+    def finds(self):
+        return int(self.path.stat().st_mtime) == 12
+
+    def leaves(self):
+        os.utime(self.path, (12, 12))
+
+
+class FileContent(FileTime):
+    def finds(self):
+        return self.path.read_text() == "bit"
+
+    def leaves(self):
+        self.path.write_text("bit")
+
+
+class Semaphores(_Planner):
+    """In the numbers of System V's semaphores, which are gone."""
+
+    def finds(self):
+        number = SYSTEM.semget(0, 1, 0o600)
+        SYSTEM.semctl(number, 0, 0)
+        return number > 0
+
+    def leaves(self):
+        pass
+
+
+class Handler(_Planner):
+    """A signal has the process that episodes are forks of call what the constructor told it to."""
+
+    def __init__(self):
+        self.told = []
+        signal.signal(signal.SIGUSR1, lambda *_: self.told.append(1))
+
+    def finds(self):
+        return self.told
+
+    def leaves(self):
+        os.kill(os.getppid(), signal.SIGUSR1)
+
+
+class Daemon(_Planner):
+    """A process that the constructor started, and that its own parent has left, lives on beside all episodes."""
+
+    def __init__(self):
+        middle = os.fork()
+        if not middle:
+            if not os.fork():
+                # Nobody is to wait for the end of what it could print.
+                os.closerange(0, 3)
+                signal.alarm(20)
+                signal.pause()
+            os._exit(0)
+        os.waitpid(middle, 0)
+
+
+ALL = (
+    "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
+    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "Place", "Port", "Processes", "Files",
+    "FileTime", "FileContent", "Semaphores",
+)  # fmt: skip
+
+IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime")
+
+
+def main(out, *names):
+    import tsbench
+    from tsbench.episode.trace import read_trace, trace_path
+
+    run = tsbench.evaluate(
+        [f"{Path(__file__).resolve()}:{name}" for name in names], split="dev", types=["speed_limit"], limit=2,
+        workers=1, trace="all", isolate=True, out=Path(out),
+    )  # fmt: skip
+    told = {name: [] for name in names}
+    for row in run.episodes.itertuples():
+        assert row.error in (None, "") or row.error != row.error, row.error
+        told[row.planner].append(
+            float(read_trace(trace_path(Path(out), row.planner, row.scenario_id)).commands[0, 0])
+        )
+    print(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,144 @@
+"""What an episode leaves in its sandbox, outside its own process, does not reach the next episode."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import leaving
+import pytest
+from patience import HANG_S
+
+from tsbench.run.isolation import loading, process, system_calls
+from tsbench.run.isolation.protocol import MessageKind, pack
+
+FILE = Path(leaving.__file__)
+FIRST = 0.2
+
+
+# How a run is started, and by which planners. The log's pipe is a user's own, and root's is not its planner's.
+STARTED = {
+    "as it is": ((), leaving.ALL),
+    "by a user": (("unshare", "--user", "--map-user=1000", "--map-group=1000"), leaving.IN_LOG),
+}
+
+
+@pytest.mark.parametrize("started", STARTED)
+def test_no_bit_that_an_episode_leaves_reaches_the_next(started: str, tmp_path: Path) -> None:
+    before, names = STARTED[started]
+    done = subprocess.run(
+        [*before, sys.executable, str(FILE), str(tmp_path / "run"), *names],
+        stdout=subprocess.PIPE, text=True, timeout=HANG_S, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert json.loads(done.stdout) == {name: [FIRST, FIRST] for name in names}
+
+
+@pytest.mark.parametrize(("name", "remembers"), [("Handler", True), ("Daemon", True), ("Place", False)])
+def test_what_a_constructor_makes_for_all_episodes_is_marked(name: str, remembers: bool) -> None:
+    """Signals of an episode reach the process that episodes are forks of, and its messages another one."""
+    # Not in this process: it would have the handler and the other process.
+    code = (
+        "import sys; from tsbench.run.planner_info import describe; print(describe(sys.argv[1]).may_remember)"
+    )
+    told = subprocess.run(
+        [sys.executable, "-c", code, f"{FILE}:{name}"],
+        capture_output=True,
+        text=True,
+        timeout=HANG_S,
+        check=True,
+    )
+    assert told.stdout.split()[-1] == str(remembers)
+    assert loading.describe(f"{FILE}:{name}").planner.may_remember is remembers
+
+
+class Told:
+    """Stands for a planner's process that says how it begins its episodes, and leaves something in the first."""
+
+    made = 0
+
+    def __init__(self) -> None:
+        Told.made += 1
+        self.facts = {"forks": True}
+
+    def ask(self, request: bytes) -> tuple[MessageKind, bytes]:
+        if request == pack(MessageKind.END) and Told.made == 1:
+            raise process.IsolatedPlannerError("ended")
+        return MessageKind.DONE, b""
+
+    def close(self) -> None:
+        pass
+
+
+class Silent:
+    def context(self, context: object) -> bytes:
+        return b""
+
+
+def test_after_something_was_left_each_episode_has_a_new_sandbox(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether there is a new sandbox is a bit, too."""
+    monkeypatch.setattr(process, "Encoder", Silent)
+    planner = process.IsolatedPlanner(Told)  # type: ignore[arg-type]
+    context: Any = None
+    made = []
+    for _ in range(4):
+        planner.reset(context)
+        made.append(Told.made)
+    assert made == [1, 2, 3, 4]
+
+
+# What a filter says of a call, by the numbers of the kernel's calls on two kinds of machines.
+ALLOWED, REFUSED = 0x7FFF0000, 0x00050001
+ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
+CALLS = [
+    ("prlimit64", {"x86_64": 302, "aarch64": 261}, (0, 7), (5, 7)),
+    ("setpriority", {"x86_64": 141, "aarch64": 140}, (0, 0, 5), (0, 5, 5)),
+    ("setpriority of a group", {"x86_64": 141, "aarch64": 140}, (0, 0), (1, 0)),
+    ("sched_setaffinity", {"x86_64": 203, "aarch64": 122}, (0,), (5,)),
+    ("sched_setscheduler", {"x86_64": 144, "aarch64": 119}, (0,), (5,)),
+    ("sched_setparam", {"x86_64": 142, "aarch64": 118}, (0,), (5,)),
+    ("sched_setattr", {"x86_64": 314, "aarch64": 274}, (0,), (5,)),
+    ("ioprio_set", {"x86_64": 251, "aarch64": 30}, (1, 0), (1, 5)),
+    ("ioprio_set of a group", {"x86_64": 251, "aarch64": 30}, (1, 0), (2, 0)),
+    ("socket", {"x86_64": 41, "aarch64": 198}, (1, 1), (2, 1)),
+    ("clone", {"x86_64": 56, "aarch64": 220}, (0x11,), (0x10000011,)),
+    ("semget", {"x86_64": 64, "aarch64": 190}, None, (0,)),
+    ("msgget", {"x86_64": 68, "aarch64": 186}, None, (0,)),
+    ("process_madvise", {"x86_64": 440, "aarch64": 440}, None, (0,)),
+    ("getpid", {"x86_64": 39, "aarch64": 172}, (0,), None),
+]
+
+
+def verdict(program: bytes, machine: str, number: int, arguments: tuple[int, ...]) -> int:
+    """What the kernel does with a call: its data are number, architecture, place, and six arguments."""
+    data = struct.pack("<IIQ6Q", number, ARCH[machine], 0, *arguments, *[0] * (6 - len(arguments)))
+    steps = list(struct.iter_unpack("=HBBI", program))
+    at, held = 0, 0
+    while True:
+        operation, yes, no, value = steps[at]
+        at += 1
+        if operation == 0x06:
+            return int(value)
+        if operation == 0x20:
+            (held,) = struct.unpack_from("<I", data, value)
+        else:
+            holds = {0x15: held == value, 0x35: held >= value, 0x45: bool(held & value)}[operation]
+            at += yes if holds else no
+
+
+@pytest.mark.parametrize("machine", ARCH)
+@pytest.mark.parametrize(("call", "numbers", "own", "other"), CALLS, ids=[call[0] for call in CALLS])
+def test_a_process_changes_its_own_state_and_no_other_s(
+    call: str, numbers: dict[str, int], own: Any, other: Any, machine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(system_calls.platform, "machine", lambda: machine)
+    program = system_calls.call_filter()
+    if own is not None:
+        assert verdict(program, machine, numbers[machine], own) == ALLOWED, call
+    if other is not None:
+        assert verdict(program, machine, numbers[machine], other) == REFUSED, call
