@@ -124,21 +124,6 @@ def test_the_planners_are_as_many_as_the_pages_say() -> None:
         assert number in text_of(page)
 
 
-@pytest.mark.parametrize(
-    ("metric", "words"),
-    [("driving\\_score", "driving score {}, {} planners"), ("efficiency", "{} over {} planners")],
-)
-def test_correlations_in_the_prose_are_those_of_the_table(metric: str, words: str) -> None:
-    found = re.search(
-        rf"^\| all types \| {re.escape(metric)} \| strict \| (\S+) \((.+?)\) \| (\d+) \|",
-        (DOCS / "results.md").read_text(encoding="utf-8"), re.M,
-    )  # fmt: skip
-    assert found is not None
-    value, interval, planners = found.groups()
-    said = value if metric != "efficiency" else f"{value} ({interval})"
-    assert words.format(said, planners) in text_of("docs/results.md")
-
-
 def test_the_files_of_a_clone_are_as_large_as_the_page_says() -> None:
     told = int(cells("docs/install.md", "files of a clone")[0].split()[0])
     tracked = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -17,8 +17,8 @@ from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
 
-# Version of what the code makes of scenes: records, events and traces, tsbench's own planners included. Whoever changes
-# a byte of them raises it; tests/test_golden.py fails until then.
+# Version of what the code makes of scenes: records, events and traces, tsbench's own planners included. A change of one
+# byte raises it; tests/test_golden.py fails until then.
 SCORING = 1
 
 _PACKAGE = Path(tsbench.__file__).resolve().parent

@@ -31,7 +31,7 @@ def _correlations(pool: RunPool) -> Analysis:
 
 
 OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
-    "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract),
+    "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract, pool.contract),
     "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
     "intervals": _intervals,
     "failures": _failures,

@@ -18,6 +18,7 @@ from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import COMPLETED, STRICT
 from tsbench.metrics.episode import METRICS
 from tsbench.metrics.intervals import LEVEL
+from tsbench.metrics.records import SIGNED_ONES, Records
 from tsbench.report.analyses.columns import (
     NAMES,
     panels_of,
@@ -28,15 +29,18 @@ from tsbench.report.analyses.columns import (
 )
 from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.pool import RunPool
-from tsbench.report.analyses.published import is_whole, published, published_metric, published_scd
+from tsbench.report.analyses.published import is_whole, published_metric, published_scd, without_experts
 from tsbench.report.tables.charts import INK
-from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
+from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, put_title
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.
 _METRICS = tuple(name for name, metric in METRICS.items() if not metric.about_rule)
 
-_TOLD = "published: from the reference's table, which has no metric by group, over its planners, whichever ran here"
+_TOLD = (
+    "the nine: the study's planners without experts; signed SCD, and metrics over the signed episodes of all types. "
+    "study: the same, computed from the study's table, which has no metric by group"
+)
 
 _Points = Sequence[float | None]
 
@@ -77,8 +81,8 @@ def correlations(pool: RunPool) -> Analysis:
         Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
         Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
         Column("planners_overall", "planners", Kind.COUNT),
-        Column("published", "ρ, published,\nall episodes", decimals=2),
-        Column("planners_published", "planners", Kind.COUNT),
+        Column("nine", "ρ, signed SCD,\nthe nine here", decimals=2),
+        Column("study", "ρ, signed SCD,\nthe nine, study", decimals=2),
     )  # fmt: skip
     rows = []
     differ = any(pool.records[name].error.any() for name in pool.planners)
@@ -88,9 +92,9 @@ def correlations(pool: RunPool) -> Analysis:
                 first = reading == STRICT
                 values = (
                     _ours(pool, panel, panel, metric, reading), _ours(pool, panel, ALL, metric, reading),
-                    _published(pool, panel, metric) if first else None,
                 )  # fmt: skip
-                cells = [part for value in values for part in (value, None if value is None else value.n)]
+                cells = [part for value in values for part in (value, value.n)]
+                cells += _of_the_nine(pool, panel, metric) if first else (None, None)
                 rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))
     notes = (
         f"ρ: Spearman's rank correlation, over planners, of a metric (mean over episodes) with {scd} (macro mean over "
@@ -114,7 +118,11 @@ def _ours(pool: RunPool, panel: str, over: str, metric: str, reading: str) -> Va
 
 def metric_mean(pool: RunPool, planner: str, panel: str, metric: str, reading: str) -> float | None:
     """A metric's mean over a planner's episodes of a panel, as in the summary; None where none counts."""
-    records, column = pool.records[planner], METRICS[metric]
+    return _mean(pool.records[planner], panel, metric, reading)
+
+
+def _mean(records: Records, panel: str, metric: str, reading: str) -> float | None:
+    column = METRICS[metric]
     values = records.values[column.column]
     if reading == STRICT and column.failure is not None:
         values = np.where(records.error, column.failure, values)
@@ -124,13 +132,21 @@ def metric_mean(pool: RunPool, planner: str, panel: str, metric: str, reading: s
     return round(column.scale * float(values.mean()), 9) if len(values) else None
 
 
-def _published(pool: RunPool, panel: str, metric: str) -> Value | None:
-    """The correlation in the reference's table; None beside a selection of the panel's types."""
-    if not all(is_whole(p, panel) for p in pool.summaries):
-        return None
-    x = [published_metric(name, metric) for name in published()]
-    y = [published_scd(name, panel) for name in published()]
-    return None if set(x) == {None} else spearman(x, y)
+def _of_the_nine(pool: RunPool, panel: str, metric: str) -> tuple[Value | None, Value | None]:
+    """Signed SCD of a panel against a metric over the study's nine planners: here, and in its table.
+
+    None where one of them did not drive the panel on the test split, and for a metric that the study has not.
+    """
+    nine = without_experts()
+    summaries = {p.planner: p for p in pool.summaries}
+    theirs = [published_metric(name, metric) for name in nine]
+    if None in theirs or not all(
+        name in summaries and is_whole(summaries[name], panel, pool.contract) for name in nine
+    ):
+        return None, None
+    figures = [panels_of(summaries[name], SIGNED_ONES)[panel].main.value for name in nine]
+    means = [_mean(pool.records[name].of(SIGNED_ONES), ALL, metric, STRICT) for name in nine]
+    return spearman(means, figures), spearman(theirs, [published_scd(name, panel) for name in nine])
 
 
 def _without(rows: Sequence[Row]) -> tuple[str, ...]:
@@ -147,16 +163,13 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     for panel in present_panels(pool.summaries):
         rows = []
         for metric in _METRICS:
-            ours, told = _ours(pool, panel, panel, metric, STRICT), _published(pool, panel, metric)
+            ours = _ours(pool, panel, panel, metric, STRICT)
             mark = Mark(ours.value, ours.low, ours.high, colour_of(panel), width=2.0)
-            marks = (published_mark(None if told is None else told.value), mark)
-            rows.append(ForestRow(metric.replace("_", " "), marks, str(ours.n)))
+            rows.append(ForestRow(metric.replace("_", " "), (mark,), str(ours.n)))
         panels[panel] = rows
     key = {
         "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
     }
-    if any(row.marks[0].value is not None for rows in panels.values() for row in rows):
-        key["published, metric over all episodes"] = published_mark(0.0)
     unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
     if not stacked:

@@ -35,7 +35,7 @@ def intervals(pool: RunPool) -> Analysis:
         Column("places", "places", Kind.COUNT), Column("types", "types\naveraged", Kind.COUNT),
         Column("published", "published\n%", Kind.NUMBER), Column("method", "interval", Kind.TEXT),
     )  # fmt: skip
-    table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p)), 4)
+    table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p, pool.contract)), 4)
     told = [NOTE] if any(row.cells[8] is not None for row in table.rows) else []
     notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, *told)
     title = pool.title("SCD with intervals")
@@ -43,14 +43,14 @@ def intervals(pool: RunPool) -> Analysis:
     return Analysis("intervals", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
-def _rows(p: PlannerSummary) -> Iterator[Row]:
+def _rows(p: PlannerSummary, contract: str) -> Iterator[Row]:
     starts = True
     for part, scores in p.scores.items():
         for panel, figure in scores.panels(ALL).items():
             for reading in readings(p):
                 e, first = figure.read(reading), reading == STRICT
                 told = f"{e.method} ({e.reason})" if e.reason else e.method
-                reference = scd_beside(p, panel) if first and part == SIGNED_ONES else None
+                reference = scd_beside(p, panel, contract) if first and part == SIGNED_ONES else None
                 names = (p.label, panel, NAMES[part], reading)
                 cells = (*names, Value.of(e), e.n, e.clusters, e.parts, reference, told)
                 yield Row(cells, starts=starts, faint=not first)
@@ -61,7 +61,7 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     primary = present_parts(pool.summaries)[0]
     panels = {}
     for name in present_panels(pool.summaries):
-        panels[name] = [_row(p, primary, name, colour_of(name)) for p in pool.summaries]
+        panels[name] = [_row(p, primary, name, colour_of(name), pool.contract) for p in pool.summaries]
     key = {f"{NAMES[primary]}, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
     if any(
         m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]
@@ -78,8 +78,8 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     return figure
 
 
-def _row(p: PlannerSummary, part: str, panel: str, colour: str) -> ForestRow:
-    told = scd_beside(p, panel) if part == SIGNED_ONES else None
+def _row(p: PlannerSummary, part: str, panel: str, colour: str, contract: str) -> ForestRow:
+    told = scd_beside(p, panel, contract) if part == SIGNED_ONES else None
     marks, counts = [published_mark(told)], ""
     if (figure := panels_of(p, part).get(panel)) is not None:
         strict, completed = figure.main, figure.completed

@@ -29,8 +29,11 @@ PUBLISHED = "published"
 _METRICS = {name: metric for name, metric in METRICS.items() if metric.head}
 
 
-def main_table(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
-    """One row for each reading of each planner: strict, completed where it differs, published."""
+def main_table(planners: Sequence[PlannerSummary], title: str, contract: str, beside: str = "") -> Analysis:
+    """One row for each reading of each planner: strict, completed where it differs, published.
+
+    beside: the contract, where the study's figures may stand beside those of its planners.
+    """
     first, *others = present_parts(planners)
     # The primary figure by group too, the others beside it.
     shown = [*((first, panel) for panel in present_panels(planners)), *((part, ALL) for part in others)]
@@ -39,7 +42,7 @@ def main_table(planners: Sequence[PlannerSummary], title: str, contract: str) ->
         *(_column(part, panel) for part, panel in shown),
         *(Column(name, f"{metric.head}\n{metric.unit}") for name, metric in _METRICS.items()),
     )  # fmt: skip
-    rows = tuple(row for p in planners for row in _rows(p, shown))
+    rows = tuple(row for p in planners for row in _rows(p, shown, beside))
     notes = (
         f"{SCD_NOTE}; other metrics are means over episodes. Below each figure its {INTERVAL_NOTE}",
         f"{READINGS_NOTE}. n: episodes; what fewer or pairs count for has its own n in the CSV",
@@ -68,7 +71,7 @@ def _warnings(p: PlannerSummary) -> Iterator[str]:
             yield f"no interval for the overall {NAMES[part]}: {scores.overall.main.reason}"
 
 
-def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]]) -> Iterator[Row]:
+def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]], beside: str) -> Iterator[Row]:
     for reading in readings(p):
         figures = [pick(panels_of(p, part).get(panel), reading) for part, panel in shown]
         figures += [pick(p.metrics[name], reading) for name in _METRICS]
@@ -77,8 +80,8 @@ def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]]) -> Iterator[Row]:
         n = p.recorded if first else p.completed
         yield Row((p.label, reading, n, *cells), starts=first, faint=not first)
     # What the reference published is over signed scenes.
-    told = [scd_beside(p, panel) if part == SIGNED_ONES else None for part, panel in shown]
-    told += [metric_beside(p, name) for name in _METRICS]
+    told = [scd_beside(p, panel, beside) if part == SIGNED_ONES else None for part, panel in shown]
+    told += [metric_beside(p, name, beside) for name in _METRICS]
     if any(number is not None for number in told):
         cells = [None if number is None else Value(number) for number in told]
         yield Row((p.label, PUBLISHED, None, *cells), faint=True)

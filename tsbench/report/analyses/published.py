@@ -1,4 +1,4 @@
-"""The table that the reference published (published_results.csv), to stand beside one's own figures."""
+"""The study's table (published_results.csv), beside the same planners on Moscow's test split."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from importlib.resources import files
 
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.records import SIGNED_ONES
+from tsbench.planners.registry import EXPERT
 from tsbench.report.analyses.model import ALL
+from tsbench.run.edition import editions, standing_contract
 from tsbench.signs.catalog import load_catalog
 
 NOTE = (
@@ -28,20 +30,27 @@ def published() -> Mapping[str, Mapping[str, float]]:
     }
 
 
-def is_whole(p: PlannerSummary, panel: str) -> bool:
-    """Has a planner signed episodes of every type of a panel? Published figures are of whole panels alone."""
+def is_of_study(contract: str) -> bool:
+    """Is a contract that of Moscow's test split, the scenes that stand for the study's?"""
+    return any(standing_contract(edition.now().get("test", "")) == contract for edition in editions())
+
+
+def is_whole(p: PlannerSummary, panel: str, contract: str) -> bool:
+    """Has a planner signed episodes of every type of a panel, on Moscow's test split?"""
+    if not is_of_study(contract):
+        return False
     driven = p.scores[SIGNED_ONES].types if SIGNED_ONES in p.scores else {}
     return all(kind.id in driven for kind in load_catalog().types if panel in (ALL, kind.group))
 
 
-def scd_beside(p: PlannerSummary, panel: str) -> float | None:
-    """The published SCD (%) to stand beside a planner's own; None where its episodes are a selection of the types."""
-    return published_scd(p.planner, panel) if is_whole(p, panel) else None
+def scd_beside(p: PlannerSummary, panel: str, contract: str) -> float | None:
+    """The published SCD (%) to stand beside a planner's own; None where its episodes are not a whole panel of these."""
+    return published_scd(p.planner, panel) if is_whole(p, panel, contract) else None
 
 
-def metric_beside(p: PlannerSummary, metric: str) -> float | None:
+def metric_beside(p: PlannerSummary, metric: str, contract: str) -> float | None:
     """The published figure of a conventional metric, likewise."""
-    return published_metric(p.planner, metric) if is_whole(p, ALL) else None
+    return published_metric(p.planner, metric) if is_whole(p, ALL, contract) else None
 
 
 def published_scd(planner: str, panel: str) -> float | None:
@@ -52,6 +61,11 @@ def published_scd(planner: str, panel: str) -> float | None:
 def published_metric(planner: str, metric: str) -> float | None:
     """The published figure of a conventional metric, None where there is none."""
     return published().get(planner, {}).get(metric)
+
+
+def without_experts() -> tuple[str, ...]:
+    """The study's nine planners that are told no rule, in the order of its table."""
+    return tuple(name for name in published() if not name.endswith(EXPERT))
 
 
 def in_published_order(planners: Iterable[str]) -> tuple[str, ...]:

@@ -126,7 +126,7 @@ def _io_priority() -> int:
 
 
 def _descriptors() -> Iterator[tuple[str, object]]:
-    """Of each open file what belongs to it, and not to the process: whoever has the same file changes it."""
+    """Of each open file what belongs to the file and not to the process, so that another process may change it."""
     for path in list((_OWN / "fd").iterdir()):
         file = int(path.name)
         told: list[object] = []
