@@ -20,8 +20,8 @@ settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")
 
 
-# What these need comes with `make test-slow`.
-SLOW_FIXTURES = {"chromium", "commonroad"}
+# What the first two need comes with `make test-slow`; the third drives for more than ten seconds.
+SLOW_FIXTURES = {"chromium", "commonroad", "misbehaved"}
 WHOLLY_SLOW = re.compile(r"^pytestmark = (\[\s*)?pytest\.mark\.slow\b", re.MULTILINE)
 
 
