@@ -76,6 +76,7 @@ def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_cnn_has_about_two_million_parameters() -> None:
     from tsbench.planners.carl.network import CarlActor
 
