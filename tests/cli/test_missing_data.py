@@ -59,6 +59,7 @@ def test_a_command_says_how_to_get_it(
     assert not (lacking / "out").exists()
 
 
+@pytest.mark.slow
 def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (lacking / "data" / "scenarios" / "scenes").symlink_to(ROOT / "scenarios" / "scenes")
     for command in ("plant2-ft", "frames"):
