@@ -8,22 +8,28 @@ EXTRAS ?=
 empty :=
 # Other extras are another target, or they would not be added to what is there.
 BASE := $(VENV)/.base$(subst $(empty) ,,$(EXTRAS:%=-%))
+QUICK := $(VENV)/.quick
 READY := $(VENV)/.ready
 # CommonRoad's reader and planner, for tests: in a folder of their own, because the protobuf that they insist on is no other's.
 COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition golden bench clean
+.PHONY: run test test-slow results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition golden bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
 		--workers $(WORKERS) --out runs/main
 
+# All tests but the slow ones, which take more than ten seconds each, or need torch, Ray or a browser: those are `make test-slow`.
 # TEST_ARGS: for example tests/rules, or "-k stop".
 # One thread a process: more wait for each other by spinning, and there are as many processes as cores.
-test: setup
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist worksteal $(TEST_ARGS)
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist worksteal
+test: $(QUICK)
+	$(PYTEST) $(TEST_ARGS)
+
+test-slow: setup
+	$(PYTEST) -m "slow and not torture and not whole and not submissions" $(TEST_ARGS)
 
 # All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
 # masked, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
@@ -206,7 +212,8 @@ $(VENV)/judge/.ready: $(JUDGE) $(READY)
 	$(PIP) install --require-hashes --no-deps --upgrade --target $(VENV)/judge --requirement $(JUDGE)
 	touch $@
 
-# `base`: what a run needs, and the extras that EXTRAS names (EXTRAS="report video"). `setup`: all that the tests need. Every package has the version and a hash that
+# `base`: what a run needs, and the extras that EXTRAS names (EXTRAS="report video"). QUICK: what `make test` needs besides.
+# `setup`: all that slow tests and other targets need. Every package has the version and a hash that
 # requirements.lock names; this pip is the first that takes hashes from a file of constraints.
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 ASKED := import sys, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
@@ -225,13 +232,17 @@ $(BASE): pyproject.toml requirements.lock
 	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
+$(QUICK): $(BASE)
+	$(call install,report make dev)
+	touch $@
+
 setup: $(READY)
 
 # torch first and alone: among builds whose hashes it knows, pip takes PyPI's with CUDA (3 GB with what that needs), also
 # where an index nearer by has the one without. Its version is the lock file's, and so is all that it needs.
-$(READY): $(BASE) $(COMMONROAD)
+$(READY): $(QUICK) $(COMMONROAD)
 	$(PIP) install --no-deps "$$(grep -o '^torch==[^ ]*' requirements.lock)"
-	$(call install,report video make learn ray mcap docs release dev)
+	$(call install,video learn ray mcap docs release dev-slow)
 	$(PIP) install --require-hashes --no-deps --upgrade --target $(VENV)/commonroad --requirement $(COMMONROAD) || \
 		echo "CommonRoad's packages cannot be had here ($(COMMONROAD)): its planner is not driven, and its tests are skipped" >&2
 	touch $@
@@ -242,7 +253,7 @@ UV := build/uv/bin/uv pip compile --quiet --universal --python-version 3.11 --ge
 lock:
 	$(PYTHON) -m venv build/uv
 	build/uv/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
-	$(UV) $(addprefix --extra ,report video make learn ray mcap docs release dev mutation build) pyproject.toml -o requirements.lock
+	$(UV) $(addprefix --extra ,report video make learn ray mcap docs release dev dev-slow mutation build) pyproject.toml -o requirements.lock
 	$(UV) --no-deps $(COMMONROAD:.lock=.in) -o $(COMMONROAD)
 	$(UV) --no-deps $(JUDGE:.lock=.in) -o $(JUDGE)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import re
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,27 @@ pytest_plugins = ["browsing"]
 
 settings.register_profile("tsbench", deadline=None, derandomize=True)
 settings.load_profile("tsbench")
+
+
+# What the first two need comes with `make test-slow`; the third drives for more than ten seconds.
+SLOW_FIXTURES = {"chromium", "commonroad", "misbehaved"}
+WHOLLY_SLOW = re.compile(r"^pytestmark = (\[\s*)?pytest\.mark\.slow\b", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A file that is slow as a whole is not imported where slow tests are not asked for.
+
+    Packages that it imports may be missing in the environment of `make test`.
+    """
+    unasked = "not slow" in config.option.markexpr and collection_path.suffix == ".py"
+    return True if unasked and WHOLLY_SLOW.search(collection_path.read_text(encoding="utf-8")) else None
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if SLOW_FIXTURES.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_collection_finish() -> None:

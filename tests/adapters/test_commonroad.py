@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 # Where `make setup` puts CommonRoad's packages, whose protobuf is nobody else's.
 COMMONROAD = Path(sys.prefix) / "commonroad"
 HANG_S = 600.0

@@ -29,6 +29,8 @@ from tsbench.scenarios.table import read_table, table_path
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
 
+pytestmark = pytest.mark.slow
+
 PLAIN = {"action": None, "hold": 1, "draws": False, "name": "Policy"}
 
 

@@ -127,6 +127,7 @@ def test_an_episode_that_cannot_be_shown(run: tsbench.Run) -> None:
         _ = run.show(f"idm/{run.episodes.scenario_id[0]}", time=999.0).frame
 
 
+@pytest.mark.slow
 def test_a_player_in_an_output_cell(run: tsbench.Run, tmp_path: Path) -> None:
     """Chromium plays it inside of another page, without an error."""
     program = shutil.which("chromium") or pytest.skip("no chromium on this machine")

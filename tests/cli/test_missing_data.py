@@ -41,9 +41,9 @@ def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         ("scenarios open yield-j-dol-0128fe0d7b-v0", SCENES),
         ("scenarios certify --types yield", SCENES),
         ("oracle collect --limit 1 --out out", SCENES),
-        ("train ppo --out out", SCENES),
-        ("train plant2 --out out", SCENES),
-        ("train plant2-ft --planner idm-e --out out", SCENES),
+        pytest.param("train ppo --out out", SCENES, marks=pytest.mark.slow),
+        pytest.param("train plant2 --out out", SCENES, marks=pytest.mark.slow),
+        pytest.param("train plant2-ft --planner idm-e --out out", SCENES, marks=pytest.mark.slow),
         ("oracle stats", ORACLE),
         ("oracle verify", ORACLE),
         ("oracle restore out", ORACLE),
@@ -59,6 +59,7 @@ def test_a_command_says_how_to_get_it(
     assert not (lacking / "out").exists()
 
 
+@pytest.mark.slow
 def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (lacking / "data" / "scenarios" / "scenes").symlink_to(ROOT / "scenarios" / "scenes")
     for command in ("plant2-ft", "frames"):

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from command_line import in_process, refused
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_fine_tuning_without_drives_or_base_is_refused(
     capsys: pytest.CaptureFixture[str], tmp_path: Path

@@ -16,6 +16,7 @@ from tsbench.core.extras import EXTRA_OF
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 def test_each_module_is_of_a_package_that_its_extra_brings() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     brought = packages_distributions()

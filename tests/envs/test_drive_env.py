@@ -62,6 +62,7 @@ def test_gymnasiums_checker_passes(kind: str) -> None:
     made.close()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_the_checker_of_stable_baselines_passes() -> None:
     from stable_baselines3.common.env_checker import check_env as check

@@ -8,6 +8,8 @@ import pytest
 
 from tsbench.learn.start import command_line
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("program", ["/somewhere/bin/tsbench", "/somewhere/tsbench/__main__.py"])
 def test_a_command_is_the_same_however_tsbench_was_started(

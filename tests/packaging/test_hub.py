@@ -15,6 +15,8 @@ import yaml
 from tsbench.core.files import sha256_of
 from tsbench.scenarios.table import read_table, table_path
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 DAY = datetime.date(2026, 11, 24)
 

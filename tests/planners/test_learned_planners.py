@@ -23,7 +23,7 @@ from tsbench.tools.doctor.arithmetic import questions
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [
     pytest.param(lambda p: Ppo(folder=save_ppo(p)), id="ppo"),
-    pytest.param(lambda p: Carl(folder=save_carl(p)), id="carl"),
+    pytest.param(lambda p: Carl(folder=save_carl(p)), id="carl", marks=pytest.mark.slow),
 ]
 
 
@@ -76,12 +76,14 @@ def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_cnn_has_about_two_million_parameters() -> None:
     from tsbench.planners.carl.network import CarlActor
 
     assert 1.9e6 < sum(p.numel() for p in CarlActor().parameters()) < 2.3e6
 
 
+@pytest.mark.slow
 def test_carl_answers_as_by_torch(tmp_path: Path) -> None:
     asked = questions("carl")
     mine = Carl.network("cpu")(asked)["action"]

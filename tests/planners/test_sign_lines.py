@@ -109,6 +109,7 @@ def wide(look: Look) -> bool:
     return look.scenario.startswith(("bus_lane_road", "bike_lane_road"))
 
 
+@pytest.mark.slow
 def test_sign_ahead_is_the_way_to_the_plates_place(looks: list[Look]) -> None:
     far = [
         look
@@ -118,6 +119,7 @@ def test_sign_ahead_is_the_way_to_the_plates_place(looks: list[Look]) -> None:
     assert far == []
 
 
+@pytest.mark.slow
 def test_a_junctions_line_is_three_metres_behind_the_plate(looks: list[Look]) -> None:
     junction = [
         look for look in looks if look.on_route and look.reference == "line" and look.judged is not None
@@ -126,6 +128,7 @@ def test_a_junctions_line_is_three_metres_behind_the_plate(looks: list[Look]) ->
     assert [look.line - look.ahead for look in junction] == pytest.approx([3.0] * len(junction), abs=0.05)
 
 
+@pytest.mark.slow
 def test_line_ahead_is_what_the_monitor_judges(looks: list[Look]) -> None:
     seen = [look for look in looks if look.on_route and look.judged is not None]
     assert {look.reference for look in seen} == {"line", "exit_start", "crossing", "obstacle", "own_line"}
@@ -151,6 +154,7 @@ def test_the_page_names_the_plates_of_each_line() -> None:
     assert found == wanted
 
 
+@pytest.mark.slow
 def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Look]) -> None:
     others = [look for look in looks if not look.on_route]
     assert any(math.isfinite(look.ahead) for look in others), "sign_ahead alone does not tell"

@@ -59,6 +59,7 @@ def test_a_listener_of_ones_own(bench: Bench, mine: Path) -> None:
     assert (bench.folder / "told").read_text().splitlines() == [begin, end]
 
 
+@pytest.mark.slow
 def test_tensorboard(bench: Bench) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

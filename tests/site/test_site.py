@@ -11,6 +11,8 @@ from urllib.parse import unquote
 import pytest
 from scripts import load_script
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
-import subprocess
-import sys
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.run.log.read import read_run
 from tsbench.run.log.rescored import NAME, read_rescored, write_rescored
@@ -45,13 +46,12 @@ class Leaper:
 """
 
 
-def tsbench(folder: Path, *arguments: str, expect: int = 0) -> str:
-    code = "from tsbench.cli import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, *arguments], cwd=folder, text=True, capture_output=True, timeout=100, check=False
-    )  # fmt: skip
-    assert done.returncode == expect, done.stdout + done.stderr
-    return done.stdout
+def tsbench(folder: Path, *arguments: str) -> str:
+    told = io.StringIO()
+    with chdir(folder), redirect_stdout(told), pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert not ended.value.code, told.getvalue()
+    return told.getvalue()
 
 
 @pytest.fixture(scope="module")

@@ -34,6 +34,8 @@ from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module", autouse=True)
 def one_thread() -> None:

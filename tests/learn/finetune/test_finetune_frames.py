@@ -32,6 +32,8 @@ from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
+pytestmark = pytest.mark.slow
+
 WORDS = vocabulary_of()
 SOURCE = FinetuneSource(FinetuneSampling(), WORDS)
 

@@ -36,6 +36,8 @@ from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
+pytestmark = pytest.mark.slow
+
 SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
 
 

@@ -64,6 +64,7 @@ def test_both_halves_come_out_as_they_were_driven(tmp_path: Path) -> None:
     assert sorted(found.values(), key=str) == [{"contrast"}, {"signed"}]
 
 
+@pytest.mark.slow
 def test_the_guides_data_set_gives_drives(tmp_path: Path) -> None:
     """The lines of docs/oracle.md as they stand there, and PyTorch's loader over them."""
     import torch

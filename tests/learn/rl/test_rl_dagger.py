@@ -21,6 +21,8 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.ppo.vector import SIZE
 from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, action_for
 
+pytestmark = pytest.mark.slow
+
 
 @given(st.floats(-5.0, 2.4))
 def test_an_acceleration_has_an_action(wanted: float) -> None:

@@ -28,6 +28,8 @@ from tsbench.planners.ppo.planner import Ppo
 from tsbench.planners.ppo.vector import SIZE
 from tsbench.planners.weights import network, save_weights
 
+pytestmark = pytest.mark.slow
+
 ACTIONS = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN: dict[str, spaces.Space[Any]] = {
     "ppo": spaces.Box(-2.0, 2.0, (SIZE,), np.float32),

@@ -6,7 +6,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-import torch
 from scipy.special import betaincinv, erf, ndtri
 
 from tsbench.planners.common.convolution import Convolution, GroupNorm
@@ -82,7 +81,10 @@ def test_curves() -> None:
     assert np.abs(softmax(scores, 24) - wanted).max() < 3e-7
 
 
+@pytest.mark.slow
 def test_normalisations_are_those_of_torch() -> None:
+    import torch
+
     weight, bias = RNG.uniform(0.5, 1.5, 128).astype(np.float32), RNG.normal(size=128).astype(np.float32)
     x = RNG.normal(scale=3.0, size=(7, 128))
     wanted = torch.nn.functional.layer_norm(
@@ -116,10 +118,13 @@ def test_columns_give_the_bits_of_rows() -> None:
     assert np.ascontiguousarray(some.T).tobytes() == np.ascontiguousarray(rows[:, 250:400]).tobytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)]
 )
 def test_convolutions_are_those_of_torch(size: int, stride: int, pad: int) -> None:
+    import torch
+
     weight, bias = RNG.normal(scale=0.1, size=(6, 5, size, size)), RNG.normal(size=6)
     x = snap(RNG.uniform(-1.0, 1.0, (2, 31, 22, 5)))
     found = Convolution(weight, bias, stride, pad, bound=1.0)(x)

@@ -25,6 +25,8 @@ from tsbench.planners.plant2.torch_inference import inference, network_of, tenso
 from tsbench.planners.weights import load_weights, save_weights
 from tsbench.tools.doctor.arithmetic import questions
 
+pytestmark = pytest.mark.slow
+
 
 def samples(count: int, dtype: np.dtype = at.SIGN_TOKENS) -> at.Records:
     """Streets from empty to full."""

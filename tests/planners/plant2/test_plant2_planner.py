@@ -26,6 +26,8 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import EgoState
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def drive() -> Recorder:

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from mcap.reader import make_reader
-from mcap_protobuf.decoder import DecoderFactory
 from patience import HANG_S
 
 from tsbench.cli import main
@@ -161,7 +159,10 @@ def test_commonroad_knows_junctions_lines_and_the_other_direction(
         assert (a.source, a.target) == (b.target, b.source)
 
 
+@pytest.mark.slow
 def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> None:
+    from mcap.reader import make_reader
+
     for (kind, planner), (trace, scene) in zip(DRIVEN, traces, strict=True):
         path = make_one(run, f"{planner}/{kind}", export_kind("mcap"), run / f"{kind}.mcap")
         with path.open("rb") as file:
@@ -205,6 +206,8 @@ def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> 
 
 def _decoded(reader: Any) -> Any:
     """Schema, topic, message and its content: decoded protobuf, or JSON bytes as they are."""
+    from mcap_protobuf.decoder import DecoderFactory
+
     factory = DecoderFactory()
     for schema, channel, message in reader.iter_messages():
         decoder = factory.decoder_for(channel.message_encoding, schema)
@@ -223,6 +226,7 @@ def test_who_leaves_and_comes_back_has_two_tracks(traces: list[tuple[Trace, Scen
             assert track.rows[middle, :3] == pytest.approx(actors.pose[row])
 
 
+@pytest.mark.slow
 def test_the_command(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["export", str(run), "idm/speed_limit", "--format", "mcap"])

@@ -143,6 +143,7 @@ def test_a_page_that_is_too_large_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
 @pytest.mark.parametrize("width", [1280, 390])
 def test_chromium_shows_scenes_and_filters(page: Path, width: int) -> None:

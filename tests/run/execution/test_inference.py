@@ -50,6 +50,7 @@ def made(tmp_path: Path, name: str) -> list[str]:
     return (tmp_path / f"{name}.log").read_text().split()
 
 
+@pytest.mark.slow
 def test_served_or_not_gives_the_same_bytes(tmp_path: Path) -> None:
     alone, served = run(tmp_path, "alone", 1), run(tmp_path, "served", 3)
     assert set(made(tmp_path, "alone")) == {"own"}
@@ -66,6 +67,7 @@ def test_a_network_that_does_not_load_is_refused_before_the_first_episode(tmp_pa
     assert not run(tmp_path, "broken", 2, expect=2, SERVED_BROKEN="1").exists()
 
 
+@pytest.mark.slow
 def test_an_inference_process_that_keeps_dying_ends_the_run(tmp_path: Path) -> None:
     # More episodes than two deaths can take along: each episode has two tries.
     run(tmp_path, "dying", 2, expect=2, limit=40, SERVED_DIES="1")

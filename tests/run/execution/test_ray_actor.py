@@ -94,5 +94,8 @@ def test_a_planner_that_is_none(actor: RayActor) -> None:
 
 def test_executors_by_name() -> None:
     assert type(make_executor("local", 3, 2, Limits())).__name__ == "Pool"
-    pytest.importorskip("ray")
+
+
+@pytest.mark.slow
+def test_rays_executor_by_name() -> None:
     assert type(make_executor("ray", None, 2, Limits())).__name__ == "RayExecutor"

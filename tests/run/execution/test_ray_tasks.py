@@ -17,6 +17,7 @@ from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo
 
+pytestmark = pytest.mark.slow
 # Ray is large: it is imported where it is needed, in processes of their own.
 WHO = PlannerInfo("fake", "fake", False, False, (), None, None)
 SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", "test", "")

@@ -40,6 +40,7 @@ def digests(folder: Path) -> dict[str, SubmittedEpisode]:
     }
 
 
+@pytest.mark.slow
 def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
     kinds = ("yield", "crosswalk", "detour_either", "speed_limit", "no_entry")
     for name, isolate in (("together", False), ("apart", True)):
