@@ -46,7 +46,6 @@ def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         pytest.param("train plant2-ft --planner idm-e --out out", SCENES, marks=pytest.mark.slow),
         ("oracle stats", ORACLE),
         ("oracle verify", ORACLE),
-        ("oracle restore out", ORACLE),
     ],
 )
 def test_a_command_says_how_to_get_it(

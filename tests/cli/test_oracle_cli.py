@@ -47,7 +47,6 @@ def drive(scenario: str, planner: str, rank: int) -> Recorded:
         (["select", "nowhere"], "nowhere/run.json: no collection (tsbench oracle collect makes one)"),
         (["stats", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
         (["verify", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
-        (["restore", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
     ],
 )  # fmt: skip
 def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[str], told: str) -> None:

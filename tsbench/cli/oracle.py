@@ -16,7 +16,6 @@ from tsbench.core.benchmark import VARIANTS
 from tsbench.core.streams import progress_console
 from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
 from tsbench.learn.oracle.collect import collect as collect_drives
-from tsbench.learn.oracle.restore import restore as restore_drives
 from tsbench.learn.oracle.select import select as select_drives
 from tsbench.learn.oracle.stats import stats as stats_of
 from tsbench.learn.oracle.stats import verify as verify_drives
@@ -88,19 +87,6 @@ def select(folder: Path, trajectories: Path | None, allow_partial: bool) -> None
 
 
 @oracle.command()
-@_folder
-@options.trajectories
-def restore(folder: Path, trajectories: Path | None) -> None:
-    """Begin the collection DIR (default: runs/oracle) with what the chosen drives and their tries hold.
-
-    `tsbench oracle collect` then adds experts or scenarios to it.
-    """
-    click.echo(
-        f"{restore_drives(trajectories or trajectories_path(), folder)} experts' scenarios in {folder}"
-    )
-
-
-@oracle.command()
 @_split
 @options.trajectories
 @analysis_out("oracle.csv, oracle.tex, oracle.md, oracle.png and oracle.svg")
@@ -126,26 +112,13 @@ def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
 @click.option(
     "--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all."
 )
-@click.option(
-    "--format",
-    "form",
-    type=click.Choice(("parquet", "lerobot", "webdataset")),
-    default="parquet",
-    show_default=True,
-    help="One Parquet file, a LeRobotDataset 3.0, or tar shards of WebDataset.",
-)
-@options.out("File (parquet) or new folder to write.  [default: oracle-ticks…]")
-def export(
-    split: str, trajectories: Path | None, limit: int | None, rank: int, form: str, out: Path | None
-) -> None:
+@options.out("File to write.", "oracle-ticks.parquet", type=options.FILE)
+def export(split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
     """Drive chosen drives again and write their ticks: state, plates, lanes, action, reward terms."""
     from tsbench.learn.oracle.export import export as export_drives
 
-    place = out or Path("oracle-ticks.parquet" if form == "parquet" else f"oracle-ticks-{form}")
-    drives, ticks = export_drives(trajectories or trajectories_path(), split, place, rank, limit, form)
-    files = [place] if place.is_file() else [path for path in place.rglob("*") if path.is_file()]
-    size = sum(path.stat().st_size for path in files) / 1e6
-    click.echo(f"{drives} drives, {ticks} ticks in {place} ({size:.2f} MB)")
+    drives, ticks = export_drives(trajectories or trajectories_path(), split, out, rank, limit)
+    click.echo(f"{drives} drives, {ticks} ticks in {out} ({out.stat().st_size / 1e6:.2f} MB)")
 
 
 def _tell(found: Collected, tries: int) -> None:

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import re
-import tarfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.envs.scene import PLATE, SceneSeen
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.oracle.export import FORMATS, LEROBOT, PARQUET, WEBDATASET, export
+from tsbench.learn.oracle.export import export
 from tsbench.learn.oracle.ticks import shapes
 from tsbench.learn.oracle.trajectories import (
     QuantisedPlanner,
@@ -85,107 +80,20 @@ def test_the_guides_data_set_gives_drives(tmp_path: Path) -> None:
         assert np.array_equal(steps_of(action.numpy().astype(np.float64)), drive.commands)
 
 
-@pytest.mark.parametrize("form", FORMATS)
-def test_a_data_card_stands_beside_the_drives(form: str, tmp_path: Path) -> None:
+def test_a_data_card_stands_beside_the_drives(tmp_path: Path) -> None:
     drives = [driven(half) for half in HALVES]
     table = tmp_path / "t.parquet"
     write_trajectories(drives, table)
-    out = tmp_path / ("ticks.parquet" if form == PARQUET else "ticks")
-    counts = export(table, "dev", out, limit=5, form=form)
-    card = (tmp_path / "ticks.README.md" if form == PARQUET else out / "README.md").read_text(
-        encoding="utf-8"
-    )
+    counts = export(table, "dev", tmp_path / "ticks.parquet", limit=5)
+    card = (tmp_path / "ticks.README.md").read_text(encoding="utf-8")
     assert f"{counts[0]} drives up to rank 1 of the split `dev`: {counts[1]} ticks" in card
-    assert f"tsbench oracle export --split dev --rank 1 --limit 5 --format {form}" in card
+    assert "tsbench oracle export --split dev --rank 1 --limit 5" in card
     assert hashlib.sha256(table.read_bytes()).hexdigest() in card
     assert "ODbL" in card
     for line in ("| half `signed` | 1 |", "| half `contrast` | 1 |", "| planner `idm` | 2 |"):
         assert line in card
     told = set(re.findall(r"^\| (`.*?`) \|", card, re.M))
     assert {f"`{name}`" for name in shapes(SceneSeen())} <= told
-
-
-def column(folder: Path, name: str) -> list[object]:
-    return pq.read_table(folder / "data/chunk-000/file-000.parquet")[name].to_pylist()
-
-
-def test_lerobot_counts_describe_what_stands_there(tmp_path: Path) -> None:
-    drives = [driven(half) for half in HALVES]
-    write_trajectories(drives, tmp_path / "t.parquet")
-    out = tmp_path / "out"
-    _, ticks = export(tmp_path / "t.parquet", "dev", out, form=LEROBOT)
-    info = json.loads((out / "meta/info.json").read_text())
-    assert (info["codebase_version"], info["fps"], info["video_path"]) == ("v3.0", 10, None)
-    assert (info["total_episodes"], info["total_frames"], info["total_tasks"]) == (2, ticks, 2)
-    table = pq.read_table(out / "data/chunk-000/file-000.parquet")
-    assert table.column_names == list(info["features"])
-    for name, told in info["features"].items():
-        kind = table.schema.field(name).type
-        assert (kind.list_size if pa.types.is_fixed_size_list(kind) else 1) == told["shape"][0]
-    episodes = pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
-    of = np.array(column(out, "episode_index"))
-    for episode in episodes:
-        first, end = episode["dataset_from_index"], episode["dataset_to_index"]
-        assert (of[first:end] == episode["episode_index"]).all()
-        assert (of == episode["episode_index"]).sum() == episode["length"] == end - first
-        assert column(out, "timestamp")[first:end] == pytest.approx(
-            [0.1 * k for k in range(end - first)], abs=1e-4
-        )
-        assert column(out, "next.done")[first:end] == [False] * (end - first - 1) + [True]
-    assert column(out, "index") == list(range(ticks))
-    tasks = pd.read_parquet(out / "meta/tasks.parquet")
-    assert tasks.index[column(out, "task_index")[-1]] == episodes[-1]["tasks"][0]  # type: ignore[call-overload]
-    assert "contrast half" in "".join(tasks.index)
-    stats = json.loads((out / "meta/stats.json").read_text())
-    action = np.array(column(out, "action"))
-    for name, value in (
-        ("min", action.min(0)),
-        ("max", action.max(0)),
-        ("mean", action.mean(0)),
-        ("std", action.std(0)),
-    ):
-        assert stats["action"][name] == pytest.approx(value.tolist())
-    assert stats["action"]["count"] == [ticks]
-    with pytest.raises(InputError, match="is there already"):
-        export(tmp_path / "t.parquet", "dev", out, form=LEROBOT)
-
-
-def test_webdataset_samples_are_drives_and_the_same_bytes_each_time(tmp_path: Path) -> None:
-    drives = [driven(half) for half in HALVES]
-    write_trajectories(drives, tmp_path / "t.parquet")
-    for name in ("a", "b"):
-        export(tmp_path / "t.parquet", "dev", tmp_path / name, form=WEBDATASET)
-    shard = tmp_path / "a" / "drives-000000.tar"
-    assert shard.read_bytes() == (tmp_path / "b" / "drives-000000.tar").read_bytes()
-    export(tmp_path / "t.parquet", "dev", tmp_path / "t2.parquet")
-    flat = pq.ParquetFile(tmp_path / "t2.parquet")
-    samples: dict[str, dict[str, bytes]] = {}
-    with tarfile.open(shard) as tar:
-        for member in tar:
-            key, _, kind = member.name.partition(".")
-            content = tar.extractfile(member)
-            assert content is not None
-            samples.setdefault(key, {})[kind] = content.read()
-    assert len(samples) == 2
-    for k, sample in enumerate(samples.values()):
-        facts, table = json.loads(sample["json"]), flat.read_row_group(k)
-        assert facts["scenario_id"] == table["scenario_id"][0].as_py()
-        plates = np.load(io.BytesIO(sample["plates.npy"]), allow_pickle=False)
-        assert plates.shape == (len(table), 8, 4 + len(PLATE) + len(facts["signs"]))
-        assert np.array_equal(
-            plates.reshape(len(table), -1), np.array(table["observation.plates"].to_pylist())
-        )
-        reward = np.load(io.BytesIO(sample["reward.npy"]), allow_pickle=False)
-        assert reward[:, 0].sum() == pytest.approx(sum(table["reward.progress"].to_pylist()), abs=1e-4)
-
-
-@pytest.mark.parametrize("form", [LEROBOT, WEBDATASET])
-def test_a_failed_export_leaves_no_folder(form: str, tmp_path: Path) -> None:
-    good = driven("signed")
-    write_trajectories([replace(good, commands=-good.commands)], tmp_path / "t.parquet")
-    with pytest.raises(SimulationError, match="the recorded drive ended"):
-        export(tmp_path / "t.parquet", "dev", tmp_path / "out", form=form)
-    assert [path.name for path in tmp_path.iterdir()] == ["t.parquet"]
 
 
 def test_a_failed_export_leaves_the_file_before_it_and_no_other(tmp_path: Path) -> None:

@@ -49,26 +49,25 @@ class Card:
         for name, counter in self._of.items():
             counter[drive.facts[name]] += 1
 
-    def text(self, table: Path, split: str, rank: int, limit: int | None, form: str) -> str:
+    def text(self, table: Path, split: str, rank: int, limit: int | None) -> str:
         """Markdown. table: whose drives they are; the others as they were asked of `export`."""
         sha256 = hashlib.sha256(table.read_bytes()).hexdigest()
         best = f"up to rank {rank}" if rank else "of all ranks"
         few = "" if limit is None else f" --limit {limit}"
-        lerobot = ", LeRobot" if form == "lerobot" else ""
         hours = self._ticks * DT_S / 3600.0
         lines = [
             "---", "license: odbl", "task_categories: [robotics, reinforcement-learning]",
-            f"tags: [autonomous-driving, traffic-signs, imitation-learning{lerobot}]", "---", "",
+            "tags: [autonomous-driving, traffic-signs, imitation-learning]", "---", "",
             "# Drives of tsbench's oracle, tick by tick", "",
             f"{self._drives} drives {best} of the split `{split}`: {self._ticks} ticks of {DT_S:g} s ({hours:.2f} h). "
-            f"Format: {form}. Each drive obeyed the sign and arrived.", "",
+            f"Each drive obeyed the sign and arrived.", "",
             "Experts drove that are told the rule of the sign. They see others and plates without error. Scenes are "
             "simulated (SUMO) on real roads. There are no camera pictures.", "",
             f"Of `{table.name}` (SHA-256 `{sha256}`), by tsbench {tsbench.__version__}:", "",
-            "```", f"tsbench oracle export --split {split} --rank {rank}{few} --format {form}", "```", "",
+            "```", f"tsbench oracle export --split {split} --rank {rank}{few}", "```", "",
             f"Licence: {OSM_LICENCE['licence']}.", "",
             "## What a tick holds", "",
-            "Numbers of `observation` are scaled to -1..1. WebDataset has them as `.npy`, named without `observation.`",
+            "Numbers of `observation` are scaled to -1..1.",
             "",
             *_table(("name", "shape", "what"), self._columns()), "",
             "The columns of the one-hot code, in order: "

@@ -45,7 +45,6 @@ from tsbench.sim.world import DT_S
 KIND = "oracle"
 RULES, LEARNED = "rules", "learned"
 _JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
-_ROWS_AT_ONCE = 1000
 _PARTS = {"row", "events", "timing", "trace"}
 _ROW = {
     "planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code",
@@ -227,24 +226,15 @@ def read_collection(folder: Path, origin: str, name: str = NAME) -> Manifest:
 
 def read_tries(path: Path) -> list[Row]:
     """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
-    return list(stream_tries(path))
-
-
-def stream_tries(path: Path) -> Iterator[Row]:
-    """As `read_tries`, of which only a thousand are objects at a time."""
     file, hint = (path / _TRIES, "tsbench oracle collect makes it") if path.is_dir() else (path, ORIGIN)
-    for batch in open_table(file, SCHEMA, hint).to_batches(max_chunksize=_ROWS_AT_ONCE):
-        yield from batch.to_pylist()
-
-
-def beside(table: Path) -> tuple[Path, Path]:
-    """Where the tries and the manifest of the collection stand that a table of drives was chosen from."""
-    return table.with_name(f"{table.stem}_tries.parquet"), table.with_suffix(".json")
+    rows: list[Row] = open_table(file, SCHEMA, hint).to_pylist()
+    return rows
 
 
 def copy_beside(folder: Path, table: Path) -> None:
     """Put the tries and the manifest of a collection beside the table that was chosen from it."""
-    for name, path in zip((_TRIES, NAME), beside(table), strict=True):
+    places = table.with_name(f"{table.stem}_tries.parquet"), table.with_suffix(".json")
+    for name, path in zip((_TRIES, NAME), places, strict=True):
         with io_errors_as_input_errors(path):
             write_atomic(path, (folder / name).read_bytes())
 

@@ -8,7 +8,7 @@ Units: m/s2, rad.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
@@ -197,24 +197,6 @@ def stream_trajectories(path: Path) -> Iterator[Recorded]:
     table = open_table(path, SCHEMA, ORIGIN)
     for start in range(0, len(table), _DRIVES_AT_ONCE):
         yield from _recorded(table.slice(start, _DRIVES_AT_ONCE).combine_chunks())
-
-
-class TrajectoryTable:
-    """The drives of a table by expert and scenario; each is made when it is asked for."""
-
-    def __init__(self, path: Path) -> None:
-        self._table = open_table(path, SCHEMA, ORIGIN).combine_chunks()
-        names = zip(self._table["planner"].to_pylist(), self._table["scenario_id"].to_pylist(), strict=True)
-        self._places = {name: k for k, name in enumerate(names)}
-
-    def keys(self) -> Set[tuple[str, str]]:
-        """(planner, scenario) of all drives."""
-        return self._places.keys()
-
-    def get(self, key: tuple[str, str]) -> Recorded | None:
-        """The drive of an expert on a scenario; None where there is none."""
-        place = self._places.get(key)
-        return None if place is None else _recorded(self._table.slice(place, 1).combine_chunks())[0]
 
 
 def _recorded(table: pa.Table) -> list[Recorded]:
