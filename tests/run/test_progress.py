@@ -12,8 +12,10 @@ from tsbench.run.log.record import Row
 from tsbench.run.progress import ProgressWatcher
 
 
-def row(pair: str, passed: bool) -> Row:
-    return {"planner": "idm", "pair_id": pair, "scd": passed}
+def row(pair: str | None, passed: bool) -> Row:
+    """A row; None: of a collection, which has no pairs."""
+    told = {"planner": "idm", "pair_id": pair, "scd": passed}
+    return {key: value for key, value in told.items() if value is not None}
 
 
 @pytest.mark.parametrize(
@@ -21,12 +23,13 @@ def row(pair: str, passed: bool) -> Row:
     [
         ([("a", True), ("b", False)], "idm SCD 50.0 %"),
         ([("", True), ("", True)], "idm SCD 100.0 %"),
+        ([(None, True), (None, True)], "idm SCD 100.0 %"),
         ([("a", True), ("b", True), ("a", False)], "idm paired SCD 0.0 %"),
         ([("a", True), ("b", True), ("a", False), ("b", True)], "idm paired SCD 50.0 %"),
     ],
 )
 def test_pairs_count_once_both_halves_are_driven(
-    rows: list[tuple[str, bool]], told: str, monkeypatch: pytest.MonkeyPatch
+    rows: list[tuple[str | None, bool]], told: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
     shown = io.StringIO()

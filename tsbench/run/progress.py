@@ -84,8 +84,9 @@ class ProgressWatcher:
         name, passed = row["planner"], bool(row["scd"])
         self._count[name] += 1
         self._success[name] += passed
-        if row["pair_id"]:
-            pair = name, row["pair_id"]
+        # Rows of a collection have no pairs.
+        if pair_id := row.get("pair_id"):
+            pair = name, pair_id
             if pair in self._halves:
                 self._pairs[name].append(self._halves.pop(pair) and passed)
             else:
