@@ -45,6 +45,7 @@ def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:
     assert verify_certificates(rows, None) == []
 
 
+@pytest.mark.slow
 def test_a_changed_row_has_no_certificate_any_more(today: list[ScenarioSpec]) -> None:
     first = today[0]
     ((name, problem),) = verify_certificates([replace(first, additional_sha256="0" * 64)], None)

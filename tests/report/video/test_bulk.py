@@ -125,6 +125,7 @@ def command(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int
     return int(ended.value.code or 0), told.out, told.err
 
 
+@pytest.mark.slow
 def test_the_command_draws_all_violations(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trace_path(run, "my.py:P", "yield-m0-v0").write_bytes(b"torn")
     code, out, _ = command(capsys, run, "--violations", "--format", "mp4", "--workers", "2")

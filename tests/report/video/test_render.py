@@ -147,6 +147,7 @@ def test_png_of_the_violation_and_of_a_moment(trace: Trace, scene: Scene, tmp_pa
         render_png(trace, scene, tmp_path / "c.png", 60.0)
 
 
+@pytest.mark.slow
 def test_mp4_is_the_whole_episode(trace: Trace, scene: Scene, tmp_path: Path) -> None:
     picture_kind("mp4", None).write(trace, scene, tmp_path / "a.mp4")
     video = cv2.VideoCapture(str(tmp_path / "a.mp4"))

@@ -158,6 +158,7 @@ def test_an_image_goes_with_isolation(install: Install, capsys: pytest.CaptureFi
     assert "add --submission" in refused(planners, "check", "idm", "--image", "planner:1")
 
 
+@pytest.mark.slow
 def test_an_image_drives_as_a_sandbox_does_and_is_verified_in_it(install: Install, tmp_path: Path) -> None:
     told = {"split": "dev", "types": ["crosswalk"], "limit": 2, "workers": 1, "isolate": True}
     tsbench.evaluate(MINE, **told, out=tmp_path / "sandbox")  # type: ignore[arg-type]
