@@ -149,7 +149,7 @@ def test_a_file_that_is_none(tmp_path: Path, text: str, said: str) -> None:
         (("effective", "perception"), level("poor", right=0.99), "called poor, but is not tsbench's level"),
         (("arithmetic",), None, "arithmetic: "),
         (("arithmetic", "versions", "numpy"), "2\nconfirmed", "expected one line"),
-        (("edition",), "x\nconfirmed", "expected one line"),
+        (("contract",), "x\nconfirmed", "expected one line"),
     ],
 )
 def test_a_run_may_say_no_more(run: Path, where: tuple[str, ...], to: object, said: str) -> None:
