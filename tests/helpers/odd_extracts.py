@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Callable
 
 from town import EAST, Town, make_town
@@ -86,10 +87,21 @@ def nonsense_tags() -> bytes:
     """Lanes, speeds and names as people write them."""
     town = make_town()
     odd = ({"maxspeed": "walk"}, {"lanes": "many"}, {"lanes": "-2"}, {"maxspeed": "999999"}, {"lanes": "1.5"},
-           {"maxspeed": "0"}, {"width": "0"}, {"oneway": "perhaps"}, {"name": "&lt;b&gt;"})  # fmt: skip
+           {"maxspeed": "0"}, {"width": "0"}, {"oneway": "perhaps"}, {"name": "&lt;b&gt;"}, {"maxspeed": "none"},
+           {"lanes:both_ways": "1"}, {"vehicle:lanes": "yes|no"})  # fmt: skip
     for (_, tags), more in zip(town.ways, odd, strict=False):
         tags.update(more)
     return _xml(town)
+
+
+def decimal_comma() -> bytes:
+    """A place as people of half of Europe write numbers."""
+    return _xml(make_town()).replace(b'lat="50.', b'lat="50,', 1)
+
+
+def one_at_null() -> bytes:
+    """A node that an editor has no place of."""
+    return re.sub(rb'lat="[^"]*" lon="[^"]*"', b'lat="0.0" lon="0.0"', _xml(make_town()), count=1)
 
 
 def _xml(town: Town) -> bytes:
@@ -107,11 +119,13 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "half-gzip.osm.gz": (half_gzip, "not a whole OSM file"),
     "page.osm": (lambda: b"<html><body>Too many requests</body></html>", "not a whole OSM file"),
     "noise.osm.pbf": (lambda: b"\x00\x01\x02noise" * 50, "not a whole OSM file"),
+    "decimal-comma.osm": (decimal_comma, "node 1001: lat='50,"),
     "two-towns.osm": (two_towns, "km apart"),
 }
 BUILT: dict[str, Callable[[], bytes]] = {
     "southern.osm": southern,
     "edge.osm": across_the_edge,
     "nonsense.osm": nonsense_tags,
+    "null.osm": one_at_null,
     "grid.osm": grid,
 }

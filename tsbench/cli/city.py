@@ -185,12 +185,13 @@ def new(
         path, date = (osm or sources_dir()) / f"{name}.osm.gz", date or f"{datetime.now(UTC):%Y-%m-%d}"
         address = overpass.address(area, date, server or overpass.SERVER, ground)
         overpass.fetch_extract(path, address)
-    zone, facts = facts_of(path, date, address)
+    zone, facts, left_out = facts_of(path, date, address)
     describe_city(file, title or place or name, code, zone, facts)
     click.echo(
         f"{path}: SHA-256 {facts['sha256']}, OpenStreetMap of {facts['date']}, UTM zone {zone}\n"
         f"{file}: look through it, then tsbench city build {name} --osm {path.parent}"
     )
+    print_notes(f"{path}: {line}" for line in left_out)
 
 
 @city.command()

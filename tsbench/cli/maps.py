@@ -25,12 +25,21 @@ def maps() -> None:
 @options.out("Network to write, .net.xml or .net.xml.gz.", type=options.FILE, required=True)
 def convert(extract: Path, out: Path) -> None:
     """Convert an OSM EXTRACT (.osm, .gz, .bz2, .pbf) to a SUMO network."""
+    from tsbench.dataset.city import chosen_city
     from tsbench.dataset.maps.netconvert import convert_extract
 
-    facts = convert_extract(extract, out)
+    facts, city = convert_extract(extract, out), chosen_city()
     click.echo(
-        f"{out}: from {facts.nodes:,} nodes, {facts.ways:,} ways, {facts.roads:,} of them roads for cars"
+        f"{out}: from {facts.nodes:,} nodes, {facts.ways:,} ways, {facts.roads:,} of them roads for cars; "
+        f"traffic on the {city.side}"
     )
+    if facts.zone != city.zone:
+        print_notes(
+            [
+                f"{extract}: lies in UTM zone {facts.zone}, {city.name} in {city.zone}, and has the side and limits of "
+                f"{city.name}; describe its own city with `tsbench city new` and name that with --city"
+            ]
+        )
     print_notes(f"{extract}: {line}" for line in (*facts.notes, *facts.warnings))
 
 

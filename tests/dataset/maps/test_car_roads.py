@@ -9,10 +9,11 @@ import yaml
 from town import Town
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, without_overruled
+from tsbench.dataset.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, for_cars
 from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
 from tsbench.dataset.maps.plain_xml import origins_and_junctions
+from tsbench.roads.network import read_network
 
 HERE = Path(__file__).parent
 CASES: dict[str, dict[str, dict[str, str]]] = yaml.safe_load(
@@ -42,11 +43,35 @@ def test_every_class_of_roads_can_be_closed(road: str) -> None:
 
 def test_an_access_that_is_overruled_is_not_handed_on() -> None:
     opened = {"highway": "residential", "access": "no", "motor_vehicle": "yes"}
-    assert without_overruled(opened) == {"highway": "residential", "motor_vehicle": "yes"}
+    assert for_cars(opened) == {"highway": "residential", "motor_vehicle": "yes"}
     for tags in ({"access": "destination", "motorcar": "yes"}, {"access": "no"}, {"motor_vehicle": "yes"}):
-        assert without_overruled(tags) is tags
+        assert for_cars(tags) is tags
     one_way = CASES["open"][LEFT_AS_IT_IS]
-    assert without_overruled(one_way) is one_way
+    assert for_cars(one_way) is one_way
+
+
+@pytest.mark.parametrize(
+    ("tags", "one_way"),
+    [
+        ({"oneway:motor_vehicle": "yes"}, "yes"),
+        ({"oneway": "yes", "oneway:motor_vehicle": "no"}, "no"),
+        ({"oneway:vehicle": "yes", "oneway:motor_vehicle": "no", "oneway:motorcar": "-1"}, "-1"),
+        ({"oneway": "yes", "oneway:bicycle": "no"}, "yes"),
+        ({"oneway:bus": "no"}, None),
+    ],
+)
+def test_the_direction_is_that_of_cars(tags: dict[str, str], one_way: str | None) -> None:
+    assert for_cars(tags).get("oneway") == one_way
+
+
+def test_a_road_that_is_one_way_for_cars_only_has_one_edge(workplace: Path, tmp_path: Path) -> None:
+    town = Town()
+    for row, tags in enumerate(({"oneway:motor_vehicle": "yes"}, {"oneway": "yes", "oneway:motorcar": "no"})):
+        town.road([(0, 100.0 * row), (300, 100.0 * row)], "residential", **tags)
+    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
+    convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    lanes = read_network(tmp_path / "town.net.xml").lanes
+    assert sorted(lane.edge for lane in lanes if not lane.internal) == ["-502", "501", "502"]
 
 
 def test_netconvert_gets_the_open_roads_only(workplace: Path, tmp_path: Path) -> None:

@@ -52,13 +52,20 @@ def test_a_town_across_a_zones_edge_is_in_one_frame(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("workplace")
 def test_tags_that_mean_nothing_are_not_believed(tmp_path: Path) -> None:
     source = source_of(tmp_path, "nonsense.osm", BUILT["nonsense.osm"]())
-    assert source.speed.max() < 42.0
+    assert source.speed.max() < 30.0
     assert source.speed.min() > 1.0
     assert set(source.lanes.tolist()) <= {1, 2, 3, 4}
     assert source.width.min() >= 2.75
     wrong = source.speed[[511 - 6 in ids for ids in source.osm_ids]]
     assert len(wrong)
     assert wrong == pytest.approx(class_speeds(types_file())["highway.tertiary"])  # tagged 999999
+
+
+@pytest.mark.usefixtures("workplace")
+def test_a_town_with_a_node_at_null_is_as_wide_as_it_is(tmp_path: Path) -> None:
+    source = source_of(tmp_path, "null.osm", BUILT["null.osm"]())
+    assert np.ptp(source.node_xy, axis=0).tolist() == pytest.approx([600.0, 2090.0], abs=5.0)
+    assert source.notes[0] == "left out what lies at 0, 0 degrees, where no road is: node 1001"
 
 
 @pytest.mark.usefixtures("workplace")

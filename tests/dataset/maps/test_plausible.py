@@ -9,9 +9,11 @@ from town import Town
 
 from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
+from tsbench.dataset.maps.paths import types_file
+from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.maps.plausible import BOUNDS, SetAside, is_plausible, some
 from tsbench.dataset.maps.source import load_source
-from tsbench.roads.network import read_network
+from tsbench.roads.network import Lane, read_network
 
 RESIDENTIAL_MPS = 11.11
 
@@ -19,7 +21,7 @@ RESIDENTIAL_MPS = 11.11
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("maxspeed", "50"), ("maxspeed", "5"), ("maxspeed", "30 mph"), ("maxspeed", "90 mph"), ("maxspeed", "none"),
+        ("maxspeed", "50"), ("maxspeed", "5"), ("maxspeed", "30 mph"), ("maxspeed", "90 mph"),
         ("maxspeed", "RU:urban"), ("maxspeed", "DE:zone30"), ("maxspeed", "DE:30"), ("maxspeed", "walk"),
         ("maxspeed", "50;30"), ("maxspeed", "fifty"), ("maxspeed", ""), ("maxspeed", "13.9 m/s"), ("lanes", "16"),
         ("lanes", "1.5"), ("lanes", "two"), ("lanes", "2;3"), ("lanes:forward", "0"), ("width", "2.5"),
@@ -104,10 +106,86 @@ def test_what_is_no_road_for_cars_keeps_its_numbers(tmp_path: Path) -> None:
     assert (tmp_path / "plain.osm").read_text().count('v="300"') == 2
 
 
+def converted(folder: Path, roads: list[tuple[str, dict[str, str]]]) -> tuple[list[Lane], tuple[str, ...]]:
+    """The lanes of a town of these roads, by class and tags, in parallel; the notes."""
+    town = Town()
+    for row, (highway, tags) in enumerate(roads):
+        town.road([(0, 100.0 * row), (300, 100.0 * row)], highway, **tags)
+    (folder / "town.osm").write_text(town.xml(), encoding="utf-8")
+    facts = convert_extract(folder / "town.osm", folder / "town.net.xml")
+    return [lane for lane in read_network(folder / "town.net.xml").lanes if not lane.internal], facts.notes
+
+
+SPEED_KEYS = ("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type", "zone:maxspeed")
+
+
+@pytest.mark.parametrize("value", ["none", "no", "DE:motorway"])
+def test_no_limit_is_believed_on_motorways_and_trunks_only(
+    value: str, workplace: Path, tmp_path: Path
+) -> None:
+    slow = ("living_street", "residential", "unclassified", "tertiary", "secondary", "primary", "trunk_link")
+    roads = [(highway, {key: value}) for highway in slow for key in SPEED_KEYS]
+    lanes, notes = converted(
+        tmp_path, [*roads, ("motorway", {"maxspeed": value}), ("trunk", {"maxspeed": value})]
+    )
+    usual = class_speeds(types_file())
+    for row, (highway, _) in enumerate(roads, start=501):
+        speeds = {lane.speed for lane in lanes if lane.edge in (f"{row}", f"-{row}")}
+        assert speeds == {usual[f"highway.{highway}"]}
+    fast = {lane.speed for lane in lanes if abs(int(lane.edge)) > 500 + len(roads)}
+    assert min(fast) > 39.0
+    said = "set aside, only motorways and trunks have no limit"
+    assert sum(said in note for note in notes) == len(SPEED_KEYS)
+    assert notes[0].startswith(f"the tag maxspeed {said}: {value!r} of way 501, ")
+
+
+# By tags: lanes there and back.
+MIDDLE = [
+    ({"lanes": "3", "lanes:both_ways": "1"}, 1, 1),
+    ({"lanes": "5", "lanes:forward": "2", "lanes:both_ways": "1"}, 2, 2),
+    ({"lanes": "3", "lanes:forward": "1", "lanes:backward": "1", "lanes:both_ways": "1"}, 1, 1),
+    ({"lanes": "1", "lanes:both_ways": "1"}, 1, 1),
+    ({"lanes:both_ways": "1"}, 1, 1),
+]
+
+
+def test_a_lane_for_both_directions_is_none_forward(workplace: Path, tmp_path: Path) -> None:
+    lanes, notes = converted(tmp_path, [("residential", tags) for tags, _, _ in MIDDLE])
+    edges = [lane.edge for lane in lanes]
+    found = [(edges.count(f"{row}"), edges.count(f"-{row}")) for row in range(501, 501 + len(MIDDLE))]
+    assert found == [(there, back) for _, there, back in MIDDLE]
+    said = "the tag lanes:both_ways set aside, lanes for both directions are not made: '1' of way 501, "
+    assert notes[0].startswith(said)
+
+
+def test_tags_of_single_lanes_are_counted(workplace: Path, tmp_path: Path) -> None:
+    by_lane = {
+        "access:lanes": "yes|no", "vehicle:lanes": "yes|no", "motor_vehicle:lanes": "yes|no",
+        "bus:lanes": "|designated", "maxspeed:lanes": "50|30", "vehicle:lanes:forward": "yes|no",
+    }  # fmt: skip
+    told = {key: value for key, value in by_lane.items() if key != "bus:lanes"}
+    plain = {"oneway": "yes", "lanes": "2"}
+    lanes, notes = converted(tmp_path, [("residential", {**plain, **tags}) for tags in (by_lane, told, {})])
+    assert len(lanes) == 6
+    assert {lane.speed for lane in lanes} == {RESIDENTIAL_MPS}
+    assert sum("not used, all lanes are alike" in note for note in notes) == len(by_lane)
+    assert "the tag bus:lanes not used, all lanes are alike: '|designated' of way 501" in notes
+    said = "the tag maxspeed:lanes not used, all lanes are alike: '50|30' of way 501, '50|30' of way 502"
+    assert said in notes
+
+
+def test_turns_of_lanes_are_no_line(tmp_path: Path) -> None:
+    aside = SetAside()
+    aside.from_road(
+        1, {"highway": "primary", "turn:lanes": "left|right", "lanes:forward": "2", "change:lanes": "yes"}
+    )
+    assert aside.lines() == []
+
+
 def test_a_line_names_the_first_and_counts_the_others() -> None:
     aside = SetAside()
-    assert aside.from_road(7, [("highway", "primary"), ("lanes", "2")]) is None
-    assert aside.from_road(8, [("highway", "primary"), ("lanes", "99")]) == {"highway": "primary"}
+    assert aside.from_road(7, {"highway": "primary", "lanes": "2"}) == {"highway": "primary", "lanes": "2"}
+    assert aside.from_road(8, {"highway": "primary", "lanes": "99"}) == {"highway": "primary"}
     assert aside.lines() == ["the tag lanes set aside, not 1 to 16: '99' of way 8"]
     assert some(["a", "b", "c"], 2) == "a, b and 1 more"
     assert some(["a", "b"], 2) == "a, b"

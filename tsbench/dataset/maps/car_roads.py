@@ -49,12 +49,16 @@ def closed_by(tags: Mapping[str, str]) -> str | None:
     return f"{key}={tags[key]}"
 
 
-def without_overruled(tags: Mapping[str, str]) -> Mapping[str, str]:
-    """The tags of a road without an `access` that a more specific one opens again: netconvert would close the road."""
+def for_cars(tags: Mapping[str, str]) -> Mapping[str, str]:
+    """The tags of an open road as they hold for cars: netconvert reads `access` and `oneway` alone.
+
+    An `access` that a more specific tag opens again is left out; the most specific `oneway` counts.
+    """
     key = _deciding(tags)
-    if key is None or key == "access" or _closes(tags[key]) or not _closes(tags.get("access", "yes")):
-        return tags
-    return {other: value for other, value in tags.items() if other != "access"}
+    if key not in (None, "access") and not _closes(tags[key]) and _closes(tags.get("access", "yes")):
+        tags = {other: value for other, value in tags.items() if other != "access"}
+    one_way = next((tags[f"oneway:{whose}"] for whose in ACCESS_KEYS if f"oneway:{whose}" in tags), None)
+    return tags if one_way is None else {**tags, "oneway": one_way}
 
 
 def _deciding(tags: Mapping[str, str]) -> str | None:

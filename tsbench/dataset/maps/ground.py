@@ -66,7 +66,7 @@ def surfaces(path: Path, frame: UtmFrame) -> list[tuple[str, shapely.Geometry]]:
     """Every building, green or water surface of an extract: kind, polygons in metres of the city. Raises InputError."""
     contents = contents_of(path)
     if contents.as_they_are:
-        return _surfaces(path, osm_file(path), frame)
+        return _surfaces(path, contents.file, frame)
     # Areas are made of ways whose nodes came before.
     with tempfile.TemporaryDirectory(prefix="tsbench-ground-") as folder:
         tidy = Path(folder) / "extract.osm"

@@ -26,6 +26,7 @@ _OTHERS = {
        for kind in (*_PACKED, ".xml", ".pbf")},
 }  # fmt: skip
 CHANGES = _OTHERS[".osc"]
+_CHUNK, _TAIL = 1 << 20, 256
 # Of a file that is called .xml, so much is looked at for OpenStreetMap's own element: others have that ending, too.
 _LOOKED_AT = 1 << 16
 _ROOT = re.compile(rb"<osm[\s>]")
@@ -83,6 +84,17 @@ def opened_xml(path: Path) -> IO[bytes] | gzip.GzipFile:
     if ending.endswith(".gz"):
         return gzip.open(path)
     return bz2.open(path) if ending.endswith(".bz2") else path.open("rb")
+
+
+def occurs(pattern: re.Pattern[bytes], path: Path) -> bool:
+    """Does a pattern of at most 256 bytes match in the XML of an extract?"""
+    tail = b""
+    with opened_xml(path) as stream:
+        while chunk := stream.read(_CHUNK):
+            if pattern.search(tail + chunk):
+                return True
+            tail = chunk[-_TAIL:]
+    return False
 
 
 def _is_extract(path: Path) -> bool:

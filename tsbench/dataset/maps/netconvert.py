@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from tsbench.core.cities import LEFT
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.dataset.city import chosen_city
@@ -82,32 +83,44 @@ def run_netconvert(
 
 
 def convert_extract(extract: Path, out: Path) -> ExtractFacts:
-    """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`), as `sumo_nets/netconvert/` says."""
+    """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`), as `sumo_nets/netconvert/` says.
+
+    Where traffic keeps to the left in the city in use it does so in the network, unlike in `convert_to_plain`.
+    """
     if not out.name.endswith((".net.xml", ".net.xml.gz")):
         raise InputError(f"{out}: the network's name must end in .net.xml or .net.xml.gz")
     with tempfile.TemporaryDirectory(prefix="tsbench-osm-") as folder:
         built = Path(folder) / ("built.net.xml.gz" if out.suffix == ".gz" else "built.net.xml")
-        facts = _convert(extract, Path(folder), "--output-file", built.name)
+        side = ("--lefthand", "true") if chosen_city().side == LEFT else ()
+        facts = _convert(extract, Path(folder), ("--output-file", built.name), *side, in_mirror=False)
         with replacing(out) as part:
             shutil.copyfile(built, part)
     return facts
 
 
 def convert_to_plain(extract: Path, folder: Path, prefix: str) -> ExtractFacts:
-    """Convert an extract to plain XML files of a folder: `prefix.nod.xml`, `prefix.edg.xml` (and others)."""
-    return _convert(extract, folder, "--plain-output-prefix", prefix)
+    """Convert an extract to plain XML files of a folder: `prefix.nod.xml`, `prefix.edg.xml` (and others).
+
+    Where traffic keeps to the left in the city in use, the files are of the image in a mirror.
+    """
+    return _convert(
+        extract, folder, ("--plain-output-prefix", prefix), in_mirror=chosen_city().frame.mirrored
+    )
 
 
-def _convert(extract: Path, folder: Path, option: str, name: str) -> ExtractFacts:
-    facts = read_extract(extract, folder / "extract.osm", chosen_city().frame.mirrored)
+def _convert(
+    extract: Path, folder: Path, output: tuple[str, str], *options: str, in_mirror: bool
+) -> ExtractFacts:
+    facts = read_extract(extract, folder / "extract.osm", in_mirror)
     projection = UtmFrame(facts.zone).projection
-    arguments = ("--osm-files", "extract.osm", "--proj", projection, option, name)
+    arguments = ("--osm-files", "extract.osm", "--proj", projection, *output, *options)
     said = run_netconvert(
         folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S
     )
     (folder / "extract.osm").unlink()
     warnings = _kinds(said)
     of_tags = [line for line in warnings if line.startswith(_OF_TAGS)]
+    option, name = output
     built = (
         [folder / name] if option == "--output-file" else [folder / f"{name}.{k}.xml" for k in ("nod", "edg")]
     )

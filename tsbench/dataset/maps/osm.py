@@ -12,10 +12,11 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, without_overruled
+from tsbench.dataset.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, for_cars
+from tsbench.dataset.maps.degrees import FARTHEST_KM
 from tsbench.dataset.maps.names import check_file
 from tsbench.dataset.maps.osm_mirror import mirrored
-from tsbench.dataset.maps.plausible import SetAside
+from tsbench.dataset.maps.plausible import SetAside, some
 from tsbench.dataset.maps.utm import Floats, UtmFrame
 from tsbench.dataset.maps.versions import contents_of, not_whole
 
@@ -44,19 +45,19 @@ class ExtractFacts:
 def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> ExtractFacts:
     """Check an extract and write it as uncompressed OSM XML to `plain_xml`: nodes, then ways, then relations.
 
-    What is deleted, an older version or a road that is closed to cars is left out, and so are tags that no road can
-    have. in_mirror: it is written as its image in a mirror on the meridian of its zone; what is told is of the extract
-    as it is.
+    What is deleted, an older version, a road that is closed to cars or leaps across the map is left out, and so are
+    tags that no road can have. in_mirror: it is written as its image in a mirror on the meridian of its zone; what is
+    told is of the extract as it is.
 
     Raises InputError if it is missing, empty, truncated, not OSM, or has no road for cars.
     """
     check_file(path)
     contents = contents_of(path)
-    meridian = UtmFrame(contents.zone).meridian
+    meridian = UtmFrame(contents.places.zone).meridian
     nodes = ways = 0
     road_ends: dict[int, tuple[int, int]] = {}
     signals: list[tuple[float, float]] = []
-    aside, closed = SetAside(), ClosedRoads()
+    aside, closed, leaping = SetAside(), ClosedRoads(), list[str]()
     try:
         with osmium.SimpleWriter(str(plain_xml), overwrite=True) as writer:
             for entity in contents.objects():
@@ -72,29 +73,38 @@ def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> Extrac
                         if reason := closed_by(told):
                             closed.add(entity.id, reason)
                             continue
-                        if len(entity.nodes) > 1:
-                            road_ends[entity.id] = (entity.nodes[0].ref, entity.nodes[-1].ref)
-                        opened = without_overruled(told)
-                        tags = aside.from_road(entity.id, opened.items()) or (
-                            opened if opened != told else None
-                        )
+                        refs = [node.ref for node in entity.nodes]
+                        if contents.places.leaps(refs):
+                            leaping.append(f"way {entity.id}")
+                            continue
+                        if len(refs) > 1:
+                            road_ends[entity.id] = (refs[0], refs[-1])
+                        believed = aside.from_road(entity.id, for_cars(told))
+                        tags = believed if believed != told else None
                 if in_mirror:
                     writer.add(mirrored(entity, meridian, tags))
                 else:
                     writer.add(entity if tags is None else entity.replace(tags=tags))
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
         raise not_whole(path, broken, nodes, ways) from broken
+    far = (
+        f"ways left out, two neighbouring nodes more than {FARTHEST_KM:g} km apart: {some(leaping)}"
+        if leaping
+        else ""
+    )
     if not road_ends:
         why = (
             f"all {closed.count} roads are closed to cars: {closed.reasons}"
             if closed.found
-            else "none with a car `highway` tag"
+            else far or "none with a car `highway` tag"
         )
         raise InputError(f"{path}: no road for cars in it ({nodes} nodes, {ways} ways, {why})")
-    if contents.zone == 0:
+    if contents.places.zone == 0:
         raise InputError(
             f"{path}: no road for cars in it has a place ({len(road_ends)} roads, but no nodes): cut it out again with "
             "`osmium extract`, whose ways are complete"
         )
-    notes = (*contents.lines, *closed.lines(), *aside.lines())
-    return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.zone, notes)
+    notes = (*contents.lines, *closed.lines(), *((far,) if far else ()), *aside.lines())
+    return ExtractFacts(
+        nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.places.zone, notes
+    )

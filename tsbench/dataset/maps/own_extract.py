@@ -20,14 +20,17 @@ _LOOKED_AT = 1 << 16
 _EPOCH = "1970-01-01"
 
 
-def facts_of(path: Path, date: str | None, address: str | None) -> tuple[int, dict[str, Any]]:
-    """The UTM zone of an extract, and its keys in a city's file.
+def facts_of(
+    path: Path, date: str | None, address: str | None
+) -> tuple[int, dict[str, Any], tuple[str, ...]]:
+    """The UTM zone of an extract, its keys in a city's file, and what of it is left out.
 
     date: of OpenStreetMap; None: as the file says. address: where it can be had; None: only its name is known.
     Raises InputError for a file that is no whole extract, has no node, or does not say its date.
     """
     check_file(path)
-    zone = contents_of(path).zone
+    contents = contents_of(path)
+    zone = contents.places.zone
     if not zone:
         raise InputError(f"{path}: no node of it has a place: this is no map")
     day = date or date_of(path)
@@ -36,7 +39,7 @@ def facts_of(path: Path, date: str | None, address: str | None) -> tuple[int, di
     return zone, {
         "name": extract_name(path), "date": day, "address": address or f"the file {path.name}",
         "sha256": sha256_of(path), "bytes": path.stat().st_size,
-    }  # fmt: skip
+    }, contents.lines  # fmt: skip
 
 
 def date_of(path: Path) -> str | None:

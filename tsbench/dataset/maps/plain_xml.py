@@ -41,8 +41,10 @@ class ParsedEdge:
     line: list[tuple[float, float]]
 
 
-def _elements(file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str]) -> Iterator[etree._Element]:
-    """The elements called `tag`, or so, one by one, the tree behind them freed."""
+def elements(
+    file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str] | None
+) -> Iterator[etree._Element]:
+    """The elements called `tag`, or so, or all, one by one, the tree behind them freed."""
     for _, element in etree.iterparse(
         str(file) if isinstance(file, Path) else file,
         events=("end",),
@@ -59,31 +61,29 @@ def _elements(file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str]) 
 
 def parse_nodes(path: Path) -> dict[str, tuple[float, float]]:
     """Place of each node, in the order of the ids."""
-    nodes = {e.get("id", ""): (float(e.attrib["x"]), float(e.attrib["y"])) for e in _elements(path, "node")}
+    nodes = {e.get("id", ""): (float(e.attrib["x"]), float(e.attrib["y"])) for e in elements(path, "node")}
     return dict(sorted(nodes.items()))
 
 
 def parse_projection(path: Path) -> str:
     """The projection of a file of nodes, as PROJ writes it; "" where it has none."""
-    return next((e.get("projParameter", "") for e in _elements(path, "location")), "")
+    return next((e.get("projParameter", "") for e in elements(path, "location")), "")
 
 
 @cache
 def class_speeds(path: Path) -> dict[str, float]:
     """The limit of each road class of a type map, m/s."""
-    return {str(e.attrib["id"]): float(e.attrib["speed"]) for e in _elements(path, "type")}
+    return {str(e.attrib["id"]): float(e.attrib["speed"]) for e in elements(path, "type")}
 
 
 def parse_edges(path: Path, nodes: dict[str, tuple[float, float]]) -> list[ParsedEdge]:
     """All edges, in the order of the ids."""
-    return sorted(
-        (_edge(e, nodes) for e in _elements(path, "edge") if "from" in e.attrib), key=lambda e: e.id
-    )
+    return sorted((_edge(e, nodes) for e in elements(path, "edge") if "from" in e.attrib), key=lambda e: e.id)
 
 
 def parse_roundabouts(path: Path) -> list[list[str]]:
     """Edge ids of each roundabout, in no order along the ring."""
-    return sorted(e.get("edges", "").split() for e in _elements(path, "roundabout"))
+    return sorted(e.get("edges", "").split() for e in elements(path, "roundabout"))
 
 
 def origins_and_junctions(built: Iterable[Path]) -> tuple[set[int], dict[int, str]]:
@@ -95,7 +95,7 @@ def origins_and_junctions(built: Iterable[Path]) -> tuple[set[int], dict[int, st
     junctions: dict[int, str] = {}
     for path in built:
         with opened_xml(path) as stream:
-            for element in _elements(stream, ("param", "node", "junction")):
+            for element in elements(stream, ("param", "node", "junction")):
                 if element.tag != "param":
                     name = element.get("id", "")
                     junctions |= dict.fromkeys((int(node) for node in _NUMBERS.findall(name)), name)

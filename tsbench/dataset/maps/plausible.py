@@ -1,10 +1,10 @@
-"""What a road can be: the one place that says which numbers of OpenStreetMap's are slips of the pen."""
+"""What a road can be: the one place that says which tags of OpenStreetMap's are slips of the pen, or not used."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 # Hardly any road has a higher limit; netconvert takes 142 km/h where there is none.
@@ -14,11 +14,21 @@ FASTEST_MPS = FASTEST_KMH / 3.6
 WIDTH_RANGE_M = (2.75, 4.5)
 _SPEED, _LANES, _ONE_WAY_LANES = (3.0, FASTEST_KMH, " km/h"), (1.0, 16.0, ""), (0.0, 16.0, "")
 _ROAD_WIDTH, _LANE_WIDTH = (1.0, 40.0, " m"), (1.0, 10.0, " m")
+# Lanes in the middle for both directions, which netconvert takes for one forward; `lanes` counts them.
+BOTH_WAYS = "lanes:both_ways"
+# Where these say that there is no limit, netconvert takes 142 km/h.
+_NO_LIMIT, _FAST = ("none", "no", "DE:motorway"), ("motorway", "trunk")
+# Tags of single lanes that nothing here reads: all lanes are open to cars, at the road's limit.
+_BY_LANE = re.compile(
+    r"(access|vehicle|motor_vehicle|motorcar|bus|psv|taxi|hgv|bicycle|maxspeed):lanes(:forward|:backward|:both_ways)?"
+)
 # By tag that netconvert takes a number from: least, most, unit.
 BOUNDS = {
-    **dict.fromkeys(("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type"), _SPEED),
+    **dict.fromkeys(
+        ("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type", "zone:maxspeed"), _SPEED
+    ),
     "lanes": _LANES,
-    **dict.fromkeys(("lanes:forward", "lanes:backward", "lanes:both_ways"), _ONE_WAY_LANES),
+    **dict.fromkeys(("lanes:forward", "lanes:backward", BOTH_WAYS), _ONE_WAY_LANES),
     "width": _ROAD_WIDTH,
     **dict.fromkeys(("width:lanes", "width:lanes:forward", "width:lanes:backward"), _LANE_WIDTH),
 }
@@ -56,28 +66,36 @@ def _number(text: str) -> float | None:
 
 @dataclass
 class SetAside:
-    """Tags of roads that are not believed: which they were."""
+    """Tags of roads that are not believed, or not used: which they were, by what is said of them."""
 
     found: dict[str, list[str]] = field(default_factory=dict)
 
-    def from_road(self, way: int, tags: Iterable[tuple[str, str]]) -> dict[str, str] | None:
-        """The tags of a road without those that cannot be; None where all can."""
-        kept, lost = {}, False
-        for key, value in tags:
-            if is_plausible(key, value):
-                kept[key] = value
+    def from_road(self, way: int, tags: Mapping[str, str]) -> dict[str, str]:
+        """The tags of a road as it can be."""
+        kept = {}
+        for key, value in tags.items():
+            if not is_plausible(key, value):
+                least, most, unit = BOUNDS[key]
+                self._add(f"the tag {key} set aside, not {least:g} to {most:g}{unit}", way, value)
+            elif BOUNDS.get(key) == _SPEED and value in _NO_LIMIT and tags["highway"] not in _FAST:
+                self._add(f"the tag {key} set aside, only motorways and trunks have no limit", way, value)
+            elif key == BOTH_WAYS:
+                self._add(f"the tag {key} set aside, lanes for both directions are not made", way, value)
             else:
-                lost = True
-                self.found.setdefault(key, []).append(f"{value!r:.40} of way {way}")
-        return kept if lost else None
+                kept[key] = value
+                if _BY_LANE.fullmatch(key):
+                    self._add(f"the tag {key} not used, all lanes are alike", way, value)
+        lanes, both = (_number(tags.get(key, "")) or 0.0 for key in ("lanes", BOTH_WAYS))
+        if "lanes" in kept and 0.0 < both < lanes:
+            kept["lanes"] = f"{lanes - both:g}"
+        return kept
 
     def lines(self) -> list[str]:
-        """One line for each key."""
-        return [
-            f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {some(those)}"
-            for key, those in sorted(self.found.items())
-            for least, most, unit in (BOUNDS[key],)
-        ]
+        """One line for each key and reason."""
+        return [f"{said}: {some(those)}" for said, those in sorted(self.found.items())]
+
+    def _add(self, said: str, way: int, value: str) -> None:
+        self.found.setdefault(said, []).append(f"{value!r:.40} of way {way}")
 
 
 def some(names: list[str], shown: int = 5) -> str:

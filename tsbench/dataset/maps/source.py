@@ -32,7 +32,7 @@ from tsbench.dataset.maps.plain_xml import (
 from tsbench.dataset.maps.plausible import FASTEST_MPS
 from tsbench.dataset.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
-SCHEMA = 5
+SCHEMA = 6
 Ints = npt.NDArray[np.int64]
 
 

@@ -6,8 +6,8 @@ Overpass writes ways before their nodes, which netconvert then drops without a w
 
 from __future__ import annotations
 
-import math
 import re
+import zlib
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,19 +20,21 @@ import osmium
 from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.names import CHANGES, ending_of, opened_xml
+from tsbench.dataset.maps.degrees import Places, check_numbers, check_places, places_of
+from tsbench.dataset.maps.names import CHANGES, ending_of, occurs, opened_xml
+from tsbench.dataset.maps.out_geom import has_geometry, with_nodes
 from tsbench.dataset.maps.plausible import some
-from tsbench.dataset.maps.utm import zones_at
 
 _KINDS = ("node", "way", "relation")
 _ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
-_CHUNK, _TAIL = 1 << 20, 64
 # What only files of editors and of changes have; most files are not looked at any closer.
 _MARKS = re.compile(rb"""<osmChange[\s>]|\baction\s*=\s*["']delete["']""")
 
 
 def osm_file(path: Path) -> Any:
-    """The file for pyosmium, which itself knows endings in small letters only."""
+    """The file for pyosmium, which knows endings in small letters and plain OSM XML only."""
+    if has_geometry(path):
+        return osmium.io.FileBuffer(with_nodes(path), "osm")
     kind, _, packed = ending_of(path.name).rpartition(".")
     return osmium.io.File(str(path), f"osm.{packed}" if kind and packed in ("gz", "bz2") else packed)
 
@@ -41,14 +43,14 @@ def osm_file(path: Path) -> Any:
 class Contents:
     """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?
 
-    zone: of UTM, in which most of the nodes that count lie; 0 where none has a place.
+    file: for pyosmium. places: of the nodes that count.
     """
 
-    path: Path
+    file: Any
     kind: npt.NDArray[np.int8]
     counts: npt.NDArray[np.bool_]
     lines: tuple[str, ...]
-    zone: int
+    places: Places
 
     @property
     def in_order(self) -> bool:
@@ -68,26 +70,31 @@ class Contents:
                 yield from self._those(entity, self.counts[self.kind == kind])
 
     def _those(self, entity: Any, counts: npt.NDArray[np.bool_]) -> Iterator[Any]:
-        found = osmium.FileProcessor(osm_file(self.path), entity)
+        found = osmium.FileProcessor(self.file, entity)
         for one, counting in zip(found, counts.tolist(), strict=True):
             if counting:
                 yield one
 
 
 def contents_of(path: Path) -> Contents:
-    """Look an extract through. Raises InputError if it is no whole OSM file, or one of changes."""
-    kinds, ids, versions, there, east = array("b"), array("q"), array("q"), array("b"), array("d")
+    """Look an extract through. Raises InputError: no whole OSM file, a file of changes, a place that is none."""
+    kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
+    x, y = array("i"), array("i")
     try:
-        for one in osmium.FileProcessor(
-            osm_file(path), osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION
-        ):
+        file = osm_file(path)
+        for one in osmium.FileProcessor(file, osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION):
             kinds.append(0 if one.is_node() else 1 if one.is_way() else 2)
             ids.append(one.id)
             versions.append(one.version)
             there.append(one.visible)
-            east.append(one.lon if one.is_node() and one.location.valid() else math.nan)
+            if one.is_node():
+                x.append(one.location.x)
+                y.append(one.location.y)
         marked = _marked_deleted(path)
-    except (RuntimeError, ValueError, OSError, EOFError, etree.XMLSyntaxError) as broken:
+    except osmium.InvalidLocationError as broken:
+        check_places(path)
+        raise InputError(f"{path}: a place is no number of degrees ({broken})") from broken
+    except (RuntimeError, ValueError, OSError, EOFError, zlib.error, etree.XMLSyntaxError) as broken:
         nodes, ways = kinds.count(0), kinds.count(1)
         raise not_whole(path, broken, nodes, ways) from broken
     kind, number, version = (np.array(one, np.int64) for one in (kinds, ids, versions))
@@ -108,12 +115,17 @@ def contents_of(path: Path) -> Contents:
             f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
         )
     counts = newest & visible
-    return Contents(path, kind.astype(np.int8), counts, tuple(lines), _zone_of_most(np.array(east)[counts]))
-
-
-def _zone_of_most(lon: npt.NDArray[np.float64]) -> int:
-    there = np.bincount(zones_at(lon[~np.isnan(lon)]))
-    return int(there.argmax()) if len(there) else 0
+    of_nodes = np.flatnonzero(kind == 0)
+    lon, lat = (np.array(one, np.int64) for one in (x, y))
+    check_numbers(path, lon, lat)
+    nowhere = of_nodes[(lon == 0) & (lat == 0) & counts[of_nodes]]
+    if len(nowhere):
+        lost = some([f"node {node}" for node in number[nowhere].tolist()])
+        lines.append(f"left out what lies at 0, 0 degrees, where no road is: {lost}")
+        counts[nowhere] = False
+    counting = counts[of_nodes]
+    places = places_of(number[of_nodes][counting], lon[counting], lat[counting])
+    return Contents(file, kind.astype(np.int8), counts, tuple(lines), places)
 
 
 def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputError:
@@ -124,7 +136,7 @@ def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputErro
 
 def _marked_deleted(path: Path) -> list[int]:
     """Numbers, in the file, of the objects that an editor marked as deleted: pyosmium does not read the mark."""
-    if ending_of(path.name).endswith("pbf") or not _has_marks(path):
+    if ending_of(path.name).endswith("pbf") or not occurs(_MARKS, path):
         return []
     marked, count, depth = [], 0, 0
     with opened_xml(path) as stream:
@@ -146,13 +158,3 @@ def _marked_deleted(path: Path) -> list[int]:
                     while element.getprevious() is not None:
                         del element.getparent()[0]
     return marked
-
-
-def _has_marks(path: Path) -> bool:
-    tail = b""
-    with opened_xml(path) as stream:
-        while chunk := stream.read(_CHUNK):
-            if _MARKS.search(tail + chunk):
-                return True
-            tail = chunk[-_TAIL:]
-    return False
