@@ -16,8 +16,10 @@ import resource
 import signal
 import socket
 import stat
+import struct
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -153,6 +155,38 @@ class LogTime(_Planner):
         os.utime(1, (12, 12))
 
 
+class LogLock(_Planner):
+    """Held by the open file, which lives as long as anybody has it."""
+
+    def finds(self):
+        return "lock:" in Path("/proc/self/fdinfo/2").read_text()
+
+    def leaves(self):
+        fcntl.flock(2, fcntl.LOCK_EX)
+
+
+class LogRange(LogLock):
+    def leaves(self):
+        # F_OFD_SETLK of a byte.
+        fcntl.fcntl(2, 37, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 7, 1, 0))
+
+
+class DeviceTime(_Planner):
+    """Of the machine's: who may write to it may say that it was written to now."""
+
+    PLACE = Path("/dev/full")
+
+    def __init__(self):
+        self.before = self.PLACE.stat().st_mtime_ns
+
+    def finds(self):
+        # In another sandbox the constructor comes after it.
+        return self.PLACE.stat().st_mtime_ns != self.before or time.time() - self.PLACE.stat().st_mtime < 60
+
+    def leaves(self):
+        os.utime(self.PLACE)
+
+
 class Place(_Planner):
     """In a file that the constructor opened to read."""
 
@@ -277,11 +311,12 @@ class Daemon(_Planner):
 
 ALL = (
     "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
-    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "Place", "Port", "Processes", "Files",
+    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange", "DeviceTime",
+    "Place", "Port", "Processes", "Files",
     "FileTime", "FileContent", "Semaphores",
 )  # fmt: skip
 
-IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime")
+IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange")
 
 
 def main(out, *names):

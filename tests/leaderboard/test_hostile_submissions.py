@@ -8,9 +8,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, read_submission
@@ -196,3 +199,44 @@ def test_a_planner_under_another_ones_name_is_found(honest: Make, tmp_path: Path
     path.write_text(replace(made, planner=replace(made.planner, name="best")).to_json())
     found = verify(claim_of(path), None, **DRAW)  # type: ignore[arg-type]
     assert [one.what for one in found.differences] == ["the planner is called best as submitted, idm here"]
+
+
+def with_rows(run: Path, change: Callable[[list[Json]], list[Json]]) -> None:
+    """Puts other rows into a run's table, and its hash into the manifest."""
+    path = run / "episodes.parquet"
+    table = pq.read_table(path)
+    pq.write_table(pa.Table.from_pylist(change(table.to_pylist()), schema=table.schema), path)
+    manifest = json.loads((run / "run.json").read_text())
+    manifest["files"]["episodes.parquet"] = sha256_of(path)
+    (run / "run.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("change", "strange"),
+    [
+        (
+            lambda rows: [{**row, "scenario_id": f"x{row['scenario_id']}"} for row in rows if row["scd"]],
+            "all",
+        ),
+        (lambda rows: [*rows, {**rows[0], "scenario_id": "x"}], "1"),
+    ],
+    ids=["all", "one"],
+)
+def test_episodes_of_no_row_of_the_split_refute_a_run(
+    run: Path, released: str, change: Callable[[list[Json]], list[Json]], strange: str
+) -> None:
+    """None of them can be drawn, so none would ever be wrong."""
+    with_rows(run, change)
+    (claim, *_) = claims_of(run)
+    found = verify(claim, None, **DRAW)  # type: ignore[arg-type]
+    assert found.verdict is ClaimVerdict.REFUTED
+    count = len(claim.episodes) if strange == "all" else 1
+    assert f"{count} of its episodes are of no row of dev: x" in found.differences[0].what
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"), [({}, "stands twice"), ({"scd": True, "outcome": "collision"}, "contradicts")]
+)
+def test_no_run_writes_such_rows(run: Path, changes: Json, said: str) -> None:
+    with_rows(run, lambda rows: [{**rows[0], **changes}, *rows[bool(changes) :]])
+    assert said in refusal(claims_of, run)

@@ -193,8 +193,8 @@ def read_submission(path: Path) -> Submission:
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
     ids = [episode.scenario_id for episode in found.episodes]
-    if ids != sorted(set(ids)):
-        raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
+    if ids != sorted(ids):
+        raise InputError(f"{path}: episodes are not sorted by scenario_id")
     return found
 
 
@@ -210,7 +210,7 @@ def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
         or ("" if found.title else "title: is empty")
         or ("" if 0 <= found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
         or _fault_of_figures(found.figures)
-        or _fault_of_episodes(found.episodes)
+        or fault_of_episodes(found.episodes)
     )
 
 
@@ -267,11 +267,15 @@ def _fault_of_figures(figures: Sequence[Figure]) -> str:
     return ""
 
 
-def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
+def fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
     """What in episodes cannot be of a run, "" where nothing is."""
     digests: dict[str, str] = {}
+    names: set[str] = set()
     for episode in episodes:
         name = episode.scenario_id
+        if name in names:
+            return f"{name}: stands twice"
+        names.add(name)
         outcome = Outcome(episode.outcome)
         if episode.scd is not (outcome is Outcome.ARRIVED and not episode.clauses):
             told = ", ".join([outcome, *episode.clauses])
@@ -279,9 +283,9 @@ def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
         if not _DIGEST.fullmatch(episode.digest):
             return f"{name}: digest: expected {_DIGEST_HEX} hexadecimal digits"
         # The name of its scenario is in it.
-        other = digests.setdefault(episode.digest, name)
-        if other != name:
-            return f"{name}: has the digest of {other}"
+        if episode.digest in digests:
+            return f"{name}: has the digest of {digests[episode.digest]}"
+        digests[episode.digest] = name
     return ""
 
 
