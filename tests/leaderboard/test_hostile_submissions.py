@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,6 +14,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
@@ -240,3 +244,31 @@ def test_episodes_of_no_row_of_the_split_refute_a_run(
 def test_no_run_writes_such_rows(run: Path, changes: Json, said: str) -> None:
     with_rows(run, lambda rows: [{**rows[0], **changes}, *rows[bool(changes) :]])
     assert said in refusal(claims_of, run)
+
+
+# What a claim may call its planner where somebody else's package is installed.
+NAMED = ("strange", "strang", "strange-e", "strange:P", "strange:Nobody", "no.such:P", "idn")
+
+
+def test_no_name_has_an_installed_package_run_here(tmp_path: Path) -> None:
+    mark = tmp_path / "ran"
+    (tmp_path / "strange.py").write_text(f"open({str(mark)!r}, 'w')\nclass P: pass\n")
+    told = tmp_path / "strange-1.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: strange\nVersion: 1\n")
+    (told / "entry_points.txt").write_text("[tsbench.planners]\nstrange = strange:P\n")
+    code = f"""if True:
+        from tsbench.core.errors import InputError
+        from tsbench.run.isolation.loading import describe
+        for name in {NAMED}:
+            try:
+                print(describe(name))
+            except InputError as refused:
+                print(refused)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )  # fmt: skip
+    assert "did you mean strange" in done.stdout
+    assert not mark.exists()

@@ -92,6 +92,28 @@ def test_after_something_was_left_each_episode_has_a_new_sandbox(monkeypatch: py
     assert made == [1, 2, 3, 4]
 
 
+class Keeps(Told):
+    """Says where it is driven that it keeps its process."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.facts = {"forks": False, "keeps_process": True}
+
+
+@pytest.mark.parametrize(("marked", "processes"), [(True, 1), (False, 4)])
+def test_who_keeps_its_process_is_known_to_the_run(
+    monkeypatch: pytest.MonkeyPatch, marked: bool, processes: int
+) -> None:
+    """It may have said something else when it was asked what it is, and be marked by that."""
+    monkeypatch.setattr(process, "Encoder", Silent)
+    monkeypatch.setattr(Told, "made", 0)
+    planner = process.IsolatedPlanner(Keeps, keeps=marked)  # type: ignore[arg-type]
+    context: Any = None
+    for _ in range(4):
+        planner.reset(context)
+    assert Told.made == processes
+
+
 # What a filter says of a call, by the numbers of the kernel's calls on two kinds of machines.
 ALLOWED, REFUSED = 0x7FFF0000, 0x00050001
 ARCH = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
