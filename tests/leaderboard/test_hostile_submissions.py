@@ -197,6 +197,18 @@ def test_no_claim_turns_isolation_off(honest: Make, tmp_path: Path) -> None:
         verify(claim_of(path), "exe:x", shared_process=True, **DRAW)  # type: ignore[arg-type]
 
 
+def test_an_isolated_planner_names_its_files(honest: Make, tmp_path: Path) -> None:
+    """Where it names none, any that lie beside its code would be shown to it and be in no hash."""
+    path = tmp_path / "x.json"
+    made = honest("idm")
+    planner = replace(made.planner, spec="mine.py:P", code_sha256="0" * 64)
+    path.write_text(replace(made, planner=planner, isolation={"namespaces": "bubblewrap"}).to_json())
+    assert "none of its files is named" in refusal(read_submission, path)
+    named = replace(planner, files=(f"{'0' * 64} 644  mine.py",))
+    path.write_text(replace(made, planner=named, isolation={"namespaces": "bubblewrap"}).to_json())
+    assert read_submission(path).planner == named
+
+
 def test_a_planner_under_another_ones_name_is_found(honest: Make, tmp_path: Path) -> None:
     made = honest("idm")
     path = tmp_path / "x.json"
