@@ -20,7 +20,6 @@ import stat
 import struct
 import sys
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -180,22 +179,6 @@ class LogRange(LogLock):
     def leaves(self):
         # F_OFD_SETLK of a byte.
         fcntl.fcntl(2, 37, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 7, 1, 0))
-
-
-class DeviceTime(_Planner):
-    """Of the machine's: who may write to it may say that it was written to now."""
-
-    PLACE = Path("/dev/full")
-
-    def __init__(self):
-        self.before = self.PLACE.stat().st_mtime_ns
-
-    def finds(self):
-        # In another sandbox the constructor comes after it.
-        return self.PLACE.stat().st_mtime_ns != self.before or time.time() - self.PLACE.stat().st_mtime < 60
-
-    def leaves(self):
-        os.utime(self.PLACE)
 
 
 class Place(_Planner):
@@ -407,7 +390,7 @@ class Stray(Daemon):
 
 ALL = (
     "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
-    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange", "DeviceTime",
+    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange",
     "Place", "Port", "Processes", "Files",
     "FileTime", "FileContent", "FileMemory", "FileRoom", "HiddenFile", "Semaphores",
 )  # fmt: skip

@@ -40,10 +40,6 @@ _HOME: Final = "/scratch"
 # Where a sandbox's processes may write, in memory.
 _WRITABLE: Final = ("/tmp", "/dev/shm", _HOME)
 _APART: Final = ("--unshare-ipc", "--unshare-pid", "--unshare-net", "--unshare-uts", "--unshare-cgroup-try")
-# Mounts in the /dev that bubblewrap makes.
-_DEVICES: Final = tuple(
-    f"/dev/{name}" for name in ("null", "zero", "full", "random", "urandom", "tty", "pts")
-)
 # Where root makes the namespaces, the rights that setpriv needs to become nobody. It gives them up.
 _BY_ROOT: Final = ("--cap-add", "CAP_SETUID", "--cap-add", "CAP_SETGID", "--cap-add", "CAP_SETPCAP")
 _NOBODY: Final = "65534"
@@ -154,10 +150,7 @@ def sandbox_arguments(maker: _Maker, binds: Sequence[tuple[str, str]], covers: S
             found += ["--size", "4096", "--tmpfs", place, "--remount-ro", place]
         elif outside.is_file():
             found += ["--ro-bind", "/dev/null", place]
-    # The machine's own devices, too: who may write to one may change its times, which every sandbox sees.
-    for place in ("/proc", "/dev", *_DEVICES, "/"):
-        found += ["--remount-ro", place]
-    return found
+    return [*found, "--remount-ro", "/proc", "--remount-ro", "/dev", "--remount-ro", "/"]
 
 
 def _source_of(place: str, binds: Sequence[tuple[str, str]]) -> Path:
