@@ -10,12 +10,14 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import json
+import mmap
 import os
 import platform
 import resource
 import signal
 import socket
 import stat
+import struct
 import sys
 import threading
 from contextlib import suppress
@@ -50,6 +52,16 @@ class _Planner:
 
     def act(self, observation):
         return Control(0.4 if self.found else 0.2, 0.0)
+
+
+class Nothing(_Planner):
+    """Leaves nothing, so its sandbox is kept: its second process there has another number than its first."""
+
+    def finds(self):
+        return os.getpid() > 3
+
+    def leaves(self):
+        pass
 
 
 class Limit(_Planner):
@@ -153,6 +165,22 @@ class LogTime(_Planner):
         os.utime(1, (12, 12))
 
 
+class LogLock(_Planner):
+    """Held by the open file, which lives as long as anybody has it."""
+
+    def finds(self):
+        return "lock:" in Path("/proc/self/fdinfo/2").read_text()
+
+    def leaves(self):
+        fcntl.flock(2, fcntl.LOCK_EX)
+
+
+class LogRange(LogLock):
+    def leaves(self):
+        # F_OFD_SETLK of a byte.
+        fcntl.fcntl(2, 37, struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, 7, 1, 0))
+
+
 class Place(_Planner):
     """In a file that the constructor opened to read."""
 
@@ -234,6 +262,82 @@ class FileContent(FileTime):
         self.path.write_text("bit")
 
 
+class FileMemory(FileTime):
+    """Written through memory that was read before, a file keeps its times."""
+
+    def __init__(self):
+        super().__init__()
+        self.path.write_bytes(bytes(4096))
+
+    def _memory(self):
+        with self.path.open("r+b") as file:
+            return mmap.mmap(file.fileno(), 4096)
+
+    def finds(self):
+        return self._memory()[0] == 1
+
+    def leaves(self):
+        memory = self._memory()
+        memory[0] = memory[0] + 1
+
+
+class FileRoom(FileMemory):
+    """Where nothing was written, reading through memory takes room."""
+
+    def __init__(self):
+        self.path = Path("/tmp/made")
+        with self.path.open("wb") as file:
+            file.truncate(4096)
+
+    def finds(self):
+        return self.path.stat().st_blocks > 0
+
+    def leaves(self):
+        return self._memory()[0]
+
+
+class HiddenFile(FileContent):
+    """In a folder that its owner may not look into, and whose files are there by name."""
+
+    def __init__(self):
+        self.path = Path("/tmp/hidden/made")
+        self.path.parent.mkdir()
+        self.path.touch()
+        self.path.parent.chmod(0o300)
+
+
+class Nameless(_Planner):
+    """A file without a name, held open to be read."""
+
+    def __init__(self):
+        path = Path("/tmp/nameless")
+        path.touch()
+        self.file = os.open(path, os.O_RDONLY)
+        path.unlink()
+
+    def finds(self):
+        return os.fstat(self.file).st_size > 0
+
+    def leaves(self):
+        Path(f"/proc/self/fd/{self.file}").write_text("bit")
+
+
+class ReadOnlyMemory(_Planner):
+    """Shared, and not to be written until an episode says so."""
+
+    def __init__(self):
+        self.memory = mmap.mmap(-1, 4096, mmap.MAP_SHARED | mmap.MAP_ANONYMOUS, mmap.PROT_READ)
+
+    def finds(self):
+        return self.memory[0] == 1
+
+    def leaves(self):
+        lines = Path("/proc/self/maps").read_text().splitlines()
+        for place in [int(line.split("-")[0], 16) for line in lines if " r--s " in line and "zero" in line]:
+            SYSTEM.mprotect(ctypes.c_void_p(place), 4096, mmap.PROT_READ | mmap.PROT_WRITE)
+            ctypes.memset(place, 1, 1)
+
+
 class Semaphores(_Planner):
     """In the numbers of System V's semaphores, which are gone."""
 
@@ -263,7 +367,12 @@ class Handler(_Planner):
 class Daemon(_Planner):
     """A process that the constructor started, and that its own parent has left, lives on beside all episodes."""
 
+    STRAYS = False
+
     def __init__(self):
+        # PR_SET_CHILD_SUBREAPER: in a sandbox its next parent is bubblewrap's.
+        if self.STRAYS:
+            SYSTEM.prctl(36, 0, 0, 0, 0)
         middle = os.fork()
         if not middle:
             if not os.fork():
@@ -275,13 +384,18 @@ class Daemon(_Planner):
         os.waitpid(middle, 0)
 
 
+class Stray(Daemon):
+    STRAYS = True
+
+
 ALL = (
     "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
-    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "Place", "Port", "Processes", "Files",
-    "FileTime", "FileContent", "Semaphores",
+    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange",
+    "Place", "Port", "Processes", "Files",
+    "FileTime", "FileContent", "FileMemory", "FileRoom", "HiddenFile", "Semaphores",
 )  # fmt: skip
 
-IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime")
+IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange")
 
 
 def main(out, *names):

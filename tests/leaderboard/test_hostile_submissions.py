@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from patience import HANG_S
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import sha256_of
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, read_submission
@@ -190,9 +197,90 @@ def test_no_claim_turns_isolation_off(honest: Make, tmp_path: Path) -> None:
         verify(claim_of(path), "exe:x", shared_process=True, **DRAW)  # type: ignore[arg-type]
 
 
+def test_an_isolated_planner_names_its_files(honest: Make, tmp_path: Path) -> None:
+    """Where it names none, any that lie beside its code would be shown to it and be in no hash."""
+    path = tmp_path / "x.json"
+    made = honest("idm")
+    planner = replace(made.planner, spec="mine.py:P", code_sha256="0" * 64)
+    path.write_text(replace(made, planner=planner, isolation={"namespaces": "bubblewrap"}).to_json())
+    assert "none of its files is named" in refusal(read_submission, path)
+    named = replace(planner, files=(f"{'0' * 64} 644  mine.py",))
+    path.write_text(replace(made, planner=named, isolation={"namespaces": "bubblewrap"}).to_json())
+    assert read_submission(path).planner == named
+
+
 def test_a_planner_under_another_ones_name_is_found(honest: Make, tmp_path: Path) -> None:
     made = honest("idm")
     path = tmp_path / "x.json"
     path.write_text(replace(made, planner=replace(made.planner, name="best")).to_json())
     found = verify(claim_of(path), None, **DRAW)  # type: ignore[arg-type]
     assert [one.what for one in found.differences] == ["the planner is called best as submitted, idm here"]
+
+
+def with_rows(run: Path, change: Callable[[list[Json]], list[Json]]) -> None:
+    """Puts other rows into a run's table, and its hash into the manifest."""
+    path = run / "episodes.parquet"
+    table = pq.read_table(path)
+    pq.write_table(pa.Table.from_pylist(change(table.to_pylist()), schema=table.schema), path)
+    manifest = json.loads((run / "run.json").read_text())
+    manifest["files"]["episodes.parquet"] = sha256_of(path)
+    (run / "run.json").write_text(json.dumps(manifest))
+
+
+@pytest.mark.parametrize(
+    ("change", "strange"),
+    [
+        (
+            lambda rows: [{**row, "scenario_id": f"x{row['scenario_id']}"} for row in rows if row["scd"]],
+            "all",
+        ),
+        (lambda rows: [*rows, {**rows[0], "scenario_id": "x"}], "1"),
+    ],
+    ids=["all", "one"],
+)
+def test_episodes_of_no_row_of_the_split_refute_a_run(
+    run: Path, released: str, change: Callable[[list[Json]], list[Json]], strange: str
+) -> None:
+    """None of them can be drawn, so none would ever be wrong."""
+    with_rows(run, change)
+    (claim, *_) = claims_of(run)
+    found = verify(claim, None, **DRAW)  # type: ignore[arg-type]
+    assert found.verdict is ClaimVerdict.REFUTED
+    count = len(claim.episodes) if strange == "all" else 1
+    assert f"{count} of its episodes are of no row of dev: x" in found.differences[0].what
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"), [({}, "stands twice"), ({"scd": True, "outcome": "collision"}, "contradicts")]
+)
+def test_no_run_writes_such_rows(run: Path, changes: Json, said: str) -> None:
+    with_rows(run, lambda rows: [{**rows[0], **changes}, *rows[bool(changes) :]])
+    assert said in refusal(claims_of, run)
+
+
+# What a claim may call its planner where somebody else's package is installed.
+NAMED = ("strange", "strang", "strange-e", "strange:P", "strange:Nobody", "no.such:P", "idn")
+
+
+def test_no_name_has_an_installed_package_run_here(tmp_path: Path) -> None:
+    mark = tmp_path / "ran"
+    (tmp_path / "strange.py").write_text(f"open({str(mark)!r}, 'w')\nclass P: pass\n")
+    told = tmp_path / "strange-1.dist-info"
+    told.mkdir()
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: strange\nVersion: 1\n")
+    (told / "entry_points.txt").write_text("[tsbench.planners]\nstrange = strange:P\n")
+    code = f"""if True:
+        from tsbench.core.errors import InputError
+        from tsbench.run.isolation.loading import describe
+        for name in {NAMED}:
+            try:
+                print(describe(name))
+            except InputError as refused:
+                print(refused)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=HANG_S,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )  # fmt: skip
+    assert "did you mean strange" in done.stdout
+    assert not mark.exists()

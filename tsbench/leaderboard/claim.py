@@ -15,6 +15,7 @@ from tsbench.leaderboard.submission import (
     SubmittedEpisode,
     episode_of,
     fault_of_arithmetic,
+    fault_of_episodes,
     fault_of_level,
     fault_of_lines,
     fault_of_place,
@@ -103,8 +104,14 @@ def events_of(run: StoredRun) -> Events:
 
 
 def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[SubmittedEpisode, ...]:
-    """A planner's episodes in a run, with their digests, sorted by scenario_id."""
+    """A planner's episodes in a run, with their digests, sorted by scenario_id.
+
+    Raises InputError where there is none, and for what no run writes.
+    """
     rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
     if not rows:
         raise InputError(f"{run.path}: no episode of {info.name} yet")
-    return tuple(episode_of(row, events.get((info.name, row["scenario_id"]), ())) for row in rows)
+    made = tuple(episode_of(row, events.get((info.name, row["scenario_id"]), ())) for row in rows)
+    if fault := fault_of_episodes(made):
+        raise InputError(f"{run.path}: {info.name}: {fault}")
+    return made

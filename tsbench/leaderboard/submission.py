@@ -193,8 +193,8 @@ def read_submission(path: Path) -> Submission:
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed submission ({' '.join(str(problem).split())[:200]})") from None
     ids = [episode.scenario_id for episode in found.episodes]
-    if ids != sorted(set(ids)):
-        raise InputError(f"{path}: episodes are not sorted by scenario_id, or one stands twice")
+    if ids != sorted(ids):
+        raise InputError(f"{path}: episodes are not sorted by scenario_id")
     return found
 
 
@@ -207,10 +207,11 @@ def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
         or fault_of_level(found.perception)
         or fault_of_arithmetic(found.arithmetic)
         or fault_of_planner(found.planner)
+        or _fault_of_files(found)
         or ("" if found.title else "title: is empty")
         or ("" if 0 <= found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
         or _fault_of_figures(found.figures)
-        or _fault_of_episodes(found.episodes)
+        or fault_of_episodes(found.episodes)
     )
 
 
@@ -228,6 +229,12 @@ def fault_of_planner(planner: PlannerInfo) -> str:
     """What is wrong with the name of a planner, "" where nothing is."""
     fault = fault_in_name(planner.name)
     return fault and f"the planner's name: {fault}"
+
+
+def _fault_of_files(found: Submission) -> str:
+    """A verification shows a planner the files that it names, and all where it names none."""
+    hidden = found.isolation is not None and found.planner.code_sha256 is not None and not found.planner.files
+    return "the planner was isolated, and none of its files is named" if hidden else ""
 
 
 def fault_of_arithmetic(told: Any) -> str:
@@ -267,11 +274,15 @@ def _fault_of_figures(figures: Sequence[Figure]) -> str:
     return ""
 
 
-def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
+def fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
     """What in episodes cannot be of a run, "" where nothing is."""
     digests: dict[str, str] = {}
+    names: set[str] = set()
     for episode in episodes:
         name = episode.scenario_id
+        if name in names:
+            return f"{name}: stands twice"
+        names.add(name)
         outcome = Outcome(episode.outcome)
         if episode.scd is not (outcome is Outcome.ARRIVED and not episode.clauses):
             told = ", ".join([outcome, *episode.clauses])
@@ -279,9 +290,9 @@ def _fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
         if not _DIGEST.fullmatch(episode.digest):
             return f"{name}: digest: expected {_DIGEST_HEX} hexadecimal digits"
         # The name of its scenario is in it.
-        other = digests.setdefault(episode.digest, name)
-        if other != name:
-            return f"{name}: has the digest of {other}"
+        if episode.digest in digests:
+            return f"{name}: has the digest of {digests[episode.digest]}"
+        digests[episode.digest] = name
     return ""
 
 

@@ -171,7 +171,7 @@ def verify(
             f"{claim.path}: its contract is {claim.contract[:12]}, that of this tsbench {contract[:12]}: verify it "
             f"with tsbench {claim.tsbench} and the data of {claim.edition}"
         )
-    found = list(_figures(claim, table, claim.figures)) if claim.figures is not None else []
+    found = list(_strange(claim, table) if claim.figures is None else _figures(claim, table, claim.figures))
     name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
         found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
@@ -205,6 +205,15 @@ def verify(
         differences=tuple(Mismatch(one.scenario_id, one_line(one.what)) for one in found),
         arithmetic=here, machine=machine(), isolated=not shared_process, files=info.files,
     )  # fmt: skip
+
+
+def _strange(claim: Claim, table: Sequence[ScenarioSpec]) -> Iterator[Mismatch]:
+    """Episodes of no row of the split: nobody can drive them again."""
+    known = {spec.scenario_id for spec in table}
+    strange = sorted(e.scenario_id for e in claim.episodes if e.scenario_id not in known)
+    if strange:
+        shown = ", ".join(strange[:_SHOWN])
+        yield Mismatch("", f"{len(strange)} of its episodes are of no row of {claim.split}: {shown}")
 
 
 def _figures(claim: Claim, table: Sequence[ScenarioSpec], figures: Sequence[Figure]) -> Iterator[Mismatch]:

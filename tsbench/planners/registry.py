@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -110,9 +110,12 @@ def _registered() -> dict[str, EntryPoint]:
 @cache
 def names() -> tuple[str, ...]:
     """Registered names and those of their experts, in alphabetical order."""
-    known = {name: entry(name) for name in _registered()}
-    experts = [f"{name}{EXPERT}" for name, one in known.items() if not (one.privileged or one.chooses_route)]
-    return tuple(sorted([*known, *experts]))
+    return tuple(sorted([*_registered(), *_experts(_registered())]))
+
+
+def _experts(bases: Iterable[str]) -> list[str]:
+    known = {name: entry(name) for name in bases}
+    return [f"{name}{EXPERT}" for name, one in known.items() if not (one.privileged or one.chooses_route)]
 
 
 def entry(name: str) -> PlannerEntry:
@@ -261,6 +264,10 @@ def _takes(target: Callable[..., object], count: int) -> bool:
 def _unknown(spec: str) -> str:
     if spec.endswith(".py"):
         return f"planner {spec!r}: name the class or function in it too, as in {spec}:MyPlanner"
-    close = difflib.get_close_matches(spec, names(), n=3, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else f"registered are {', '.join(names())}"
+    # Which experts there are is told by entries, and those of other packages are code that would run here.
+    known = sorted(
+        [*_registered(), *_experts(name for name, p in _registered().items() if in_package(p.module))]
+    )
+    close = difflib.get_close_matches(spec, known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else f"registered are {', '.join(known)}"
     return f"planner {spec!r}: no such planner: {hint} (or pkg.module:Class, file.py:Class)"

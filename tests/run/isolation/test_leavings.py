@@ -39,7 +39,20 @@ def test_no_bit_that_an_episode_leaves_reaches_the_next(started: str, tmp_path: 
     assert json.loads(done.stdout) == {name: [FIRST, FIRST] for name in names}
 
 
-@pytest.mark.parametrize(("name", "remembers"), [("Handler", True), ("Daemon", True), ("Place", False)])
+def test_a_sandbox_in_which_nothing_is_left_is_kept(tmp_path: Path) -> None:
+    """What is compared is the same where nothing was changed: else no test here shows anything."""
+    done = subprocess.run(
+        [sys.executable, str(FILE), str(tmp_path / "run"), "Nothing"],
+        stdout=subprocess.PIPE, text=True, timeout=HANG_S, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert sorted(json.loads(done.stdout)["Nothing"]) == [FIRST, 2 * FIRST]
+
+
+@pytest.mark.parametrize(
+    ("name", "remembers"),
+    [("Handler", True), ("Daemon", True), ("Nameless", True), ("ReadOnlyMemory", True), ("Place", False)],
+)
 def test_what_a_constructor_makes_for_all_episodes_is_marked(name: str, remembers: bool) -> None:
     """Signals of an episode reach the process that episodes are forks of, and its messages another one."""
     # Not in this process: it would have the handler and the other process.
@@ -55,6 +68,10 @@ def test_what_a_constructor_makes_for_all_episodes_is_marked(name: str, remember
     )
     assert told.stdout.split()[-1] == str(remembers)
     assert loading.describe(f"{FILE}:{name}").planner.may_remember is remembers
+
+
+def test_a_process_with_another_parent_is_marked() -> None:
+    assert loading.describe(f"{FILE}:Stray").planner.may_remember
 
 
 class Told:
@@ -90,6 +107,28 @@ def test_after_something_was_left_each_episode_has_a_new_sandbox(monkeypatch: py
         planner.reset(context)
         made.append(Told.made)
     assert made == [1, 2, 3, 4]
+
+
+class Keeps(Told):
+    """Says where it is driven that it keeps its process."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.facts = {"forks": False, "keeps_process": True}
+
+
+@pytest.mark.parametrize(("marked", "processes"), [(True, 1), (False, 4)])
+def test_who_keeps_its_process_is_known_to_the_run(
+    monkeypatch: pytest.MonkeyPatch, marked: bool, processes: int
+) -> None:
+    """It may have said something else when it was asked what it is, and be marked by that."""
+    monkeypatch.setattr(process, "Encoder", Silent)
+    monkeypatch.setattr(Told, "made", 0)
+    planner = process.IsolatedPlanner(Keeps, keeps=marked)  # type: ignore[arg-type]
+    context: Any = None
+    for _ in range(4):
+        planner.reset(context)
+    assert Told.made == processes
 
 
 # What a filter says of a call, by the numbers of the kernel's calls on two kinds of machines.

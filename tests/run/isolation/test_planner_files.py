@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import py_compile
 import socket
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.planners.base import PlannerContext
 from tsbench.run import opened_files
-from tsbench.run.isolation import files
+from tsbench.run.isolation import files, sandbox_paths
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.loading import changed_files, describe, load
 from tsbench.run.isolation.process import PlannerProcess
@@ -128,8 +129,10 @@ def test_a_folder_below_the_prefix_of_python_is_not_installed() -> None:
     assert not is_installed(Path(sys.prefix, "src", "planner"))
 
 
-def test_what_is_installed_for_root_alone_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "is_installed", lambda _: True)
+def test_what_comes_with_tsbench_for_root_alone_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "is_of_tsbench", lambda _: True)
     monkeypatch.setattr(os, "geteuid", lambda: 0)
     (tmp_path / "mine.py").write_text(PLANNER)
     tmp_path.chmod(0o755)
@@ -137,6 +140,47 @@ def test_what_is_installed_for_root_alone_is_refused(tmp_path: Path, monkeypatch
     tmp_path.chmod(0o700)
     with pytest.raises(InputError, match=r"only its owner may read .*chmod -R go"):
         PlannerFiles(f"{tmp_path}/mine.py:P")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder where packages are installed."""
+    monkeypatch.setattr(sandbox_paths, "getsitepackages", lambda: [str(tmp_path)])
+    monkeypatch.setattr(sandbox_paths, "_PYTHON", (*sandbox_paths._PYTHON, str(tmp_path)))
+    monkeypatch.syspath_prepend(tmp_path)
+    tmp_path.chmod(0o755)
+    return tmp_path
+
+
+# Its file where it is installed, and how it is named: a package, a module, one in a namespace.
+INSTALLED = {"mine:P": "mine/__init__.py", "mine2:P": "mine2.py", "space.mine:P": "space/mine.py"}
+
+
+@pytest.mark.parametrize("spec", INSTALLED)
+def test_an_installed_planner_runs_and_sees_what_has_a_hash(spec: str, site: Path) -> None:
+    """It may come with a cache that says other things than its code."""
+    source = site / INSTALLED[spec]
+    source.parent.mkdir(exist_ok=True)
+    source.write_text(PLANNER.replace("False", "True"))
+    py_compile.compile(str(source), invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
+    source.write_text(PLANNER)
+    planner = describe(spec).planner
+    assert not planner.floor
+    assert opened_files.names(planner.files) == [source.name]
+
+
+def test_a_verification_sees_of_an_installed_package_what_was_claimed(
+    site: Path,
+) -> None:
+    source = site / "mine" / "__init__.py"
+    source.parent.mkdir()
+    seen = [source.with_name(".hidden"), source.with_name("later")]
+    looks = f"any(map(Path.exists, map(Path, {[str(path) for path in seen]})))"
+    source.write_text(f"from pathlib import Path\n{PLANNER.replace('False', looks)}")
+    claimed = describe("mine:P").planner
+    for path in seen:
+        path.touch()
+    assert describe("mine:P", only=claimed.files).planner == claimed
 
 
 def test_all_sandboxes_of_a_worker_have_the_same_files(tmp_path: Path) -> None:

@@ -24,6 +24,9 @@ from tsbench.core.machine import adopt_orphans, children_of, die_with
 # Comes with PyArrow, and is started anew in a child.
 _ALLOCATOR = "jemalloc_bg_thd"
 _NOTHING = Path("/dev/null")
+_MAPPING = re.compile(r"[0-9a-f]+-[0-9a-f]+ ")
+# In a namespace of processes: bubblewrap's is 1, a container's own program is.
+_FIRST_OF_SANDBOX = 2
 
 
 def shared_with_children() -> frozenset[str]:
@@ -39,24 +42,38 @@ def shared_with_children() -> frozenset[str]:
         with suppress(FileNotFoundError, ProcessLookupError):
             if (thread / "comm").read_text().strip() != _ALLOCATOR:
                 found.add(f"thread {thread.name}")
-    found |= {f"process {child}" for child in children_of()}
+    found |= {f"process {child}" for child in _others()}
     # A child may send signals to this process.
     for number in signal.valid_signals():
         handler = signal.getsignal(number)
         if handler not in (signal.SIG_DFL, signal.SIG_IGN):
             found.add(f"handler {handler!r} of signal {number}")
-    for line in (own / "maps").read_text().splitlines():
-        place, rights, _, _, _, *name = line.split(maxsplit=5)
-        if rights[1] == "w" and rights[3] == "s":
+    # What is not to be written to now may be made so later, if the kernel holds it for shared.
+    told = ""
+    for line in (own / "smaps").read_text().splitlines():
+        if _MAPPING.match(line):
+            told = line
+        elif line.startswith("VmFlags:") and {"sh", "mw"} <= {*line.split()}:
+            place, _, _, _, _, *name = told.split(maxsplit=5)
             found.add(f"shared memory {' '.join(name)} at {place}")
     for file in (own / "fd").iterdir():
         with suppress(OSError):
             target = file.readlink()
             flags = re.search(r"flags:\s+(\d+)", (own / "fdinfo" / file.name).read_text())
             only_read = flags is not None and not int(flags[1], 8) & (os.O_WRONLY | os.O_RDWR)
+            # Of one without a name nobody sees that it was opened anew to be written.
+            only_read = only_read and os.fstat(int(file.name)).st_nlink > 0
             if target != _NOTHING and not (only_read and target.is_absolute()):
                 found.add(f"open file {target} as {file.name}")
     return frozenset(found)
+
+
+def _others() -> set[int]:
+    """Processes that this one has started; in a sandbox all but its first: one may have been given another parent."""
+    own = os.getpid()
+    if own > _FIRST_OF_SANDBOX:
+        return {*children_of()}
+    return {int(path.name) for path in Path("/proc").iterdir() if path.name.isdecimal()} - {1, own}
 
 
 def run_in_child(play: Callable[[], object]) -> int | None:

@@ -11,6 +11,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from importlib.util import cache_from_source
 from pathlib import Path
 
 from tsbench.core.errors import InputError
@@ -35,10 +36,10 @@ _ENVIRONMENT = "pyvenv.cfg"
 class PlannerFiles:
     """The copies; they go with this object.
 
-    binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`. Nothing is
-    copied of what is installed: a sandbox has it anyway.
-    lines: of each of these files, copied or installed, SHA-256 (hex), mode and name, sorted by name; () for tsbench's
-    own planners.
+    binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`. What is
+    installed is copied, too: beside its files lie caches and hidden ones, which have no hash.
+    lines: of each of these files SHA-256 (hex), mode and name, sorted by name; () for tsbench's own planners, of which
+    nothing is copied.
     """
 
     def __init__(self, spec: str, hidden: Sequence[Path] = (), only: Collection[str] | None = None) -> None:
@@ -56,15 +57,12 @@ class PlannerFiles:
         found: dict[str, str] = {}
         try:
             for place in source_places(spec):
-                if is_installed(place):
+                if is_of_tsbench(place):
                     _check_public(spec, place)
-                    if not is_of_tsbench(place):
-                        for name, path in _counted(spec, place, apart, only):
-                            found[name] = _copied(path, None)
                 elif place.is_dir() and not _is_shared(place):
                     copy = self._new_place(place.name)
                     self.binds.append((copy, place))
-                    for name, path in _counted(spec, place, apart, only):
+                    for name, path in _bounded(spec, place, _regular(place, apart), only):
                         target = copy / name
                         target.parent.mkdir(parents=True, exist_ok=True)
                         found[name] = _copied(path, target)
@@ -75,11 +73,20 @@ class PlannerFiles:
                         copy = self._new_place(path.name)
                         self.binds.append((copy, path))
                         found[name] = _copied(path, copy)
+                        self._hide_cache(path)
         except OSError as problem:
             raise InputError(
                 f"planner {spec!r}: {problem.filename}: cannot be copied into its sandbox: {problem.strerror}"
             ) from None
         self.lines = tuple(f"{found[name]}  {name}" for name in sorted(found))
+
+    def _hide_cache(self, path: Path) -> None:
+        """Python would run a module's cache, which has no hash; an empty one is none."""
+        cache = Path(cache_from_source(str(path)))
+        if path.suffix == ".py" and is_installed(path) and cache.is_file():
+            empty = self._new_place(cache.name)
+            empty.touch(0o644)
+            self.binds.append((empty, cache))
 
     def _new_place(self, name: str) -> Path:
         folder = self._folder.path / str(len(self.binds))
@@ -97,13 +104,6 @@ def _check_public(spec: str, place: Path) -> None:
             f"planner {spec!r}: only its owner may read {place}, and nobody is root in a sandbox: "
             f"chmod -R go+rX {place}"
         )
-
-
-def _counted(
-    spec: str, place: Path, apart: set[Path], only: Collection[str] | None
-) -> list[tuple[str, Path]]:
-    """As `_bounded`, of the files below a folder, or of the file itself. apart: what is left out."""
-    return _bounded(spec, place, _regular(place, apart) if place.is_dir() else [place], only)
 
 
 def _bounded(
@@ -173,10 +173,10 @@ def _raised(problem: OSError) -> None:
     raise problem
 
 
-def _copied(source: Path, target: Path | None) -> str:
+def _copied(source: Path, target: Path) -> str:
     """Copy a file for every user to read. Returns the SHA-256 (hex) of what was copied, and its mode.
 
-    target: None: nothing is copied. Raises OSError, also for what is no regular file any more, or grows meanwhile.
+    Raises OSError, also for what is no regular file any more, or grows meanwhile.
     """
     found = hashlib.sha256()
     with os.fdopen(os.open(source, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
@@ -185,13 +185,12 @@ def _copied(source: Path, target: Path | None) -> str:
             raise OSError(0, "no regular file", str(source))
         left = state.st_size
         mode = 0o755 if state.st_mode & 0o111 else 0o644
-        with (target or Path(os.devnull)).open("wb") as made:
+        with target.open("wb") as made:
             while piece := file.read(1 << 20):
                 left -= len(piece)
                 if left < 0:
                     raise OSError(0, "grows while it is read", str(source))
                 found.update(piece)
                 made.write(piece)
-    if target is not None:
-        target.chmod(mode)
+    target.chmod(mode)
     return f"{found.hexdigest()} {mode:o}"

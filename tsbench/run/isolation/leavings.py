@@ -14,6 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from tsbench.core.files import sha256_of
+
 # Where every process of a sandbox may write.
 _PUBLIC: Final = (Path("/tmp"), Path("/dev/shm"))
 _OWN: Final = Path("/proc/self")
@@ -29,6 +31,8 @@ _SHARED: Final = tuple(
 _IOPRIO_GET: Final = {"x86_64": 252, "aarch64": 31}
 _F_GETSIG, _F_GETPIPE_SZ = 11, 1032
 _MOST_OPTIONS: Final = 100
+# Each who asks gets a new open file.
+_SO_PEERPIDFD: Final = 77
 # RLIMIT_RTTIME.
 _LAST_LIMIT: Final = 15
 _PROBE: Final = ".tsbench-next-number"
@@ -77,15 +81,20 @@ class Leavings:
         }  # fmt: skip
         if self._alone:
             found["shared"] = [_text(path) for path in _SHARED]
-            found["files"] = [_told(path) for path in self._paths()]
+            unread: list[object] = []
+            found["files"] = [_told(path) for path in self._paths(unread)]
+            found["unread"] = unread
         return found
 
-    def _paths(self) -> Iterator[Path]:
-        """All files and folders; not what is mounted there, such as the planner's own folder."""
+    def _paths(self, unread: list[object]) -> Iterator[Path]:
+        """All files and folders; not what is mounted there, such as the planner's own folder.
+
+        unread: gets something that equals nothing for each folder that cannot be looked into.
+        """
         for place in self._places:
             device = place.lstat().st_dev
             yield place
-            for folder, folders, files in os.walk(place):
+            for folder, folders, files in os.walk(place, onerror=lambda _: unread.append(object())):
                 paths = [Path(folder, name) for name in sorted([*folders, *files])]
                 own = [path for path in paths if path.lstat().st_dev == device]
                 folders[:] = [path.name for path in own if path.is_dir() and not path.is_symlink()]
@@ -93,9 +102,19 @@ class Leavings:
 
 
 def _told(path: Path) -> tuple[object, ...]:
-    """What differs after any change."""
+    """What differs after any change.
+
+    By memory a file is changed at no time, and given room without a change. Read first: that changes when it was read.
+    """
+    content = None
+    with suppress(OSError):
+        if path.is_symlink():
+            content = str(path.readlink())
+        elif path.is_file():
+            content = sha256_of(path)
     found = path.lstat()
-    return str(path), found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino
+    times = found.st_mtime_ns, found.st_ctime_ns
+    return str(path), content, found.st_size, found.st_blocks, *times, found.st_ino
 
 
 def _text(path: Path) -> str:
@@ -147,7 +166,7 @@ def _descriptors() -> Iterator[tuple[str, object]]:
 
 def _options(line: socket.socket) -> dict[int, bytes]:
     found = {}
-    for option in range(1, _MOST_OPTIONS):
+    for option in {*range(1, _MOST_OPTIONS)} - {_SO_PEERPIDFD}:
         with suppress(OSError):
             found[option] = line.getsockopt(socket.SOL_SOCKET, option, 64)
     return found

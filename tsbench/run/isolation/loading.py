@@ -154,8 +154,9 @@ def load(
     def made() -> IsolatedPlanner:
         own = begins_afresh(planner.spec)
         return IsolatedPlanner(
-            lambda: PlannerProcess(planner.spec, places, files(), show=show), own=own, alone=alone
-        )
+            lambda: PlannerProcess(planner.spec, places, files(), show=show),
+            own=own, alone=alone, keeps=planner.may_remember,
+        )  # fmt: skip
 
     return LoadedPlanner(
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,

@@ -173,12 +173,19 @@ class _NoNumber:
 class IsolatedPlanner:
     """A planner for the runner: each call is a message to the process, which is made when first needed.
 
-    own: part of this package, and known to begin each episode afresh. alone: each episode has a new process. Otherwise
-    an episode has one where the planner neither forks for each nor says that it keeps its process.
+    own: part of this package, and known to begin each episode afresh. alone: each episode has a new process. keeps: the
+    run knows it as one that keeps its process. Any other has a new one for each episode, unless it forks for each.
     """
 
-    def __init__(self, make: Callable[[], PlannerProcess], *, own: bool = False, alone: bool = False) -> None:
-        self._make, self._own, self._alone = make, own, alone
+    def __init__(
+        self,
+        make: Callable[[], PlannerProcess],
+        *,
+        own: bool = False,
+        alone: bool = False,
+        keeps: bool = False,
+    ) -> None:
+        self._make, self._own, self._alone, self._keeps = make, own, alone, keeps
         self._process: PlannerProcess | None = None
         self._encoder = Encoder()
         self._episodes = 0
@@ -198,7 +205,8 @@ class IsolatedPlanner:
         if self._process is None:
             return
         facts, alone = self._process.facts, self._alone or self._episodes >= _MOST_EPISODES
-        if not alone and (self._own or facts.get("keeps_process") is True):
+        # What it says now may be another word than the run's.
+        if not alone and (self._own or (self._keeps and facts.get("keeps_process") is True)):
             return
         if not alone and facts.get("forks") is True:
             # Whatever goes wrong belongs to no episode: the next one begins with a new process.

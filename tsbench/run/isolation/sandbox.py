@@ -54,7 +54,6 @@ _BEGIN: Final = (
 )
 # Above the line's.
 _FIRST_DESCRIPTOR: Final = 20
-_F_SETSIG: Final = 10
 # The kernel's for a new pipe.
 _PIPE_BYTES: Final = 1 << 16
 _counter = itertools.count()
@@ -97,21 +96,21 @@ class Sandbox:
         self.effects: Mapping[str, Any] = {
             "namespaces": maker.version, "control_group": self._group is not None, "limits": limits,
         }  # fmt: skip
-        if output is None:
-            # What an earlier planner printed to: nothing that it may have set there is for the next.
-            for file in (1, 2):
-                _as_new(file)
+        # What an earlier planner printed to: nothing that it may have set there is for the next.
+        logs = [_as_new(file) for file in (1, 2)] if output is None else []
         groups = [str(file) for file in self._group.members] if self._group else []
         try:
             self.process = subprocess.Popen(
                 ["/bin/sh", "-c", _BEGIN, "sh", *groups, "--", *arguments, "--seccomp", str(rules), "--",
                  *_confined(maker), *command],
-                stdin=far_end.fileno(), stdout=output, stderr=output, pass_fds=(rules,),
+                stdin=far_end.fileno(), stdout=logs[0] if logs else output, stderr=logs[1] if logs else output,
+                pass_fds=(rules,),
                 env={**environment_of(), "HOME": _HOME, "TMPDIR": _HOME},
             )  # fmt: skip
         finally:
             far_end.close()
-            os.close(rules)
+            for file in (rules, *logs):
+                os.close(file)
 
     def close(self) -> None:
         """End it and all that it has started."""
@@ -181,18 +180,18 @@ def _confined(maker: _Maker) -> list[str]:
     return [maker.setpriv, *nobody, "--", *found, "--"]
 
 
-def _as_new(file: int) -> None:
-    """Put back what whoever has a pipe may have changed of it."""
-    kind = os.fstat(file).st_mode
-    if not stat.S_ISFIFO(kind):
-        return
+def _as_new(file: int) -> int:
+    """A descriptor of its own for what a file leads to. Of a pipe it puts back what whoever has it may have changed.
+
+    Opened anew, so that flags, signals and locks of an earlier one are not its.
+    """
+    if not stat.S_ISFIFO(os.fstat(file).st_mode):
+        return os.dup(file)
     with suppress(OSError):
         os.fchmod(file, 0o600)
         os.utime(file)
-        fcntl.fcntl(file, fcntl.F_SETFL, 0)
-        fcntl.fcntl(file, fcntl.F_SETOWN, 0)
-        fcntl.fcntl(file, _F_SETSIG, 0)
         fcntl.fcntl(file, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+    return os.open(f"/proc/self/fd/{file}", os.O_WRONLY | os.O_CLOEXEC)
 
 
 def _readable(content: bytes) -> int:

@@ -91,7 +91,10 @@ def source_places(spec: str) -> list[Path]:
     source = source_of(spec)
     if source.endswith(".py"):
         return [Path(source).resolve().parent]
-    found = module_file(source.split(".")[0])
+    parts = source.split(".")
+    # A namespace has no file: the first below it that has one is the outermost.
+    files = (module_file(".".join(parts[: k + 1])) for k in range(len(parts)))
+    found = next(filter(None, files), None)
     if found is None:
         return []
     return [found.parent if found.name == "__init__.py" else found]
