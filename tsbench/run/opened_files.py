@@ -51,12 +51,14 @@ _hooked = False
 class Opened:
     """files: real paths of what, imports aside, was opened to be read and not written, in their order. unseen: packages
     that came with code of their own in C, C++ or Rust, which may have opened files that are not among them. left: the
-    first things that the block left outside the process, each as the event of Python and its object.
+    first things that the block left outside the process, each as the event of Python and its object. foreign: places
+    whose files are not the planner's, as they were before the block, which may change the environment.
     """
 
     files: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
+    foreign: frozenset[Path] = frozenset()
 
 
 @dataclass
@@ -78,7 +80,7 @@ def noted(leaves: Callable[[], None] = lambda: None) -> Iterator[Opened]:
     if not _hooked:
         sys.addaudithook(_hook)
         _hooked = True
-    opened, modules = Opened(), set(sys.modules)
+    opened, modules = Opened(foreign=_foreign()), set(sys.modules)
     _notes = notes = _Notes(leaves)
     try:
         yield opened
@@ -157,15 +159,18 @@ def place_of(file: Path) -> Path | None:
     return None if _PACKAGE in (place, *place.parents) or place.name in _INSTALLED else place
 
 
-def of_planner(files: Iterable[str], place: Path | None) -> dict[str, Path]:
+def of_planner(
+    files: Iterable[str], place: Path | None, foreign: frozenset[Path] | None = None
+) -> dict[str, Path]:
     """Those of such files that belong to a planner, by name.
 
     place: see `place_of`. A file there is named from it, another one by its path, with `~` for the home folder.
+    foreign: as in `Opened`; None: those of now.
     What belongs to Python, to installed packages, to the system and to tsbench does not count, nor do caches and
     settings, wherever their folders are: a virtual environment may lie in the planner's folder.
     """
     found: dict[str, Path] = {}
-    elsewhere = _of_tsbench() | _of_others()
+    elsewhere = _foreign() if foreign is None else foreign
     for path in {Path(os.path.realpath(file)) for file in files}:
         own = place is not None and place in path.parents
         above = set(path.parents) - ({place, *place.parents} if own and place else set())
@@ -212,8 +217,9 @@ def _digest(path: Path) -> str | None:
         ) from None
 
 
-def _of_tsbench() -> frozenset[Path]:
-    return frozenset((_PACKAGE, *((root / name).resolve() for root in roots() for name in _DATA)))
+def _foreign() -> frozenset[Path]:
+    data = ((root / name).resolve() for root in roots() for name in _DATA)
+    return frozenset((_PACKAGE, *data)) | _of_others()
 
 
 @cache

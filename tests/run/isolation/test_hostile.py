@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -81,10 +82,10 @@ NAMED = {
 Told = dict[str, tuple[list[object], str]]
 
 
-def driven(place: str, *names: str) -> Told:
+def driven(place: str, *names: str, file: Path = FILE) -> Told:
     """Of each planner what came of an episode, and the error that was noted."""
     done = subprocess.run(
-        [sys.executable, str(FILE), place, SCENE, *names],
+        [sys.executable, str(file), place, SCENE, *names],
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, timeout=HANG_S, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TSBENCH_TEST_SECRET": "1"},
     )  # fmt: skip
@@ -105,15 +106,13 @@ def test_a_cheat_works_beside_the_referee(name: str, honest: list[object]) -> No
     assert driven("here", name)[name][0] != honest
 
 
-def test_nothing_comes_of_cheats_and_attacks_in_a_sandbox(honest: list[object]) -> None:
+def test_nothing_comes_of_cheats_and_attacks_in_a_sandbox(honest: list[object], tmp_path: Path) -> None:
     names = ("Honest", *CHEATS, *CONTAINED)
+    # A folder of its own: what lies beside a planner is part of it.
+    file = Path(shutil.copy(FILE, tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as server:
-        port = FILE.with_suffix(".port")
-        port.write_text(str(server.getsockname()[1]))
-        try:
-            found = driven("sandbox", *names)
-        finally:
-            port.unlink()
+        file.with_suffix(".port").write_text(str(server.getsockname()[1]))
+        found = driven("sandbox", *names, file=file)
     assert found == dict.fromkeys(names, (honest, ""))
 
 

@@ -101,6 +101,34 @@ def said_of(spec: str, before: tuple[str, ...] = ()) -> str:
     return done.stdout if done.returncode == 0 else done.stderr.splitlines()[-1]
 
 
+# What the machine's devices and cached files would tell other sandboxes, each as a call of Python.
+LASTS = """
+import ctypes, os
+FILE = "/usr/bin/env"
+
+class P:
+    def __init__(self):
+        file, told = os.open(FILE, os.O_RDONLY), []
+        for call in (lambda: os.utime("/dev/full"), lambda: os.preadv(file, [bytearray(9)], 0, os.RWF_NOWAIT),
+                     lambda: os.utime(file), lambda: os.pread(file, 9, 0)):
+            try:
+                call()
+                told.append("done")
+            except OSError as refused:
+                told.append(type(refused).__name__)
+        told.append(str(ctypes.CDLL(None).inotify_init1(0)))
+        raise ValueError(" ".join(told))
+    def reset(self, context): pass
+    def act(self, o): pass
+"""
+
+
+def test_a_sandbox_leaves_no_time_and_sees_no_cache(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(LASTS)
+    told = said_of(f"{tmp_path / 'mine.py'}:P")
+    assert "PermissionError PermissionError PermissionError done -1" in told
+
+
 @pytest.mark.parametrize("started", STARTED)
 def test_nobody_is_root_in_a_sandbox(started: str, tmp_path: Path) -> None:
     """A folder that only root may read: neither the planner's own files nor devices can be changed, and the name is

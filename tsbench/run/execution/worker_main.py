@@ -161,7 +161,9 @@ class Worker:
     def _names(self, seen: opened_files.Opened, planner: int) -> tuple[str, ...]:
         """Of the files that a planner read in an episode those that the run does not know it by yet."""
         known = opened_files.names(self._setup.planners[planner].opened)
-        return tuple(sorted({*opened_files.of_planner(seen.files, self._place)}.difference(known)))
+        return tuple(
+            sorted({*opened_files.of_planner(seen.files, self._place, seen.foreign)}.difference(known))
+        )
 
     def _run(self, task: Task) -> tuple[Record, EpisodeResult | None]:
         spec, who = task.spec, self._setup.planners[task.planner]

@@ -13,7 +13,8 @@ from tsbench.core.errors import InputError
 # Of a kind of machine: its number in seccomp's data, and the numbers of system calls. Refused are those on the kernel's
 # keys, which outlive an episode, on namespaces and mounts, those that watch the kernel or reach into another process
 # (bubblewrap's own has no filter), and those that take memory which no limit counts: System V's, and files that lie in
-# no folder. /dev/shm stays, which is limited. System V's semaphores and queues leave numbers behind that go on.
+# no folder. /dev/shm stays, which is limited. System V's semaphores and queues leave numbers behind that go on. Devices
+# and installed files are the machine's, so what sets times and what tells of the page cache or of accesses is refused.
 _MACHINES: Final[Mapping[str, tuple[int, Mapping[str, int]]]] = {
     "x86_64": (0xC000003E, {
         "shmget": 29, "clone": 56, "ptrace": 101, "pivot_root": 155, "chroot": 161, "mount": 165, "umount2": 166,
@@ -21,7 +22,9 @@ _MACHINES: Final[Mapping[str, tuple[int, Mapping[str, int]]]] = {
         "memfd_create": 319, "process_vm_readv": 310, "process_vm_writev": 311, "bpf": 321, "userfaultfd": 323,
         "semget": 64, "msgget": 68, "migrate_pages": 256, "move_pages": 279, "kcmp": 312,
         "socket": 41, "setpriority": 141, "sched_setparam": 142, "sched_setscheduler": 144, "sched_setaffinity": 203,
-        "ioprio_set": 251, "prlimit64": 302, "sched_setattr": 314,
+        "ioprio_set": 251, "prlimit64": 302, "sched_setattr": 314, "utime": 132, "utimes": 235, "futimesat": 261,
+        "utimensat": 280, "mincore": 27, "preadv2": 327, "inotify_init": 253, "inotify_init1": 294,
+        "fanotify_init": 300,
     }),
     "aarch64": (0xC00000B7, {
         "shmget": 194, "clone": 220, "ptrace": 117, "pivot_root": 41, "chroot": 51, "mount": 40, "umount2": 39,
@@ -29,14 +32,15 @@ _MACHINES: Final[Mapping[str, tuple[int, Mapping[str, int]]]] = {
         "memfd_create": 279, "process_vm_readv": 270, "process_vm_writev": 271, "bpf": 280, "userfaultfd": 282,
         "semget": 190, "msgget": 186, "migrate_pages": 238, "move_pages": 239, "kcmp": 272,
         "socket": 198, "setpriority": 140, "sched_setparam": 118, "sched_setscheduler": 119, "sched_setaffinity": 122,
-        "ioprio_set": 30, "prlimit64": 261, "sched_setattr": 274,
+        "ioprio_set": 30, "prlimit64": 261, "sched_setattr": 274, "utimensat": 88, "mincore": 232, "preadv2": 286,
+        "inotify_init1": 26, "fanotify_init": 262,
     }),
 }  # fmt: skip
 # The same on all kinds: of newer calls.
 _NEWER: Final[Mapping[str, int]] = {
     "io_uring_setup": 425, "open_tree": 428, "move_mount": 429, "fsopen": 430, "fsconfig": 431, "fsmount": 432,
     "clone3": 435, "pidfd_getfd": 438, "mount_setattr": 442, "memfd_secret": 447,
-    "process_madvise": 440, "process_mrelease": 448,
+    "process_madvise": 440, "process_mrelease": 448, "cachestat": 451,
 }  # fmt: skip
 # What the first arguments have to be, where a call may be made with these: a process may change its own priority,
 # processors and limits, and not those of the process that all its planner's episodes come from. A socket of another
