@@ -55,6 +55,14 @@ def test_a_specification_carries_its_image() -> None:
     spec = in_image("mine.py:Mine", "host:5000/me/planner@sha256:1f")
     assert image_of(spec) == ("host:5000/me/planner@sha256:1f", "mine.py:Mine")
     assert image_of("mine.py:Mine") == (None, "mine.py:Mine")
+
+
+@pytest.mark.parametrize(
+    "spec", ["image:--privileged mine.py:Mine", "image:-v=/:/host x", "image: x", "image:"]
+)
+def test_an_option_is_no_image(spec: str) -> None:
+    with pytest.raises(InputError, match="is no name of an image"):
+        image_of(spec)
     assert in_image("idm", None) == "idm"
     with pytest.raises(InputError, match="names an image already"):
         in_image(spec, "other")

@@ -50,10 +50,15 @@ def in_image(spec: str, image: str | None) -> str:
 
 
 def image_of(spec: str) -> tuple[str | None, str]:
-    """The image of a specification, None without one, and what is to run in it."""
+    """The image of a specification, None without one, and what is to run in it.
+
+    Raises InputError for an image that the engine takes for an option.
+    """
     if not spec.startswith(_PREFIX):
         return None, spec
     image, _, inner = spec.removeprefix(_PREFIX).partition(" ")
+    if not image or image.startswith("-"):
+        raise InputError(f"planner {spec!r:.80}: {image!r:.40} is no name of an image: give one by --image")
     return image, inner
 
 
