@@ -11,6 +11,7 @@ from command_line import in_process, refused
 from PIL import Image
 from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
+from tsbench.report.analyses import published
 from tsbench.report.analyses.by_name import analyse_runs
 from tsbench.report.analyses.correlations import metric_mean
 from tsbench.report.analyses.model import ALL
@@ -102,17 +103,22 @@ def test_main_is_strict_and_completed(run, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_published_figures_stand_beside_all_types_alone(run, tmp_path: Path) -> None:
+def test_published_figures_stand_beside_all_types_of_the_test_split_alone(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     every_type(tmp_path / "whole")
     four(tmp_path / "some")
-    for command, told in (("main", "published"), ("intervals", "published"), ("correlations", "published")):
-        whole, _ = run(command, "whole", "--out", "whole-out")
-        some, _ = run(command, "some", "--out", "some-out")
-        note = f"{told}: "
-        assert (note in whole, note in some) == (True, False)
+    note = "published: "
+    for command in ("main", "intervals"):
+        other, _ = run(command, "whole", "--out", "other-out")
+        with monkeypatch.context() as patch:
+            patch.setattr(published, "is_of_study", lambda contract: contract == CONTRACT)
+            whole, _ = run(command, "whole", "--out", "whole-out")
+            some, _ = run(command, "some", "--out", "some-out")
+        assert (note in whole, note in some, note in other) == (True, False, False)
     rows = {(r["planner"], r["figure"]): r for r in table(tmp_path / "whole-out" / "main.csv")}
-    published = rows["idm", "published"]
-    assert (published["signed_scd_overall"], published["driving_score"], published["n"]) == (
+    theirs = rows["idm", "published"]
+    assert (theirs["signed_scd_overall"], theirs["driving_score"], theirs["n"]) == (
         "7.2",
         "35.7",
         "",
@@ -120,11 +126,6 @@ def test_published_figures_stand_beside_all_types_alone(run, tmp_path: Path) -> 
     assert ("mine", "published") not in rows
     first = table(tmp_path / "whole-out" / "intervals.csv")[0]
     assert (first["planner"], first["group"], first["published"]) == ("idm", "all types", "7.2")
-    found = {
-        (r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "whole-out" / "correlations.csv")
-    }
-    score = found["all types", "driving_score", "strict"]
-    assert (score["planners"], score["planners_published"]) == ("3", "17")
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -199,7 +200,7 @@ def test_correlations_are_over_planners(run, tmp_path: Path) -> None:
     assert "fewer than 5 planners: no interval" in out
     rows = {(r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "out" / "correlations.csv")}
     score = rows["all types", "driving_score", "strict"]
-    assert (score["planners"], score["planners_published"]) == ("4", "")
+    assert (score["planners"], score["nine"], score["study"]) == ("4", "", "")
     # Strict SCD: idm-e > mine > ppo > idm; strict driving score in the same order.
     assert float(score["rho"]) == 1.0
     assert rows["all types", "comfort", "strict"]["rho"] == ""

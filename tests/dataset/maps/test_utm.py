@@ -68,7 +68,7 @@ def test_a_town_on_a_zones_border_is_in_the_zone_of_most_of_it(
         town.road(street[::-1] if reverse else street, "residential")
     name = f"border-{zone}-{reverse}"
     (tmp_path / f"{name}.osm").write_text(town.xml(UtmFrame(32), 5_540_000.0), encoding="utf-8")
-    assert contents_of(tmp_path / f"{name}.osm").zone == zone
+    assert contents_of(tmp_path / f"{name}.osm").places.zone == zone
     source = load_source(name, tmp_path)
     assert source.frame == UtmFrame(zone)
     lon = source.frame.to_degrees(*source.node_xy.T)[:, 1]

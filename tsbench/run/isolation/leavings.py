@@ -31,8 +31,8 @@ _SHARED: Final = tuple(
 _IOPRIO_GET: Final = {"x86_64": 252, "aarch64": 31}
 _F_GETSIG, _F_GETPIPE_SZ = 11, 1032
 _MOST_OPTIONS: Final = 100
-# Each who asks gets a new open file.
-_SO_PEERPIDFD: Final = 77
+# Options that tell what is waiting to be read, and open a file for each question. No process can set them.
+_SO_MEMINFO, _SO_PEERPIDFD = 55, 77
 # RLIMIT_RTTIME.
 _LAST_LIMIT: Final = 15
 _PROBE: Final = ".tsbench-next-number"
@@ -166,7 +166,7 @@ def _descriptors() -> Iterator[tuple[str, object]]:
 
 def _options(line: socket.socket) -> dict[int, bytes]:
     found = {}
-    for option in {*range(1, _MOST_OPTIONS)} - {_SO_PEERPIDFD}:
+    for option in {*range(1, _MOST_OPTIONS)} - {_SO_MEMINFO, _SO_PEERPIDFD}:
         with suppress(OSError):
             found[option] = line.getsockopt(socket.SOL_SOCKET, option, 64)
     return found
