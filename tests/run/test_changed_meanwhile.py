@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from itertools import count
 from pathlib import Path
 
 import pytest
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.run import contract
+from tsbench.run import session
 
 HONEST = """
 from tsbench import Control
@@ -49,7 +50,9 @@ def test_who_rewrites_a_planner_on_disk_is_named(tmp_path: Path, deed: str) -> N
 
 
 def test_a_run_of_two_states_of_tsbench_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(contract, "_stamps", lambda: {Path("seeds.py"): (0, 0)})
+    # What is found at the start of the run, and at its end.
+    times = count()
+    monkeypatch.setattr(session, "code_stamps", lambda: {Path("seeds.py"): (0, next(times))})
     with pytest.raises(InputError, match="tsbench's code has changed since the run began"):
         drive(tmp_path / "run", "idm")
     assert status(tmp_path / "run") == "interrupted"

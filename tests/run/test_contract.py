@@ -45,7 +45,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def forget() -> None:
-    for known in (contract.code_is_local, contract.code_hash, contract._first_stamps):
+    for known in (contract.code_is_local, contract.code_hash):
         known.cache_clear()
 
 
@@ -85,10 +85,10 @@ def test_an_installed_package_is_compared_with_its_record(
 
 
 def test_code_that_changes_is_seen(clone: Path) -> None:
-    assert not contract.code_changed()
-    before = contract.code_hash()
+    stamps, before = contract.code_stamps(), contract.code_hash()
+    assert contract.code_stamps() == stamps
     (clone / "rules.yaml").write_text("gap: 2.5\n")
-    assert contract.code_changed()
+    assert contract.code_stamps() != stamps
     contract.code_hash.cache_clear()
     assert contract.code_hash() != before
 

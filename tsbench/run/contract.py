@@ -51,18 +51,8 @@ def code_hash() -> str:
     return digest({path.relative_to(_PACKAGE).as_posix(): sha256_of(path) for path in _code_files()})
 
 
-def code_changed() -> bool:
-    """Were files of the package written since this process first asked?"""
-    return _stamps() != _first_stamps()
-
-
-@cache
-def _first_stamps() -> dict[Path, tuple[int, int]]:
-    return _stamps()
-
-
-def _stamps() -> dict[Path, tuple[int, int]]:
-    """Size and time of the last change, ns, of each file of the package."""
+def code_stamps() -> dict[Path, tuple[int, int]]:
+    """Size and time of the last change, ns, of each file of the package: others once a file was written."""
     return {path: ((found := path.stat()).st_size, found.st_mtime_ns) for path in _code_files()}
 
 

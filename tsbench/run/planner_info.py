@@ -8,7 +8,7 @@ their own. The code of tsbench's own planners has no hash: the scoring number of
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,19 +103,21 @@ def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) 
     code: its hash now. place: see `opened_files.place_of`.
     """
     now = [] if planner.code_sha256 in (None, code) else ["its code"]
-    for line in planner.opened:
-        told, _, name = line.partition("  ")
-        if not is_file_of((place or Path()) / expanded(name), told):
-            now.append(name)
-    if now:
+    if now := [*now, *changed(planner.opened, place)]:
         raise InputError(
             f"planner {planner.spec!r}: {now[0]} has changed since the run began: start the run anew"
         )
 
 
-def is_file_of(path: Path, sha256: str) -> bool:
-    """Is a file there that has this hash?"""
-    return path.is_file() and sha256_of(path) == sha256
+def changed(opened: Iterable[str], place: Path | None) -> list[str]:
+    """Names of the files that are gone or are others now. opened: lines as in `PlannerInfo`."""
+    found = []
+    for line in opened:
+        told, _, name = line.partition("  ")
+        path = (place or Path()) / expanded(name)
+        if not path.is_file() or sha256_of(path) != told:
+            found.append(name)
+    return found
 
 
 def _sources(loaded: LoadedPlanner) -> list[Path]:

@@ -17,7 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import Perception, load_level
-from tsbench.run.contract import code_changed, contract_hash
+from tsbench.run.contract import code_stamps, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.factory import make_executor
@@ -79,7 +79,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
     """
     options.check()
-    options = _in_image(options)
+    options, code = _in_image(options), code_stamps()
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
     perception = Perception(options.mask_signs, load_level(options.perception))
@@ -129,10 +129,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
                 # Which version made these rows is not known: the run stays interrupted, and "+local" stays with it.
-                changed = _changed_meanwhile(planners, folder)
+                changed = _changed_meanwhile(code, planners, folder)
                 status = "interrupted" if changed else status
-                if code_changed():
-                    folder.manifest["edition"] = f"{manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
             ending = _ending(folder, status, counts, options)
             if journal is not None:
                 folder.end(status, ending.summary, ending.errors, pool.memory())
@@ -143,11 +141,14 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             return ending
 
 
-def _changed_meanwhile(planners: Sequence[PlannerInfo], folder: RunFolder) -> InputError | None:
-    """The message where tsbench's code or a planner's changed during the run."""
+def _changed_meanwhile(
+    code: Mapping[Path, tuple[int, int]], planners: Sequence[PlannerInfo], folder: RunFolder
+) -> InputError | None:
+    """The message where tsbench's code or a planner's changed during the run. code: `code_stamps` at its start."""
     from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
 
-    if code_changed():
+    if code_stamps() != code:
+        folder.manifest["edition"] = f"{folder.manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
         return InputError("tsbench's code has changed since the run began: start the run anew")
     try:
         for planner in planners:

@@ -145,6 +145,7 @@ class Worker:
             record = replace(record, opened=self._names(seen, task.planner), left=seen.left)
         else:
             record, result = self._run(task)
+            self._exit_if_forked()
         if result is not None and self._wants_trace(record, result):
             path = trace_path(Path(self._setup.out), result.planner, task.spec.scenario_id)
             try:

@@ -19,7 +19,7 @@ from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE, module_file, source_of, source_places
-from tsbench.run.planner_info import PlannerInfo, check_unchanged, is_file_of
+from tsbench.run.planner_info import PlannerInfo, changed, check_unchanged
 
 # Of its name, characters.
 _LONGEST = 100
@@ -94,9 +94,8 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
         here.remove()
         return opened_files.names({*planner.files} - {*here.lines})
     place = files_place(inner)
-    told = [(line.partition("  ")[2], line.partition("  ")[0]) for line in planner.opened]
-    own = [(name, sha256) for name, sha256 in told if not name.startswith(("/", "~/"))]
-    return [name for name, sha256 in own if place is None or not is_file_of(place / name, sha256)]
+    own = [line for line in planner.opened if not line.partition("  ")[2].startswith(("/", "~/"))]
+    return opened_files.names(own) if place is None else changed(own, place)
 
 
 def code_hash(spec: str) -> str | None:
@@ -144,10 +143,10 @@ def load(
     def files() -> PlannerFiles:
         """The planner's files as they were when the run began: one copy for all of a worker's sandboxes."""
         copied = PlannerFiles(image_of(planner.spec)[1], places, _names(planner.files))
-        if changed := opened_files.names({*planner.files} - {*copied.lines}):
+        if others := opened_files.names({*planner.files} - {*copied.lines}):
             copied.remove()
             raise InputError(
-                f"planner {planner.spec!r}: {changed[0]} has changed since the run began: start the run anew"
+                f"planner {planner.spec!r}: {others[0]} has changed since the run began: start the run anew"
             )
         return copied
 
