@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from tsbench.rules.in_all import InAll
 from tsbench.rules.lines import is_out
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
@@ -30,28 +31,20 @@ class NeedlessDetour(Monitor):
         self._edges = {network.lane(name).edge for name in params.lanes}
         self._junction = network.edges[params.approach].target
         self._armed = self._through = False
-        self._off: list[WorldSnapshot] = []
-        self._earlier = 0
-        self._event = self.excursion("needless_detour")
+        self._off = InAll(self.excursion("needless_detour"), self.rule.thresholds["lane_s"])
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick: the excursion begins with the first one off; it becomes an event once all have lasted."""
-        if not self._is_off(snapshot.ego):
-            self._earlier += len(self._off)
-            self._off.clear()
-            self._event.close()
-            return
-        self._off.append(snapshot)
-        most, whole = self.rule.thresholds["lane_s"], (self._earlier + len(self._off)) * DT_S
-        if whole > most + DT_S / 2:
-            for tick in self._off if not self._event.open else self._off[-1:]:
-                self._event.broken(tick, whole, most)
+        """One tick."""
+        if self._is_off(snapshot.ego):
+            self._off.add(snapshot, DT_S)
+        else:
+            self._off.keep()
 
     def _is_off(self, ego: EgoState) -> bool:
         """Of a tick. In a junction, and beside all lanes, it is off as long as it has been."""
         lane = self._network.lanes[ego.lane] if ego.lane >= 0 else None
         if lane is None or lane.internal:
-            return self._event.open
+            return self._off.open
         if lane.edge == self._approach:
             self._armed, self._through = True, False
         elif lane.edge in self._exits:
