@@ -65,7 +65,7 @@ class CrossingJudge:
             if zone is not None:
                 self._judge_entry(snapshot, vehicle, zone)
                 self._judge_meeting(snapshot, vehicle, zone)
-                self._braking.watch(snapshot, vehicle)
+                self._braking.watch(snapshot, vehicle, zone)
             if not left:
                 self._judge_contact(snapshot, vehicle)
         if left:
@@ -76,7 +76,7 @@ class CrossingJudge:
 
     def close(self) -> None:
         """Clause forced_braking, for all ticks; then enter what was found."""
-        for one in self._braking.for_ego(self._in, self._first):
+        for one in self._braking.for_ego(self._in, self._out, self._first):
             self._found.note(one.row, "forced_braking", one.snapshot, one.hardness, self._braking.most)
         self._found.close()
 

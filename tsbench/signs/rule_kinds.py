@@ -55,7 +55,7 @@ class RuleKind:
 _ROAD = "beside_road_widths"
 _YIELD = (
     "engage_distance_m priority_distance_m gap_s min_foe_speed_mps post_clear_s least_overlap_m "
-    f"forced_brake_mps2 forced_within_s leader_gap_s {_ROAD}"
+    f"forced_brake_mps2 forced_within_s forced_s leader_gap_s {_ROAD}"
 )
 _YIELD_CLAUSES = "entered_while_blocked encroached forced_braking contact"
 _HOLD = "held_speed_mps held_s held_within_m"
