@@ -64,9 +64,12 @@ def test_a_vehicle_is_forced_from_the_threshold_on(speed: float, counted: bool) 
     assert found == ([pytest.approx((10.0 - speed) / 0.1)] if counted else [])
 
 
-@pytest.mark.parametrize(("entry", "counted"), [(41, True), (42, False), (-39, True), (-40, False)])
-def test_only_what_is_near_in_time_to_the_entry_counts(entry: int, counted: bool) -> None:
-    assert bool(hardness(car("w_in_0", 60.0, *HARD), entry=entry)) is counted
+@pytest.mark.parametrize(
+    ("entry", "out", "counted"),
+    [(41, None, True), (42, None, False), (-39, 0, True), (-40, 0, False), (-40, 1, True), (-99, None, True)],
+)
+def test_only_what_is_near_in_time_to_the_passage_counts(entry: int, out: int | None, counted: bool) -> None:
+    assert bool(hardness(car("w_in_0", 60.0, *HARD), entry=entry, out=out, zone=-32.0)) is counted
 
 
 @pytest.mark.parametrize(("out", "forced"), [(None, True), (34, True), (24, True), (22, False)])
