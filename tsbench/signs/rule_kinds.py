@@ -103,7 +103,7 @@ NEEDLESS = RuleKind(
     "needless_stop needless_yield needless_slow needless_detour",
 )
 # Of no plate, in every scene: against the direction of a lane nobody is sent.
-WRONG_WAY = RuleKind("wrong_way", None, "longest_s near_obstacle_m", "wrong_way")
+WRONG_WAY = RuleKind("wrong_way", None, "longest_m near_obstacle_m", "wrong_way")
 OF_NO_PLATE: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in (NEEDLESS, WRONG_WAY)})
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
 
