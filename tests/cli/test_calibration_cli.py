@@ -81,11 +81,11 @@ def test_prints_distances_and_draws(folder: Path, tmp_path: Path, capsys: pytest
         assert f" {n} " in line
         assert "missed" in line  # one value is no distribution
     (line,) = [x for x in told.splitlines() if "cruise speed" in x]
-    assert "none" in line
+    assert "no goal" in line
     assert (out / "calibration.png").read_bytes()[:4] == b"\x89PNG"
     assert "<svg" in (out / "calibration.svg").read_text()
     (first, *_) = csv.DictReader((out / "calibration.csv").read_text().splitlines())
-    assert (first["quantity"], first["n"], first["goal"]) == ("initial speed", "1", "missed")
+    assert [first[k] for k in ("quantity", "n", "near", "goal")] == ["initial speed", "1", "missed", "missed"]
     assert "Calibration of traffic: scenarios (test split)" in (out / "calibration.tex").read_text()
 
 

@@ -83,6 +83,7 @@ def test_the_three_comparisons_and_their_figure(tmp_path: Path) -> None:
     fits = calibrate(np.repeat(INITIAL_SPEEDS_MPS, 10), speeds, np.repeat(DENSITIES, 10) / 0.3)
     assert [f.quantiles.name for f in fits] == ["initial speed", "cruise speed", "density"]
     assert [f.good for f in fits] == [True, None, True]
+    assert [f.near for f in fits] == [False, None, False]  # three levels are no continuous distribution
     assert fits[1].distance < 0.01
     analysis = calibration(fits, "test")
     assert analysis.draw is not None

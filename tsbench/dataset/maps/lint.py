@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from sumolib.net import readNet
+from sumolib.net.lane import Lane
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.build import build_net
@@ -17,7 +19,6 @@ from tsbench.dataset.maps.families.expectations import Expectations
 from tsbench.dataset.maps.netconvert import sumo_binary, sumo_environment
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.geometry.angles import SUMO_TURNS
-from tsbench.roads.network import Lane, read_network
 
 CELL_M = 4000.0
 CELLS_PER_ROW = 24
@@ -40,7 +41,7 @@ def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
         net = Path(folder) / "batch.net.xml"
         try:
             build_net(_together([plain for plain, _ in crops]), net)
-            network = read_network(net)
+            network = readNet(str(net), withFoes=False)
             failure = "" if loads_in_sumo(net) else "SUMO does not load it"
         except InputError:
             failure = "netconvert refuses it"
@@ -49,13 +50,11 @@ def lint_crops(crops: Sequence[tuple[PlainNet, Expectations]]) -> list[str]:
         return lint_crops(crops[:half]) + lint_crops(crops[half:]) if half else [failure]
     lanes: list[list[Lane]] = [[] for _ in crops]
     turns: list[dict[tuple[str, str], str]] = [{} for _ in crops]
-    for lane in network.lanes:
-        if not lane.internal:
-            index, name = _split(lane.edge)
-            lanes[index].append(replace(lane, edge=name))
-    for link in network.connections:
-        index, name = _split(network.lanes[link.from_lane].edge)
-        turns[index][name, _split(network.lanes[link.to_lane].edge)[1]] = link.direction
+    for edge in network.getEdges():
+        index, name = _split(edge.getID())
+        lanes[index] += edge.getLanes()
+        for target, links in edge.getOutgoing().items():
+            turns[index][name, _split(target.getID())[1]] = links[-1].getDirection()
     overlapping = _overlaps(lanes)
     return [
         _judge(lanes[index], turns[index], plain, wanted)
@@ -86,14 +85,14 @@ def loads_in_sumo(net: Path) -> bool:
 def _judge(
     lanes: list[Lane], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations
 ) -> str:
-    built = {lane.edge for lane in lanes}
+    built = {_edge(lane) for lane in lanes}
     if any(edge.id not in built for edge in plain.edges):
         return "netconvert dropped an edge"
-    if any(not WIDTHS_M[0] <= lane.width <= WIDTHS_M[1] for lane in lanes):
+    if any(not WIDTHS_M[0] <= lane.getWidth() <= WIDTHS_M[1] for lane in lanes):
         return "implausible lane width"
     for lane in lanes:
-        least = wanted.min_lane_m.get(lane.edge, 0.0)
-        if lane.length < least:
+        least = wanted.min_lane_m.get(_edge(lane), 0.0)
+        if lane.getLength() < least:
             return (
                 "a used lane is shorter than 8 m"
                 if least <= MIN_LANE_M
@@ -110,14 +109,14 @@ def _overlaps(lanes_of: list[list[Lane]]) -> set[int]:
     """Crops in which lanes of different edges lie over each other, by number."""
     lanes = [lane for crop in lanes_of for lane in crop]
     owner = np.repeat(np.arange(len(lanes_of)), [len(crop) for crop in lanes_of])
-    points = [lane.line.points for lane in lanes]
+    points = [lane.getShape() for lane in lanes]
     lines = shapely.linestrings(
         np.concatenate(points), indices=np.repeat(np.arange(len(lanes)), [len(line) for line in points])
     )
-    half = np.array([lane.width / 2 - SHRINK_M for lane in lanes])
+    half = np.array([lane.getWidth() / 2 - SHRINK_M for lane in lanes])
     bands = shapely.buffer(lines, half, cap_style="flat", join_style="mitre")
     one, other = shapely.STRtree(bands).query(bands, predicate="intersects")
-    edges = np.array([lane.edge for lane in lanes])
+    edges = np.array([_edge(lane) for lane in lanes])
     pair = (one < other) & (owner[one] == owner[other]) & (edges[one] != edges[other])
     one, other = one[pair], other[pair]
     area = shapely.area(shapely.intersection(bands[one], bands[other]))
@@ -160,3 +159,8 @@ def _moved(plain: PlainNet, index: int) -> PlainNet:
 def _split(name: str) -> tuple[int, str]:
     index, _, rest = name.partition("~")
     return int(index), rest
+
+
+def _edge(lane: Lane) -> str:
+    """The id that the lane's edge has in its crop."""
+    return _split(lane.getEdge().getID())[1]

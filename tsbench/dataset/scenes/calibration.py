@@ -63,6 +63,11 @@ class Fit:
         """Within the goal at the grid's levels; None where there is no goal."""
         return None if np.isnan(self.at_probes) else self.at_probes <= GOAL
 
+    @property
+    def near(self) -> bool | None:
+        """Within the goal unrounded; None where there is no goal."""
+        return None if self.good is None else self.distance <= GOAL
+
 
 def published(name: str, key: str, unit: str) -> Quantiles:
     """The quantiles (`p5`, `p25`, ...) of one of the published figures."""

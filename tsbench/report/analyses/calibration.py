@@ -13,24 +13,26 @@ from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table
 
 _OURS, _NUPLAN = "#d55e00", "#0072b2"
 _BREAK = ":\n"
-_JUDGED = {None: "none", True: "met", False: "missed"}
+_JUDGED = {None: "no goal", True: "met", False: "missed"}
 
 
 def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
-    """One row for each quantity. split: whose scenarios they are of, None: both."""
+    """One row for each quantity. split: whose scenarios they are of, None: all that are there."""
     columns = (
         Column("quantity", "quantity", Kind.TEXT), Column("unit", "unit", Kind.TEXT), Column("n", "n", Kind.COUNT),
-        Column("ks", "KS", Kind.NUMBER, 3), Column("ks_levels", "KS at the\ngrid's levels", Kind.NUMBER, 3),
-        Column("goal", f"goal (at\nmost {GOAL:.2f})", Kind.TEXT),
+        Column("ks", "KS", Kind.NUMBER, 3), Column("near", f"at most\n{GOAL:.2f}", Kind.TEXT),
+        Column("ks_levels", "KS at the\ngrid's levels", Kind.NUMBER, 3),
+        Column("goal", f"at most\n{GOAL:.2f} there", Kind.TEXT),
     )  # fmt: skip
     rows = tuple(
         Row((
-            fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance,
+            fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.near],
             None if fit.good is None else fit.at_probes, _JUDGED[fit.good],
         ))
         for fit in fits
     )  # fmt: skip
-    title = f"Calibration of traffic: scenarios ({split or 'train and test'} split) against nuPlan"
+    whose = f"{split} split" if split else "all splits"
+    title = f"Calibration of traffic: scenarios ({whose}) against nuPlan"
     notes = (
         "KS: Kolmogorov-Smirnov distance between the scenarios' values and nuPlan's published quantiles, whose CDF is "
         "taken as linear between them; nothing is compared beyond the outermost",

@@ -1,6 +1,6 @@
 """How near the traffic that a run drove through comes to nuPlan's, as far as its traces tell.
 
-`tsbench analyse calibration` drives scenes anew to see all cars. A report takes what is there: initial speeds of the
+`tsbench scenarios calibration` drives scenes anew to see all cars. A report takes what is there: initial speeds of the
 run's scenarios, realised densities from their certificates, and speeds of cars in sight of the ego in traced episodes.
 """
 
