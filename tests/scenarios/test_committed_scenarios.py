@@ -116,6 +116,7 @@ def test_every_row_of_a_paired_type_has_its_other_half(rows: list[ScenarioSpec])
     assert verify_pairs(rows, SCENARIOS) == []
 
 
+@pytest.mark.slow
 def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
     """But where a map has no room for another post (docs/without_reading.md)."""
     store = SceneStore()
