@@ -94,8 +94,8 @@ def agrees(k: int, n: int, share: float) -> bool:
 
 
 @pytest.mark.parametrize("name", LEVELS)
-def test_rates_over_ten_thousand_plates(name: str) -> None:
-    of, n = level(name), 10_000
+def test_rates_over_three_thousand_plates(name: str) -> None:
+    of, n = level(name), 3_000
     kinds, delays = [], []
     for k in range(n):
         told = {
