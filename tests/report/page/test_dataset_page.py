@@ -20,7 +20,7 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.report.page import dataset as module
 from tsbench.report.page.dataset import write_dataset_page
-from tsbench.scenarios.certificates import Certificate, read_certificates
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
@@ -31,7 +31,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 @pytest.fixture(scope="module", autouse=True)
 def proofs() -> Iterator[list[Certificate]]:
     """All certificates, read once."""
-    found = read_certificates(module.certificates_path())
+    found = read_certificates(certificates_path())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "read_certificates", lambda _: found)
         yield found
