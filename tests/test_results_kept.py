@@ -21,7 +21,7 @@ from tsbench.run.log.read import StoredRun, read_run
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
 # What goes into the tables of all planners.
-TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm")
+TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm", "lawful")
 # By the name of a block on a page: the analysis, and its runs. Left out are those that need traces, and long ones.
 MADE = {
     "floor": ("floor", TABLES),
