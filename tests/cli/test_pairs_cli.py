@@ -14,7 +14,7 @@ import pytest
 from command_line import in_process
 from run_builders import episodes, failed, lost, make_run, pairs
 
-from tsbench.metrics.records import PARTS
+from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses import published
 from tsbench.report.analyses.by_name import OF_POOL, analyse_runs
 from tsbench.report.analyses.writing import write_analysis

@@ -14,8 +14,7 @@ from tsbench.api.words import keywords
 from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.home import expanded_text
-from tsbench.core.paths import city_in_use, using_city
+from tsbench.core.paths import city_in_use, expanded_text, using_city
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory

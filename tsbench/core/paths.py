@@ -24,10 +24,9 @@ import platformdirs
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
 
 CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
-# Those whose data sets are released (`core.data_manifest`): their contracts are, too.
+# Those whose data sets are released (`core.fetch`): their contracts are, too.
 SHIPPED_CITIES = ("andorra", "north-bayreuth")
 # Before a city's name: its data set in a mirror, made of the stored one as it is read, with traffic on the left.
 MIRRORED = "mirrored-"
@@ -123,7 +122,7 @@ def _dataset() -> str:
 
 
 def fetch_hint(part: str) -> str:
-    """The words that say how to get a set of the data (`core.data_manifest`) that is not here."""
+    """The words that say how to get a set of the data (`core.fetch`) that is not here."""
     city = source_city()
     if city in SHIPPED_CITIES:
         part = city
@@ -164,3 +163,18 @@ def _data_package() -> tuple[Path, ...]:
         )
     spec = find_spec("tsbench_data")
     return tuple(Path(folder) for folder in (spec.submodule_search_locations or ())) if spec else ()
+
+
+# What may stand before the file of a planner's specification: an executable of its own.
+_BEFORE = ("exe:",)
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with `~` and `~name` at its beginning as the home folder; as it is for a name that nobody has."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111  (Path.expanduser raises for a name that nobody has)
+
+
+def expanded_text(text: str) -> str:
+    """The same of words that may begin with a path, such as `~/mine.py:Planner` and `exe:~/mine`."""
+    before = next((prefix for prefix in _BEFORE if text.startswith(prefix)), "")
+    return before + os.path.expanduser(text.removeprefix(before))  # noqa: PTH111

@@ -19,9 +19,9 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
-from tsbench.metrics.episode import METRICS, Metric
+from tsbench.metrics.episode_metrics import METRICS, Metric
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.records import Records, split_records
+from tsbench.metrics.scd_records import Records, split_records
 from tsbench.signs.catalog import load_catalog
 
 SUMMARY_SCHEMA = 4

@@ -30,7 +30,7 @@ from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.scene import staged_bodies
 from tsbench.report.drawing.style import STYLE

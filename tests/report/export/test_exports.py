@@ -19,10 +19,10 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
+from tsbench.metrics.tracks import actor_tracks
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.episode_files import WRITERS, export_kind, make_one
-from tsbench.report.export.tracks import actor_tracks
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import SIGNED

@@ -8,8 +8,8 @@ from typing import TypeVar
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.paired import Difference
-from tsbench.metrics.records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, group_rank
+from tsbench.metrics.paired_differences import Difference
+from tsbench.metrics.scd_records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, group_rank
 from tsbench.report.analyses.model import ALL, Cell, Column, Kind, Row, Value
 
 T = TypeVar("T", bound=Counted)

@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import COMPLETED, STRICT
-from tsbench.metrics.episode import METRICS
+from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import LEVEL
-from tsbench.metrics.records import SIGNED_ONES, Records
+from tsbench.metrics.scd_records import SIGNED_ONES, Records
 from tsbench.report.analyses.columns import (
     NAMES,
     panels_of,

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.records import CONTRASTED, SIGNED_ONES, Records
+from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES, Records
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.perceived import CAUSE_NOTES, CAUSES, causes_of

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.records import PARTS
+from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
     NAMES,

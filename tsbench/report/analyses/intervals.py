@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.intervals import MIN_CLUSTERS
-from tsbench.metrics.records import SIGNED_ONES
+from tsbench.metrics.scd_records import SIGNED_ONES
 from tsbench.report.analyses.columns import (
     NAMES,
     READINGS_NOTE,

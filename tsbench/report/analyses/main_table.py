@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import STRICT
-from tsbench.metrics.episode import METRICS
-from tsbench.metrics.records import SIGNED_ONES
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.scd_records import SIGNED_ONES
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
     NAMES,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tsbench.metrics.intervals import Estimate
-    from tsbench.metrics.paired import Difference
+    from tsbench.metrics.paired_differences import Difference
 
 
 # The panel of all types, beside one for each group.

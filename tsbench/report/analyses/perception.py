@@ -13,7 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
-from tsbench.metrics.records import PARTS
+from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.columns import INTERVAL_NOTE, NAMES, SCD_NOTE, panels_of, pick, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.perceived import CAUSE_NOTES, CAUSES, causes_of

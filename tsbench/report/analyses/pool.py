@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
-from tsbench.metrics.records import Records, split_records
+from tsbench.metrics.scd_records import Records, split_records
 from tsbench.report.analyses.published import in_published_order
 from tsbench.report.tables.compare import SELECTION, differing
 from tsbench.run.log.manifest import marks_of

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.resources import files
 
 from tsbench.metrics.aggregate import PlannerSummary
-from tsbench.metrics.records import SIGNED_ONES
+from tsbench.metrics.scd_records import SIGNED_ONES
 from tsbench.planners.registry import EXPERT
 from tsbench.report.analyses.model import ALL
 from tsbench.run.edition import editions, standing_contract

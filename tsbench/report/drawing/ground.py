@@ -9,8 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import shapely
 
-from tsbench.core.ground import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA
-from tsbench.core.parquet import open_table
+from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_table
 from tsbench.core.paths import dataset_file, mirrored_in_use
 from tsbench.report.drawing.shapes import Area
 

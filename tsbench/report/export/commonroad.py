@@ -21,13 +21,13 @@ import tsbench
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.core.parquet import open_table
 from tsbench.episode.trace import Trace
+from tsbench.metrics.tracks import Track, actor_tracks, ego_rows
 from tsbench.report.drawing.scene import destination_place
 from tsbench.report.drawing.style import ATTRIBUTION
 from tsbench.report.export.elements import Element, number, point, points
 from tsbench.report.export.intersections import intersections
 from tsbench.report.export.lanelets import lanelets, traffic_sign
 from tsbench.report.export.pieces import lane_ids, pieces
-from tsbench.report.export.tracks import Track, actor_tracks, ego_rows
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from tsbench.metrics.compare import compare, shared_scenarios
-from tsbench.metrics.records import CONTRASTED, SIGNED_ONES
+from tsbench.metrics.paired_differences import compare, shared_scenarios
+from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.by_name import OF_POOL
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value

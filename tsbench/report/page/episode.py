@@ -19,12 +19,12 @@ from tsbench.core.errors import InputError
 from tsbench.episode.trace import Trace, read_trace, verdict_to_dict
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
+from tsbench.metrics.tracks import actor_tracks, ego_rows
 from tsbench.report.description import episode_subtitle, episode_title, readable, unit_words
 from tsbench.report.drawing.ground import ground_shapes
 from tsbench.report.drawing.lights import braking, ego_brakes, indicators, named_from
 from tsbench.report.drawing.roads import road_shapes
 from tsbench.report.drawing.scene import body_kind, scene_shapes
-from tsbench.report.export.tracks import actor_tracks, ego_rows
 from tsbench.report.page.conflict import FARTHEST_S, times_to_collision, times_to_conflict
 from tsbench.report.page.drawing import drawing, plate_key, plate_keys, plate_of
 from tsbench.report.page.packing import deltas, pack

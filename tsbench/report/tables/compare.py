@@ -16,9 +16,8 @@ from tsbench.core.text import csv_text
 from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
-from tsbench.metrics.compare import Comparison, Flip, compare, shared_scenarios
-from tsbench.metrics.episode import METRICS
-from tsbench.metrics.paired import Difference
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.paired_differences import Comparison, Difference, Flip, compare, shared_scenarios
 from tsbench.report.analyses.columns import (
     NAMES,
     READINGS_NOTE,

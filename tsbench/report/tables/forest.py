@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tsbench.metrics.breakdown import StrictAndCompleted
-from tsbench.metrics.paired import Difference
+from tsbench.metrics.paired_differences import Difference
 from tsbench.report.analyses.columns import NAMES
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.tables.compare import Matched

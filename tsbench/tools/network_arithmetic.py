@@ -27,7 +27,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
-from tsbench.tools.doctor.finding import Diagnosis, Status
+from tsbench.tools.diagnosis import Diagnosis, Status
 
 RULES = ("idm", "idm-e")
 # The networks, and who else drives by them.

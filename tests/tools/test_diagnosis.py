@@ -14,9 +14,8 @@ from tsbench.core.errors import InputError
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
-from tsbench.tools.doctor import data, examine, machine
-from tsbench.tools.doctor.finding import REPAIR, Diagnosis, Status, alone
-from tsbench.tools.doctor.packages import check_packages, judge_packages, locked
+from tsbench.tools import diagnosis
+from tsbench.tools.diagnosis import REPAIR, Diagnosis, Status, alone, check_packages, judge_packages, locked
 
 ROOT = Path(__file__).resolve().parents[2]
 ASKED = ("numpy>=2.0", "pyarrow>=23,<24", 'torch>=2.4; extra == "learn"')
@@ -80,7 +79,7 @@ def copy(tmp_path: Path) -> Iterator[Path]:
 
 
 def test_data_that_is_whole_and_a_split_that_is_not_there(copy: Path) -> None:
-    found = list(data.check_data())
+    found = list(diagnosis.check_data())
     assert not failed(iter(found))
     assert any("test.parquet: 3 scenarios, all " in finding.text for finding in found)
     (train,) = (finding for finding in found if "train" in finding.text)
@@ -93,11 +92,11 @@ def test_scene_files_that_are_missing_or_changed(copy: Path) -> None:
     first, second, _ = rows
     path = store_path("test", first.scenario_type, copy)
     _store(rows, copy, {first.additional: second.additional, second.additional: first.additional})
-    (text,) = failed(data.check_data())
+    (text,) = failed(diagnosis.check_data())
     assert "0 scene files missing, 2 of 4 hashed ones changed" in text
     assert text.endswith(f"first {path / first.additional}")
     _store(rows, copy, {second.additional: ""})
-    (text,) = failed(data.check_data())
+    (text,) = failed(diagnosis.check_data())
     assert "1 scene files missing" in text
     assert text.endswith(f"first {path / second.additional}")
 
@@ -108,14 +107,14 @@ def test_scenes_that_were_not_fetched(copy: Path, split: str, status: Status) ->
     shutil.rmtree(copy / "scenes")
     table_path("test", copy).unlink()
     write_table(rows, table_path(split, copy))
-    (found,) = (finding for finding in data.check_data() if "no scene files here" in finding.text)
+    (found,) = (finding for finding in diagnosis.check_data() if "no scene files here" in finding.text)
     assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL {split}")
 
 
 def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     table_path("test", copy).write_bytes(b"PAR1")
-    monkeypatch.setattr(examine, "CHECKS", {"data": data.check_data})
-    (text,) = failed(examine.examine())
+    monkeypatch.setattr(diagnosis, "CHECKS", {"data": diagnosis.check_data})
+    (text,) = failed(diagnosis.examine())
     assert "test.parquet: not a readable Parquet table" in text
 
 
@@ -131,26 +130,26 @@ def test_a_package_that_lacks_does_not_stop_the_others(monkeypatch: pytest.Monke
         raise InputError("file: torn")
         yield
 
-    monkeypatch.setattr(examine, "CHECKS", {"a": broken, "b": sound, "c": torn})
-    found = list(examine.examine())
+    monkeypatch.setattr(diagnosis, "CHECKS", {"a": broken, "b": sound, "c": torn})
+    found = list(diagnosis.examine())
     assert [finding.status for finding in found] == [Status.FAILED, Status.OK, Status.FAILED]
     assert "No module named 'pyarrow'" in found[0].text
     assert (found[2].name, found[2].text) == ("c", "file: torn")
 
 
 def test_a_simulation_starts() -> None:
-    (finding,) = data.check_sumo()
+    (finding,) = diagnosis.check_sumo()
     assert finding.status is Status.OK, finding.text
     assert "a simulation started" in finding.text
 
 
 def test_sumo_that_dies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data, "alone", lambda code: (-11, "killed by signal 11"))
-    (finding,) = data.check_sumo()
+    monkeypatch.setattr(diagnosis, "alone", lambda code: (-11, "killed by signal 11"))
+    (finding,) = diagnosis.check_sumo()
     assert finding.status is Status.FAILED
     assert "a simulation does not start: killed by signal 11" in finding.text
-    monkeypatch.setattr(data, "installed", lambda names: {"libsumo": "1.28.0", "sumolib": "1.27.0"})
-    (finding,) = data.check_sumo()
+    monkeypatch.setattr(diagnosis, "installed", lambda names: {"libsumo": "1.28.0", "sumolib": "1.27.0"})
+    (finding,) = diagnosis.check_sumo()
     assert "its packages do not belong together: libsumo 1.28.0, sumolib 1.27.0" in finding.text
 
 
@@ -168,16 +167,16 @@ def test_code_in_a_process_of_its_own(code: str, ending: tuple[int, str]) -> Non
 
 
 def test_little_memory_and_disk_are_notes(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert not failed(machine.check_machine())
-    monkeypatch.setattr(machine, "_free_memory", lambda: 2**20)
-    monkeypatch.setattr(machine.shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(2, 1, 2**20))
-    cores, memory, disk = machine.check_machine()
+    assert not failed(diagnosis.check_machine())
+    monkeypatch.setattr(diagnosis, "_free_memory", lambda: 2**20)
+    monkeypatch.setattr(diagnosis.shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(2, 1, 2**20))
+    cores, memory, disk = diagnosis.check_machine()
     assert (cores.status, memory.status, disk.status) == (Status.OK, Status.NOTE, Status.NOTE)
     assert "--workers" in memory.remedy
     assert "--out" in disk.remedy
 
 
 def test_an_old_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine.sys, "version_info", (3, 10, 2))
-    (finding,) = machine.check_python()
+    monkeypatch.setattr(diagnosis.sys, "version_info", (3, 10, 2))
+    (finding,) = diagnosis.check_python()
     assert (finding.status, finding.remedy) == (Status.FAILED, "install Python 3.11 or later")

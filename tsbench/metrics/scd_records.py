@@ -18,7 +18,7 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.episode import METRICS, SCD
+from tsbench.metrics.episode_metrics import METRICS, SCD
 from tsbench.scenarios.spec import CONTRAST, HALVES, pair_type
 from tsbench.signs.model import GROUPS
 

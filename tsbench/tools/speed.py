@@ -3,21 +3,33 @@
 bare: SUMO alone steps the scene. ego: the ego is placed along its route and the world around it is read. full: the
 whole tick with `idm`, monitors and recording. Machines are noisy: the loops take turns, their seconds are the process's
 own on the CPU, and only ratios compare. Two workers against one are timed by the clock, on a machine left alone.
+Further benches: an episode in a child of its worker (`bench_fresh`), a planner in a process of its own
+(`bench_isolation`), and the answers of networks (`bench_networks`).
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from multiprocessing.synchronize import Barrier
+from typing import Final
+
+import numpy as np
 
 from tsbench.episode.phase import Phase
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import episode_metrics
-from tsbench.planners.registry import resolve
+from tsbench.metrics.episode_metrics import episode_metrics
+from tsbench.planners.common.batching import Infer, Records
+from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.execution.fresh_episode import run_in_child
+from tsbench.run.isolation.loading import describe, load
+from tsbench.run.isolation.sandbox_paths import EXECUTABLE
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
@@ -25,6 +37,8 @@ from tsbench.sim.ego import Motion, start_motion
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EgoState
+from tsbench.tools.check_planner import choose
+from tsbench.tools.network_arithmetic import NETWORKS, batched, questions
 
 TICKS = 300
 VEHICLES = (10.0, 14.0)
@@ -186,3 +200,152 @@ def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> Benc
         episode_start_ms=1000.0 * statistics.median(starts),
         workers_speedup=statistics.median(speedups),
     )
+
+
+GOAL_MS: Final = 15.0
+_PLANNER = "blind"
+
+
+@dataclass(frozen=True)
+class FreshPrice:
+    """Processor time of an episode, ms: medians over rounds of the mean over scenes. together: played by the worker."""
+
+    together_ms: float
+    in_child_ms: float
+
+    @property
+    def difference_ms(self) -> float:
+        return self.in_child_ms - self.together_ms
+
+
+def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
+    """Drive scenes of dev both ways. Children come first: a worker that forks has played nothing itself."""
+    rows = sorted(choose(read_table(table_path("dev")), scenes), key=lambda row: row.net)
+    runner = EpisodeRunner(resolve(_PLANNER))
+    for row in rows:
+        runner.prepare(row)
+
+    def in_children() -> None:
+        for row in rows:
+            status = run_in_child(partial(runner.run, row))
+            if status is not None:
+                raise RuntimeError(f"{row.scenario_id}: the child ended with {status}")
+
+    def together() -> None:
+        for row in rows:
+            runner.run(row)
+
+    try:
+        found = [
+            statistics.median(1000.0 * _processor_s(play) / len(rows) for _ in range(rounds))
+            for play in (in_children, together)
+        ]
+    finally:
+        runner.close()
+    return FreshPrice(together_ms=found[1], in_child_ms=found[0])
+
+
+def _processor_s(work: Callable[[], None]) -> float:
+    """Processor time of this process and of the children that it waits for."""
+    before = os.times()
+    work()
+    return sum(os.times()[:4]) - sum(before[:4])
+
+
+PLANNERS: Final = ("idm", "idm-e")
+GOAL_US: Final = 150.0
+
+
+@dataclass(frozen=True)
+class Price:
+    """Median times of a planner's answer by the clock, µs: of the best of the rounds, as others use the machine, too.
+
+    together: in the referee's process; None for a program. isolated: on the referee's processor, as where workers use
+    all of them. apart: on any processor, which may have to be woken up for each answer.
+    """
+
+    planner: str
+    together_us: float | None
+    isolated_us: float
+    apart_us: float
+
+    @property
+    def difference_us(self) -> float | None:
+        return None if self.together_us is None else self.isolated_us - self.together_us
+
+
+def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:
+    """Raises InputError for a planner that does not come up."""
+    rows = choose(read_table(table_path("dev")), scenes)
+    loader = SceneLoader()
+    with closing(Simulation()) as simulation:
+
+        def took(runner: EpisodeRunner) -> float:
+            return 1e6 * float(np.median(np.concatenate([runner.run(row).planner_s for row in rows])))
+
+        def runner_of(planner: LoadedPlanner) -> EpisodeRunner:
+            return EpisodeRunner(planner, simulation=simulation, loader=loader)
+
+        found = []
+        for name in planners:
+            here = None if name.startswith(EXECUTABLE) else runner_of(resolve(name))
+            info = describe(name).planner
+            beside, free = runner_of(load(info, show=True)), runner_of(load(info, show=True))
+            together, isolated, apart = [], [], []
+            for _ in range(rounds):
+                if here is not None:
+                    together.append(took(here))
+                # Where the planner's process is started is where it stays.
+                with _one_processor():
+                    isolated.append(took(beside))
+                apart.append(took(free))
+            found.append(Price(info.name, min(together, default=None), min(isolated), min(apart)))
+    return found
+
+
+@contextmanager
+def _one_processor() -> Iterator[None]:
+    """This process, and what it starts, on the first of its processors."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+_ROUNDS, _BATCH = 30, 8
+WHOLE = "plant2-ft"
+_SCENES, _WHOLE_ROUNDS = 4, 3
+
+
+def bench_networks() -> Iterator[tuple[str, float, float]]:
+    """(planner, CPU ms for one answer alone, ms for each of eight); the least over many rounds, as others disturb."""
+    for name in NETWORKS:
+        infer = batched(name).network("cpu")
+        asked = np.resize(questions(name), _BATCH)
+        yield name, _least(infer, asked[:1]), _least(infer, asked) / _BATCH
+
+
+def bench_whole() -> float:
+    """CPU ms of a tick of WHOLE's episodes with all that belongs to them, on scenes of the dev split: least of a few
+    rounds.
+    """
+    rows = choose(read_table(table_path("dev")), _SCENES)
+    runner = EpisodeRunner(resolve(WHOLE))
+    took = []
+    for _ in range(_WHOLE_ROUNDS):
+        began = time.process_time()
+        ticks = sum(len(runner.run(row).commands) for row in rows)
+        took.append(1000.0 * (time.process_time() - began) / ticks)
+    runner.close()
+    return min(took)
+
+
+def _least(infer: Infer, asked: Records) -> float:
+    took = []
+    for _ in range(_ROUNDS):
+        began = time.process_time()
+        infer(asked)
+        took.append(time.process_time() - began)
+    return 1000.0 * min(took)

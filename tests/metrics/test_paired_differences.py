@@ -11,13 +11,14 @@ from scipy.stats import binom
 from table_builders import random_rows, records, row
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.compare import Comparison, compare
-from tsbench.metrics.episode import METRICS, SCD
+from tsbench.metrics.episode_metrics import METRICS, SCD
 from tsbench.metrics.intervals import ClusterBootstrap
-from tsbench.metrics.paired import (
+from tsbench.metrics.paired_differences import (
+    Comparison,
     Difference,
     Pairs,
     adjust,
+    compare,
     detectable,
     difference,
     holm,
