@@ -14,7 +14,7 @@ import pytest
 
 import tsbench
 from tsbench.core.paths import OWN_CITY, city_in_use, using_city
-from tsbench.report.analyses.perceived import CAUSES
+from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.edition import contract_now, edition_now, edition_of, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
 

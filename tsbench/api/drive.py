@@ -127,7 +127,7 @@ class Drive:
         """The picture of the last tick, PNG (`tsbench.api.shown.Picture`)."""
         self._check_present()
         shown, paint, render = map(
-            load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.video.render")
+            load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.pictures")
         )
         trace, over = process_episode().trace(), self._result is not None
         if self._result is not None:

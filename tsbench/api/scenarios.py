@@ -48,7 +48,7 @@ class Scenario:
         return self._loaded[1].view.map
 
     def _repr_png_(self) -> bytes:
-        paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.video.render")
+        paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.pictures")
         picture: bytes = paint.png_bytes(
             render.scene_picture(self.scene, self.scenario_id, map_id=self.row.map_id)
         )

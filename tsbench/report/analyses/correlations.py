@@ -19,17 +19,20 @@ from tsbench.metrics.breakdown import COMPLETED, STRICT
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import LEVEL
 from tsbench.metrics.scd_records import SIGNED_ONES, Records
+from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     NAMES,
+    is_whole,
     panels_of,
     pick,
     present_panels,
     present_parts,
+    published_metric,
+    published_scd,
     text_columns,
+    without_experts,
 )
-from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import RunPool
-from tsbench.report.analyses.published import is_whole, published_metric, published_scd, without_experts
+from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, put_title
 
