@@ -15,7 +15,7 @@ from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report_page import episode_page
-from tsbench.report.pictures import moment
+from tsbench.report.scene_pictures import moment
 from tsbench.run.arguments import path_of
 from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun

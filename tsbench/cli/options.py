@@ -63,7 +63,7 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
-        from tsbench.core.cities import driven_city
+        from tsbench.core.paths import driven_city
 
         context.with_resource(using_city(driven_city(name)))
 

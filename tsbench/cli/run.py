@@ -11,7 +11,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
-from tsbench.core.cities import check_driven
+from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.executor import Limits

@@ -124,7 +124,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     facts = {**{key: str(value) for key, value in asdict(spec).items()}, **scene_facts(scene, country)}
     print_table(("field", "value"), facts.items(), title=scenario_id, left=2)
     if png is not None:
-        from tsbench.report.pictures import render_scene_png
+        from tsbench.report.scene_pictures import render_scene_png
 
         render_scene_png(scene, png, scenario_id, country, spec.map_id)
         click.echo(f"picture: {png}")

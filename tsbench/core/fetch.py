@@ -60,7 +60,7 @@ def data_sets() -> Mapping[str, DataSet]:
 
 
 def data_set(name: str) -> DataSet:
-    """The set of a name. Raises InputError where there is none."""
+    """The set of a name. Raises InputError for an unknown name."""
     sets = data_sets()
     if name not in sets:
         raise InputError(f"no data of the name {name!r}: there are {', '.join(sets)}")

@@ -147,7 +147,7 @@ class _Search:
                 todo += self._files_of(_absolute(module, level, name))
 
     def _data(self, text: str, path: Path, name: str) -> Path | None:
-        """The data file that a string in a module names, None where there is none."""
+        """The data file that a string in a module names; None if it names no file."""
         # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
         named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
         for candidate in (path.parent / text, named):

@@ -74,7 +74,7 @@ def read_yaml(path: Path, what: str, loader: type[yaml.CSafeLoader] = yaml.CSafe
         problem = getattr(error, "problem", None) or " ".join(str(error).split())
         raise InputError(f"{path}: {line}{problem or 'not YAML'}") from None
     except (ValueError, TypeError) as error:
-        # A date that is none, a number without an end, a mapping as a key.
+        # An impossible date, a number without an end, a mapping as a key.
         raise InputError(f"{path}: cannot be read as a {what} ({error})") from None
 
 

@@ -15,9 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from tsbench.core.cities import check_driven, driven_city
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.core.paths import city_in_use, expanded_text, using_city
+from tsbench.core.paths import check_driven, city_in_use, driven_city, expanded_text, using_city
 from tsbench.core.textfile import dataclass_from_json
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS

@@ -2,8 +2,8 @@
 
 Source: docs/spec/metrics.md, "Aggregation".
 Two readings always go together: *strict* (error outcomes count as failures, every asked scenario is in the
-denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair of which one
-half has no record is in no figure of pairs.
+denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair with
+a missing half is in no figure of pairs.
 """
 
 from __future__ import annotations

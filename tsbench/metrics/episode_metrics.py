@@ -188,7 +188,7 @@ EPISODE_METRICS = (
     ),
     Metric(
         "destination", bool, lambda e: e.arrived, "the outcome is `arrived`",
-        "destination", "%", 100.0, 0.0, "dest.",
+        "destination", "%", 100.0, 0.0, head="dest.",
     ),
     SCD,
     Metric(

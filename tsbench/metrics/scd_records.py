@@ -1,7 +1,7 @@
 """`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name.
 
 A figure of SCD is over one part of the records: the signed halves (and what has no pair), the contrast halves, or the
-pairs, of which a record is made that passed where both halves did.
+pairs: paired SCD. The record of a pair passed where both halves did.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.scene_shapes import staged_bodies
-from tsbench.report.pictures import scene_picture
+from tsbench.report.scene_pictures import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow

@@ -20,7 +20,7 @@ from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import tick_shapes
 from tsbench.report.drawing.shapes import Area, Line, lane_area, rounded, rounded_along
 from tsbench.report.page.page_format import drawing
-from tsbench.report.pictures import scene_picture
+from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot

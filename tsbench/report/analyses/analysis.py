@@ -41,7 +41,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A figure with its interval and what it rests on; None where there is none, and then `reason` says why.
+    """A figure with its interval and its basis; None where it does not exist, and then `reason` says why.
 
     n: episodes, pairs or planners that count; None where it is not known. mark: put behind it, "*" for significant.
     """

@@ -141,12 +141,12 @@ def metric_beside(p: PlannerSummary, metric: str, contract: str) -> float | None
 
 
 def published_scd(planner: str, panel: str) -> float | None:
-    """The published SCD (%) of a group or of all types; None where there is none."""
+    """The published SCD (%) of a group or of all types; None if it is not published."""
     return published().get(planner, {}).get("scd_overall" if panel == ALL else f"scd_{panel}")
 
 
 def published_metric(planner: str, metric: str) -> float | None:
-    """The published figure of a conventional metric, None where there is none."""
+    """The published figure of a conventional metric; None if it is not published."""
     return published().get(planner, {}).get(metric)
 
 

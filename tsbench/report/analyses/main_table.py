@@ -141,10 +141,11 @@ def main_table(planners: Sequence[PlannerSummary], title: str, contract: str, be
     # The primary figure by group too, the others beside it.
     shown = [*((first, panel) for panel in present_panels(planners)), *((part, ALL) for part in others)]
     columns = (
-        *text_columns("planner", "figure"), Column("n", "n", Kind.COUNT),
+        *text_columns("planner", "figure"),
+        Column("n", "n", Kind.COUNT),
         *(_column(part, panel) for part, panel in shown),
         *(Column(name, f"{metric.head}\n{metric.unit}") for name, metric in _METRICS.items()),
-    )  # fmt: skip
+    )
     rows = tuple(row for p in planners for row in _rows(p, shown, beside))
     notes = (
         f"{SCD_NOTE}; other metrics are means over episodes. Below each figure its {INTERVAL_NOTE}",

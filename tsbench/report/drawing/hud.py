@@ -1,4 +1,4 @@
-"""What is written around a picture: who drives, time and speed, what was violated, scale, attribution."""
+"""Text around a picture: the planner, time and speed, the violation, scale, attribution."""
 
 from __future__ import annotations
 

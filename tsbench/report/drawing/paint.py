@@ -183,9 +183,7 @@ def _plate(
     cv2.circle(image, _fixed(post), 3 << SHIFT, STYLE.outline, -1, cv2.LINE_AA, SHIFT)
     if plate.target:
         half = size / 2 + 3
-        frame = np.array([
-            _fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ])  # fmt: skip
+        frame = np.array([_fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         cv2.fillPoly(image, [frame], STYLE.marking, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, [frame], True, STYLE.plate_line, 3, cv2.LINE_AA, SHIFT)
     picture = plate_rgba(plate.code, plate.value, size, plate.country)

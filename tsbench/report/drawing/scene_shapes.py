@@ -223,7 +223,7 @@ def way_off(network: RoadNetwork, sign: SignInstance) -> tuple[Array, float]:
 
 
 def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float) -> Array:
-    """A way over edges from the start to the destination, d to the left, (n, 2); empty where there is none."""
+    """A way over edges from the start to the destination, d to the left, (n, 2); empty if no way leads there."""
     start = scene.network.lane(scene.start.lane)
     path = graph.path(edges, start.index, scene.start.s, scene.destination) if edges else None
     if path is None:
@@ -326,8 +326,9 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
     for sign in sorted(scene.signs, key=lambda s: s.id != scene.target):
         away, clear = way_off(scene.network, sign)
         yield DrawnPlate(
-            sign.id, sign.role, sign.code, sign.value, sign.x, sign.y, sign.heading, away, clear,
-            sign.id == scene.target, country, below=turning[sign.id].key if sign.id in turning else "",
+            name=sign.id, role=sign.role, code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading,
+            away=away, clear=clear, target=sign.id == scene.target, country=country,
+            below=turning[sign.id].key if sign.id in turning else "",
         )  # fmt: skip
 
 
@@ -362,16 +363,16 @@ def tick_shapes(
     sizes = np.column_stack((table.length[rows], table.width[rows])).tolist()
     sides = [0] * len(actors) if traffic_view is None else indicators(traffic_view, snapshot)
     bodies = [
-        Body(body_kind(table, row), table.ids[row], x, y, heading, length, width, side, brakes)
+        Body(body_kind(table, row), table.ids[row], x, y, heading, length, width, signals=side, brakes=brakes)
         for row, (x, y, heading), (length, width), side, brakes in zip(
             rows.tolist(), actors.pose.tolist(), sizes, sides, braking(snapshot, before), strict=True
         )
-    ]  # fmt: skip
+    ]
     ego = snapshot.ego
     return [*bodies, replace(ego_body(ego.x, ego.y, ego.heading), brakes=ego_brakes(snapshot, before))]
 
 
 def body_kind(table: ActorTable, row: int) -> str:
     kind = ActorKind(int(table.kind[row])).name.lower()
-    # A bicycle of a convoy is to be seen as a bicycle: who waits for the ego is coloured, and bicycles are no boxes.
+    # A bicycle of a convoy stays a bicycle: road users that wait for the ego are coloured, and bicycles are no boxes.
     return "convoy" if table.ids[row].startswith(_CONVOY_PREFIX) and kind != _BICYCLE else kind

@@ -108,7 +108,7 @@ def _holds(
         ends = last.position_m if last is not None and last.edge == edge else math.inf
         for index in _lanes(network, edge, sign.lane):
             length = network.lanes[index].line.length
-            # A plate at its road's very end is that road's, or it would be nobody's.
+            # A plate at the very end of its road belongs to that road.
             yield index, begins if begins < length - SHORTEST_M else 0.0, min(ends, length)
         if math.isfinite(ends):
             return

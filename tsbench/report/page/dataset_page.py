@@ -23,7 +23,7 @@ from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import scene_shapes
 from tsbench.report.page.page_format import drawing, pack, pack_table, plate_keys, plate_of, render_page
-from tsbench.report.pictures import scene_picture
+from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene

@@ -161,7 +161,7 @@ def make_server(runs: Sequence[Path], port: int) -> ThreadingHTTPServer:
 
 
 def runs_below(folder: Path) -> list[Path]:
-    """The run folders in a folder. Raises InputError where there is none."""
+    """The run folders in a folder. Raises InputError if there is no run."""
     found = sorted(path for path in folder.glob("*") if is_run(path)) if folder.is_dir() else []
     if not found:
         raise InputError(f"{folder}: no run folders in it; name some: tsbench view RUN…")

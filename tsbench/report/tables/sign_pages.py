@@ -30,7 +30,7 @@ from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table
 from tsbench.report.drawing.canvas import Image, PageSize
 from tsbench.report.film import render_gif
 from tsbench.report.page.page_format import environment
-from tsbench.report.pictures import moment
+from tsbench.report.scene_pictures import moment
 from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, option_words, readable, threshold_value
 from tsbench.rules.monitor import Violation
 from tsbench.scenarios.scene_loader import load_scene
@@ -50,12 +50,9 @@ def countries_analysis(countries: Sequence[Country]) -> Analysis:
         Column("published", "published\n%", Kind.NUMBER, 0), Column("checked", "checked", Kind.COUNT),
     )  # fmt: skip
     rows = tuple(
-        Row((
-            c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent,
-            c.checked,
-        ))
+        Row((c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent, c.checked))
         for c in countries
-    )  # fmt: skip
+    )
     notes = (
         "with equivalent: signs by which the country tells a driver the same; published: the share that the reference "
         "quotes; checked: entries found in a source",

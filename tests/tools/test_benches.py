@@ -12,8 +12,8 @@ import pytest
 from command_line import in_process, refused
 from patience import HANG_S
 
-from tsbench.tools import speed
-from tsbench.tools.speed import FreshPrice, Price
+from tsbench.tools import benches
+from tsbench.tools.benches import FreshPrice, Price
 
 
 def test_it_drives_both_ways(tmp_path: Path) -> None:
@@ -32,7 +32,7 @@ def test_it_drives_both_ways(tmp_path: Path) -> None:
 def test_it_says_whether_the_goal_for_fresh_episodes_is_met(
     in_child: float, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(speed, "bench_fresh", lambda *_: FreshPrice(50.0, in_child))
+    monkeypatch.setattr(benches, "bench_fresh", lambda *_: FreshPrice(50.0, in_child))
     out, _ = in_process("bench", capsys)("--fresh")
     figures = next(line for line in out.splitlines() if f"{in_child:.1f}" in line)
     assert figures.split() == ["50.0", f"{in_child:.1f}", f"{in_child - 50.0:.1f}", *said.split()]
@@ -56,7 +56,7 @@ def test_it_says_whether_the_goal_for_isolation_is_met(
     isolated: float, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     prices = [Price("idm", 20.0, isolated, 200.0), Price("program", None, 26.0, 80.0)]
-    monkeypatch.setattr(speed, "bench_isolation", lambda *_: prices)
+    monkeypatch.setattr(benches, "bench_isolation", lambda *_: prices)
     out, _ = in_process("bench", capsys)("--isolation")
     words = {line.split()[0]: line for line in out.splitlines() if line.strip()}
     assert f" {isolated - 20.0:.0f} " in words["idm"]

@@ -92,8 +92,9 @@ class _Loops:
         self.sim.load_scene(scene)
         self.sim.start_ego(motion, lane.edge, lane.order)
         state = EgoState(
-            motion.x, motion.y, motion.heading, 5.0, 0.0, 0.0, 0.0, lane.index, scene.start.s, 0.0, True
-        )
+            motion.x, motion.y, motion.heading, speed=5.0, acceleration=0.0, steering=0.0, yaw_rate=0.0,
+            lane=lane.index, s=scene.start.s, d=0.0, on_road=True,
+        )  # fmt: skip
         line = Navigator(roads.graph, scene.destination).update(state).path.line
         # Five metres a second for as long as the path lasts, and 20 m less: the ego stays on the map.
         ticks = min(TICKS, int((line.length - 20.0) / (5.0 * DT_S)))

@@ -24,7 +24,7 @@ from tsbench.report.drawing.lettering import label, shorten, text_width, wrap
 from tsbench.report.drawing.paint import paint
 from tsbench.report.drawing.scene_shapes import staged_bodies, start_shapes
 from tsbench.report.film import film
-from tsbench.report.pictures import picture_kind, render_png, render_scene_png, scene_picture
+from tsbench.report.scene_pictures import picture_kind, render_png, render_scene_png, scene_picture
 from tsbench.signs.countries import load_country
 from tsbench.sim.scene import Obstacle, Scene, SceneFile
 
