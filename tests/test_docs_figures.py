@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from tsbench.core.data_manifest import data_sets
+from tsbench.core.fetch import data_sets
 from tsbench.planners import registry
 from tsbench.scenarios.certificates import read_certificates
 

@@ -14,10 +14,10 @@ import pytest
 from command_line import in_process
 from run_builders import episodes, failed, lost, make_run, pairs
 
-from tsbench.metrics.records import PARTS
-from tsbench.report.analyses import published
-from tsbench.report.analyses.by_name import OF_POOL, analyse_runs
-from tsbench.report.analyses.writing import write_analysis
+from tsbench.metrics.scd_records import PARTS
+from tsbench.report.analyses import columns
+from tsbench.report.analyses.analyses_by_name import OF_POOL, analyse_runs
+from tsbench.report.analyses.analysis import write_analysis
 from tsbench.run.log.read import read_run
 from tsbench.run.log.schema import LATER
 from tsbench.run.log.tables import file_hashes
@@ -89,7 +89,7 @@ def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
 def test_the_published_figures_are_signed_ones(
     analyse, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(published, "is_of_study", lambda _: True)
+    monkeypatch.setattr(columns, "is_of_study", lambda _: True)
     rows = pairs("idm")
     there = {row["scenario_type"] for row in rows if row["half"] == "signed"}
     # Published figures stand beside all types alone.

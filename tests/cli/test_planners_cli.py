@@ -18,7 +18,7 @@ from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.tools.check import DriveSample, check_driving, choose, findings
+from tsbench.tools.check_planner import DriveSample, check_driving, choose, findings
 
 BAD = """
 import os, random, time

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.trace import (
     read_trace,

@@ -13,7 +13,7 @@ from scripts import load_script
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
-from tsbench.report.drawing.style import STYLE
+from tsbench.report.drawing.canvas import STYLE
 from tsbench.scenarios.table import read_table, table_path
 
 ROOT = Path(__file__).resolve().parents[2]

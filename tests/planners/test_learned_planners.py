@@ -18,7 +18,7 @@ from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.planners.rl.base import LearnedPlanner
 from tsbench.planners.weights import load_weights, save_weights
-from tsbench.tools.doctor.arithmetic import questions
+from tsbench.tools.network_arithmetic import questions
 
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [

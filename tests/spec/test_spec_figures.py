@@ -12,7 +12,7 @@ from tsbench.dataset.scenes import traffic
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode import outcome
 from tsbench.learn.oracle import select as oracle_select
-from tsbench.metrics import comfort, flags, intervals, progress
+from tsbench.metrics import comfort, episode_metrics, intervals
 from tsbench.planners import registry
 from tsbench.planners.plant2 import layout
 from tsbench.planners.ppo import vector
@@ -67,7 +67,10 @@ def test_outcomes() -> None:
     page = {row["outcome"]: row["error"] == "yes" for row in table("metrics.md", "outcome", "error")}
     assert page == {out.value: out.is_error for out in outcome.Outcome}
     said("metrics.md", f"within {benchmark.ARRIVAL_M:.0f} m of the destination point")
-    said("metrics.md", f"(speed < {flags.STUCK_MPS} m/s for more than {flags.STUCK_S:.0f} s without a reason")
+    said(
+        "metrics.md",
+        f"(speed < {episode_metrics.STUCK_MPS} m/s for more than {episode_metrics.STUCK_S:.0f} s without a reason",
+    )
 
 
 def test_comfort() -> None:
@@ -83,7 +86,11 @@ def test_comfort() -> None:
 
 
 def test_scores_and_intervals() -> None:
-    factors = progress.CONTACT_FACTOR, progress.OFF_ROAD_FACTOR, progress.VIOLATION_FACTOR
+    factors = (
+        episode_metrics.CONTACT_FACTOR,
+        episode_metrics.OFF_ROAD_FACTOR,
+        episode_metrics.VIOLATION_FACTOR,
+    )
     said("metrics.md", "route completion x {} (contact) x {} (off road) x {}^n".format(*factors))
     assert (intervals.RESAMPLES, intervals.LEVEL, intervals.MIN_CLUSTERS) == (10_000, 0.95, 5)
     said("metrics.md", "cluster bootstrap (10 000 resamples", "Fewer than five places")

@@ -30,11 +30,11 @@ from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
-from tsbench.report.drawing.scene import staged_bodies
-from tsbench.report.drawing.style import STYLE
-from tsbench.report.video.render import scene_picture
+from tsbench.report.drawing.canvas import STYLE
+from tsbench.report.drawing.scene_shapes import staged_bodies
+from tsbench.report.scene_pictures import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow

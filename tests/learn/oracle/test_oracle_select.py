@@ -21,7 +21,7 @@ from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, selec
 from tsbench.learn.oracle.stats import stats
 from tsbench.learn.oracle.store import basis, read_tries
 from tsbench.learn.oracle.trajectories import read_trajectories
-from tsbench.report.analyses.writing import to_csv, write_analysis
+from tsbench.report.analyses.analysis import to_csv, write_analysis
 from tsbench.run.log.record import Record, error_row
 from tsbench.scenarios.spec import ScenarioSpec
 

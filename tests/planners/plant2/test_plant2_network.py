@@ -23,7 +23,7 @@ from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
-from tsbench.tools.doctor.arithmetic import questions
+from tsbench.tools.network_arithmetic import questions
 
 pytestmark = pytest.mark.slow
 

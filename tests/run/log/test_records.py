@@ -11,7 +11,7 @@ from run_helpers import episode_builders, specs
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.metrics.episode import EPISODE_METRICS
+from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import last_seconds, lost_timing
