@@ -161,12 +161,3 @@ def test_names_are_text(run, tmp_path: Path) -> None:
     assert out.startswith(f"A {HOSTILE} (a:1), B idm (a:1): 48 paired scenarios\n")
     assert "planner_error ([bold]no[/bold] <i>)" in out
     assert (tmp_path / "x.png").stat().st_size > 10_000
-
-
-def test_a_file_that_cannot_be_written(run, tmp_path: Path) -> None:
-    two(tmp_path / "x")
-    (tmp_path / "file").write_text("")
-    for option, name in (("--csv", "f.csv"), ("--png", "f.png")):
-        _, err = run("x:idm", "x:idm-e", option, f"file/{name}", expect=2)
-        assert err.startswith("error: file")
-        assert err.count("\n") == 1

@@ -54,7 +54,7 @@ def pickled(made: DriveEnv) -> DriveEnv:
     return restored
 
 
-@pytest.mark.parametrize("kind", ["vector", "bev", "objects"])
+@pytest.mark.parametrize("kind", ["vector", "bev", "objects", "scene"])
 @pytest.mark.filterwarnings("ignore")
 def test_gymnasiums_checker_passes(kind: str) -> None:
     made = gymnasium.make(DRIVE, split="test", observation=kind)
