@@ -282,14 +282,6 @@ def test_runs_that_do_not_belong_together(run, tmp_path: Path) -> None:
     assert "at least 3 are needed, the runs have 1" in refused(run, "correlations", "a")
 
 
-def test_a_folder_that_cannot_be_written(run, tmp_path: Path) -> None:
-    make_run(tmp_path / "a", episodes("idm"))
-    (tmp_path / "file").write_text("")
-    _, err = run("intervals", "a", "--out", "file/x", expect=2)
-    assert err.startswith("error: file")
-    assert err.count("\n") == 1
-
-
 @pytest.mark.parametrize("kind", ["types", "intervals", "failures", "correlations", "ablation"])
 def test_figures_are_drawn_and_are_the_same_bytes_again(tmp_path: Path, kind: str) -> None:
     runs = [four(tmp_path / "r")]

@@ -93,13 +93,6 @@ def test_list_names_every_planner() -> None:
     assert all(name in done.output for name in names())
 
 
-def test_unknown_planner_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["planners", "check", "idn"])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.strip().count("\n") == 0
-
-
 def test_what_breaks_off_is_one_line_and_exit_code_1(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -72,8 +72,3 @@ def test_the_film_is_small_and_the_first_picture_of_both_first_pages() -> None:
     with PilImage.open(FILM) as film:
         assert film.n_frames > 50
         assert film.info["loop"] == 0
-
-
-def test_the_makefile_makes_the_film_from_the_pair_of_this_test() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert f"pair_film.py $(FILM) {PAIR} docs/images/pair.gif" in makefile

@@ -1,6 +1,6 @@
 """What the driver of a Ray cluster costs: CPU time of its process for each episode, with a runner that takes no time.
 
-PYTHONPATH=tests/helpers:tests/run python tests/run/execution/driver_cost.py 4000
+PYTHONPATH=tests/helpers:tests/run python packaging/driver_cost.py 4000
 """
 
 from __future__ import annotations

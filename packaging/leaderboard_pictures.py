@@ -1,4 +1,4 @@
-"""Pictures of a built leaderboard for the docs: `python tests/leaderboard/pictures.py SITE FOLDER` (`make board`)."""
+"""Pictures of a built leaderboard for the docs: `leaderboard_pictures.py SITE FOLDER` (`make board`)."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ import io
 import sys
 from pathlib import Path
 
-from PIL import Image
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
-
 from browsing import PHONE, browser, opened
+from PIL import Image
 
 DESK = (1280, 900)
 _COLOURS = 128
