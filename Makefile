@@ -135,7 +135,7 @@ board: setup
 	for planner in idm-e plant2-ft; do $(BIN)/tsbench verify $(BOARD)/rows/$$planner.json --sample 30 --seed 20261 --by "a reader" \
 		--workers $(WORKERS) --out $(BOARD)/rows/$$planner.reader.json || exit; done
 	$(BIN)/tsbench leaderboard build $(BOARD)/rows --out $(BOARD)/site
-	$(BIN)/python tests/leaderboard/pictures.py $(BOARD)/site docs/images
+	PYTHONPATH=tests/helpers $(BIN)/python packaging/leaderboard_pictures.py $(BOARD)/site docs/images
 
 $(METADRIVE):
 	$(PIP) download --no-deps --dest $(RESULTS) metadrive-simulator==0.4.3
@@ -292,7 +292,7 @@ manifest: setup
 
 # Who imports whom, drawn from the code into docs/architecture.md.
 picture: setup
-	PYTHONPATH=. $(BIN)/python tests/helpers/import_graph.py
+	PYTHONPATH=.:tests/helpers $(BIN)/python packaging/architecture_picture.py
 
 lint: setup
 	$(BIN)/ruff check .

@@ -20,11 +20,9 @@ import cv2
 import numpy as np
 
 from tsbench.episode.trace import find_trace, read_trace
-from tsbench.report.drawing.camera import Image
-from tsbench.report.drawing.layout import PageSize
+from tsbench.report.drawing.canvas import STYLE, Image, PageSize
 from tsbench.report.drawing.paint import save_png, sheet
-from tsbench.report.drawing.style import STYLE
-from tsbench.report.video.render import PNG_SIZE, moment, scene_picture
+from tsbench.report.scene_pictures import PNG_SIZE, moment, scene_picture
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

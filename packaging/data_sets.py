@@ -11,7 +11,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from tsbench.core.data_manifest import MANIFEST, SCHEMA_VERSION, DataFile, data_set, data_sets, sha256_of
+from tsbench.core.fetch import MANIFEST, SCHEMA_VERSION, DataFile, data_set, data_sets, sha256_of
 from tsbench.core.paths import SHIPPED_CITIES
 
 ROOT = Path(__file__).resolve().parent.parent

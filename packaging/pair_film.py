@@ -18,12 +18,10 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import Trace, find_trace, read_trace
 from tsbench.geometry.polyline import Array
 from tsbench.planners import registry
-from tsbench.report.drawing.bev import BirdsEye
-from tsbench.report.drawing.camera import Image
-from tsbench.report.drawing.layout import PageSize
-from tsbench.report.drawing.style import STYLE, Colour
-from tsbench.report.drawing.text import paste, text_width, write
-from tsbench.report.video.encode import save_gif
+from tsbench.report.drawing.birds_eye import BirdsEye
+from tsbench.report.drawing.canvas import STYLE, Colour, Image, PageSize
+from tsbench.report.drawing.lettering import paste, text_width, write
+from tsbench.report.film import save_gif
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

@@ -14,7 +14,7 @@ import pytest
 
 import tsbench
 from tsbench.core.paths import OWN_CITY, city_in_use, mirrored_in_use, using_city
-from tsbench.report.analyses.perceived import CAUSES
+from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.contract import mirrored_contract
 from tsbench.run.edition import built_editions, edition_now, edition_of, editions, standing_contract
 from tsbench.run.log.read import StoredRun, read_run

@@ -32,11 +32,6 @@ def test_the_type_of_a_pair_is_that_of_its_signed_half(tmp_path: Path) -> None:
     assert (alone.pair_type == alone.scenario_type).all()
 
 
-def test_a_folder_that_is_none(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no run folder"):
-        tsbench.load_run(tmp_path)
-
-
 def test_summary(tmp_path: Path) -> None:
     broken = {"speed_limit_m0_v0": lost("over_limit"), "yield_m1_v1": failed("it raised")}
     summary = tsbench.load_run(make_run(tmp_path / "run", pairs("idm", **broken))).summary()
@@ -94,14 +89,6 @@ def test_compare(tmp_path: Path) -> None:
     assert (first.a, first.b) == pytest.approx((100 * 23 / 24, 100.0))
     equal = a.compare(a)
     assert repr(equal).endswith("0 won, 0 lost")
-
-
-def test_other_contracts_are_refused(tmp_path: Path) -> None:
-    a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm")))
-    b = tsbench.load_run(make_run(tmp_path / "b", episodes("idm"), contract="ab" * 32))
-    with pytest.raises(InputError, match="their scores are not comparable"):
-        a.compare(b)
-    assert a.compare(b, force=True).title.startswith("FORCED, contracts differ")
 
 
 def test_an_episode_in_a_notebook(run: tsbench.Run, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import pytest
@@ -136,13 +135,6 @@ def test_holes_are_refused_unless_allowed(run, tmp_path: Path) -> None:
     )
 
 
-def test_few_maps_say_why_there_is_no_interval(run, tmp_path: Path) -> None:
-    make_run(tmp_path / "a", episodes("idm", maps=3))
-    make_run(tmp_path / "b", episodes("idm", maps=3, yield_m0_v0=lost()))
-    out, _ = run("a", "b")
-    assert "no interval (only 3 places, fewer than 5): " in out
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -158,37 +150,6 @@ def test_a_side_that_is_none(run, tmp_path: Path, text: str, words: str) -> None
     assert words in refused(run, "x:idm", text)
 
 
-def test_torn_and_foreign_files(run, tmp_path: Path) -> None:
-    good = make_run(tmp_path / "good", episodes("idm"))
-    torn = make_run(tmp_path / "torn", episodes("idm"))
-    content = (torn / "episodes.parquet").read_bytes()
-    (torn / "episodes.parquet").write_bytes(content[: len(content) // 2])
-    assert "torn/episodes.parquet: not a readable Parquet table" in refused(run, "good", "torn")
-    (torn / "episodes.parquet").unlink()
-    assert "torn/episodes.parquet: no such table" in refused(run, "torn", "good")
-
-    make_run(tmp_path / "swapped", episodes("idm", yield_m0_v0=lost()))
-    (tmp_path / "swapped" / "episodes.parquet").write_bytes((good / "episodes.parquet").read_bytes())
-    assert "swapped/episodes.parquet: is not the file that the run wrote" in refused(run, "good", "swapped")
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"schema_version": 0}, "schema version 0, this tsbench reads"),
-        ({"planners": None}, "not the manifest of a tsbench run"),
-        ({"effective": {}}, "not the manifest of a tsbench run"),
-    ],
-)
-def test_manifests_that_cannot_be_read(run, tmp_path: Path, change: dict[str, object], words: str) -> None:
-    make_run(tmp_path / "good", episodes("idm"))
-    path = make_run(tmp_path / "old", episodes("idm")) / "run.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
-    told = refused(run, "good", "old")
-    assert "old/run.json: " in told
-    assert words in told
-
-
 HOSTILE = "[red]<b>$x^2$ my:Planner[/]"
 
 
@@ -200,12 +161,3 @@ def test_names_are_text(run, tmp_path: Path) -> None:
     assert out.startswith(f"A {HOSTILE} (a:1), B idm (a:1): 48 paired scenarios\n")
     assert "planner_error ([bold]no[/bold] <i>)" in out
     assert (tmp_path / "x.png").stat().st_size > 10_000
-
-
-def test_a_file_that_cannot_be_written(run, tmp_path: Path) -> None:
-    two(tmp_path / "x")
-    (tmp_path / "file").write_text("")
-    for option, name in (("--csv", "f.csv"), ("--png", "f.png")):
-        _, err = run("x:idm", "x:idm-e", option, f"file/{name}", expect=2)
-        assert err.startswith("error: file")
-        assert err.count("\n") == 1

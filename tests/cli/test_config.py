@@ -117,12 +117,6 @@ def test_what_judges_others_takes_nothing(
     assert "tsbench.toml" not in capsys.readouterr().err
 
 
-def test_other_commands_do_not_mind_another_section(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (here / "tsbench.toml").write_text("[run]\nplaner = 1\n")
-    assert called("signs", "list") == 0
-    assert "2.4" in capsys.readouterr().out
-
-
 GROUP = """
 [train]
 seed = 7

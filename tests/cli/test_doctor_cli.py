@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from tsbench.cli import main
-from tsbench.tools.doctor import examine
-from tsbench.tools.doctor.finding import Diagnosis, Status
+from tsbench.tools import diagnosis as examine
+from tsbench.tools.diagnosis import Diagnosis, Status
 
 
 @pytest.mark.parametrize(

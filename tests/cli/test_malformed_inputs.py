@@ -93,7 +93,7 @@ def assert_refused(told: tuple[int, str, str], name: str) -> None:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run(tmp_path_factory.mktemp("made") / "run", episodes("idm"))
+    return make_run(tmp_path_factory.mktemp("made") / "run", episodes("idm", maps=1, variants=2))
 
 
 @pytest.fixture
@@ -257,8 +257,8 @@ def test_a_build_report_that_is_none(tmp_path: Path, thing: str) -> None:
 def test_a_table_that_says_it_is_endless(
     run: Path, tsbench: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(parquet, "_MOST_ROWS", 10)
-    assert_refused(tsbench(*READERS["compare"]), "episodes.parquet: 48 rows, 0 MiB unpacked: too large")
+    monkeypatch.setattr(parquet, "_MOST_ROWS", 3)
+    assert_refused(tsbench(*READERS["compare"]), "episodes.parquet: 4 rows, 0 MiB unpacked: too large")
 
 
 @pytest.mark.parametrize("thing", THINGS)

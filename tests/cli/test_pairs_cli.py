@@ -14,16 +14,12 @@ import pytest
 from command_line import in_process
 from run_builders import episodes, failed, lost, make_run, pairs
 
-from tsbench.metrics.records import PARTS
-from tsbench.report.analyses import published
-from tsbench.report.analyses.by_name import OF_POOL, analyse_runs
-from tsbench.report.analyses.writing import write_analysis
+from tsbench.metrics.scd_records import PARTS
+from tsbench.report.analyses.analyses_by_name import OF_POOL, analyse_runs
+from tsbench.report.analyses.analysis import write_analysis
 from tsbench.run.log.read import read_run
 from tsbench.run.log.schema import LATER
 from tsbench.run.log.tables import file_hashes
-from tsbench.signs.catalog import load_catalog
-
-Command = Callable[..., tuple[str, str]]
 
 
 @pytest.fixture
@@ -84,27 +80,6 @@ def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
     ]  # fmt: skip
     assert [number(rows["blind (floor)"][head]) for head in heads] == [0.0, 100.0, 0.0]
     assert (rows["idm"]["n"], rows["idm"]["paired_scd_overall_n"]) == ("96", "48")
-
-
-def test_the_published_figures_are_signed_ones(
-    analyse, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(published, "is_of_study", lambda _: True)
-    rows = pairs("idm")
-    there = {row["scenario_type"] for row in rows if row["half"] == "signed"}
-    # Published figures stand beside all types alone.
-    rows += [
-        rows[0] | {"scenario_id": kind.id, "scenario_type": kind.id, "group": kind.group, "pair_id": ""}
-        for kind in load_catalog().types
-        if kind.id not in there
-    ]
-    make_run(tmp_path / "r", rows)
-    row = next(r for r in analyse("main", "r") if (r["planner"], r["figure"]) == ("idm", "published"))
-    assert (row["paired_scd_overall"], row["signed_scd_overall"], row["contrast_scd_overall"]) == (
-        "",
-        "7.2",
-        "",
-    )
 
 
 def test_types_have_three_figures_by_the_pairs_type(analyse, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import tsbench
 from tsbench.api.evaluate import spec_of
 from tsbench.cli import cli
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded, expanded_text
+from tsbench.core.paths import expanded, expanded_text
 from tsbench.envs.drive import DriveEnv
 
 # What says that words may begin with a path.

@@ -18,7 +18,7 @@ from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.tools.check import DriveSample, check_driving, choose, findings
+from tsbench.tools.check_planner import DriveSample, check_driving, choose, findings
 
 BAD = """
 import os, random, time
@@ -91,13 +91,6 @@ def test_list_names_every_planner() -> None:
     done = CliRunner().invoke(planners, ["list"])
     assert done.exit_code == 0
     assert all(name in done.output for name in names())
-
-
-def test_unknown_planner_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["planners", "check", "idn"])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.strip().count("\n") == 0
 
 
 def test_what_breaks_off_is_one_line_and_exit_code_1(

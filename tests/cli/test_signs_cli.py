@@ -62,15 +62,6 @@ def test_a_sheet_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     assert isinstance(call("sheet", "--out", str(tmp_path / "file" / "sheet.png")).exception, InputError)
 
 
-def test_sheet_with_another_country_s_codes(tmp_path: Path) -> None:
-    for name, more in (("own", ()), ("de", ("--country", "de"))):
-        assert call("sheet", "--out", str(tmp_path / f"{name}.png"), *more).exit_code == 0
-    assert (tmp_path / "own.png").read_bytes() != (tmp_path / "de.png").read_bytes()
-    unknown = call("sheet", "--out", str(tmp_path / "xx.png"), "--country", "xx")
-    assert isinstance(unknown.exception, InputError)
-    assert not (tmp_path / "xx.png").exists()
-
-
 def test_equivalents_of_all_countries_and_of_one(tmp_path: Path) -> None:
     printed = call("equivalents").output
     for country in load_countries():
@@ -94,9 +85,3 @@ def test_equivalents_as_tables_of_a_paper(tmp_path: Path) -> None:
     one = list(csv.DictReader((tmp_path / "country-de.csv").read_text(encoding="utf-8").splitlines()))
     assert len(one) == 34
     assert "220-20" in (tmp_path / "country-de.tex").read_text(encoding="utf-8")
-
-
-def test_the_documentation_quotes_the_table_as_it_is_printed() -> None:
-    quoted = Path(__file__).parents[2].joinpath("docs", "signs.md").read_text(encoding="utf-8")
-    for line in call("equivalents").output.splitlines():
-        assert line.rstrip() in quoted

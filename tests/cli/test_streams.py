@@ -14,8 +14,8 @@ import pytest
 from tsbench.core.streams import progress_console, standard_streams
 
 COMMAND = f"{sys.executable} -c 'from tsbench.cli import main; main()'"
-# A table by rich, lines and a help by click.
-COMMANDS = ["signs list", "data list", "--help"]
+# A table by rich, and a help by click.
+COMMANDS = ["signs list", "--help"]
 
 
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:

@@ -13,7 +13,7 @@ import pytest
 from serving import serving
 
 from tsbench.cli import main
-from tsbench.core import data_manifest, fetch, paths
+from tsbench.core import fetch, paths
 from tsbench.core.errors import InputError
 
 CONTENT = {"scenarios/a b.parquet": b"rows" * 1000, "scenarios/scenes/train/x.parquet": bytes(3 << 20)}
@@ -64,13 +64,13 @@ def known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "manifest.json").write_text(json.dumps(told), encoding="utf-8")
     root = tmp_path / "data"
     (root / "sign_catalog").mkdir(parents=True)
-    monkeypatch.setattr(data_manifest, "MANIFEST", tmp_path / "manifest.json")
+    monkeypatch.setattr(fetch, "MANIFEST", tmp_path / "manifest.json")
     monkeypatch.setenv("TSBENCH_DATA", str(root))
     paths.data_root.cache_clear()
-    data_manifest.data_sets.cache_clear()
+    fetch.data_sets.cache_clear()
     yield root
     paths.data_root.cache_clear()
-    data_manifest.data_sets.cache_clear()
+    fetch.data_sets.cache_clear()
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:

@@ -54,7 +54,7 @@ def pickled(made: DriveEnv) -> DriveEnv:
     return restored
 
 
-@pytest.mark.parametrize("kind", ["vector", "bev", "objects"])
+@pytest.mark.parametrize("kind", ["vector", "bev", "objects", "scene"])
 @pytest.mark.filterwarnings("ignore")
 def test_gymnasiums_checker_passes(kind: str) -> None:
     made = gymnasium.make(DRIVE, split="test", observation=kind)
@@ -163,11 +163,11 @@ def test_masked_signs_have_no_code() -> None:
     ("asked", "word"),
     [
         ({"split": "val"}, "split 'val'"),
-        ({"observation": "lidar"}, "observation 'lidar'"),
-        ({"action": "pedals"}, "action 'pedals'"),
-        ({"types": "nonsense"}, "nonsense"),
-        ({"more": "nothing"}, "nothing"),
-        ({"hold": 0}, "hold 0"),
+        ({"split": "dev", "observation": "lidar"}, "observation 'lidar'"),
+        ({"split": "dev", "action": "pedals"}, r"action 'pedals': expected aim \| steer \| cruise \| exit"),
+        ({"split": "dev", "types": "nonsense"}, "nonsense"),
+        ({"split": "dev", "more": "nothing"}, "nothing"),
+        ({"split": "dev", "hold": 0}, "hold 0"),
         ({"split": "dev", "hold": 2.5}, r"hold 2\.5: expected a whole number"),
         ({"split": "dev", "hold": True}, "hold True: expected a whole number"),
         ({"split": "dev", "types": []}, r"types \[\]: names no type"),

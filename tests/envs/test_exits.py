@@ -6,9 +6,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import pytest
 
-from tsbench.core.errors import InputError
 from tsbench.envs import DRIVE, MAX_STEPS
 from tsbench.envs.drive import DriveEnv
 
@@ -67,11 +65,6 @@ def test_the_exits_are_from_right_to_left() -> None:
     assert turns == sorted(turns)
     assert len(exits) > 1
     env.close()
-
-
-def test_an_unknown_action_is_refused() -> None:
-    with pytest.raises(InputError, match=r"action 'fly': expected aim \| steer \| cruise \| exit"):
-        DriveEnv(split="dev", action="fly")
 
 
 def test_the_registration_bounds_an_episode() -> None:

@@ -8,7 +8,6 @@ from typing import get_args
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from tsbench.core.errors import InputError
 from tsbench.envs import GROUPS
@@ -31,13 +30,6 @@ def fast(reward: object = None) -> tuple[list[float], list[dict[str, object]]]:
         over = terminated or truncated
     env.close()
     return rewards, infos
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_the_checker_passes() -> None:
-    made = gymnasium.make("tsbench/Priority-v1", split="dev")
-    check_env(made.unwrapped, skip_render_check=True)
-    made.close()
 
 
 def test_plates_and_ways_are_told_and_masked_plates_are_not() -> None:
@@ -113,10 +105,3 @@ def test_the_default_of_make_vec_is_refused_with_the_way_out() -> None:
     with pytest.raises(gymnasium.error.ResetNeeded, match='vectorization_mode="async"'):
         envs.step(np.zeros((2, 3), dtype=np.float32))
     envs.close()
-
-
-def test_max_episode_steps_truncates() -> None:
-    made = gymnasium.make("tsbench/Speed-v1", split="dev", max_episode_steps=3)
-    made.reset(seed=1)
-    assert [made.step(np.zeros(3, dtype=np.float32))[3] for _ in range(3)] == [False, False, True]
-    made.close()

@@ -16,7 +16,7 @@ import pytest
 from scipy.stats import binomtest
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.perception import (
     FALSE,
     MISREAD,

@@ -10,6 +10,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from episode_builders import same_snapshots
 
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.dataset.maps.build import build_net
@@ -366,18 +367,6 @@ def test_an_intent_that_does_not_connect_is_an_invalid_output(root: Path, on_cro
     assert result.outcome is Outcome.INVALID_OUTPUT
 
 
-def same(a: EpisodeResult, b: EpisodeResult) -> None:
-    assert a.facts is not None
-    assert b.facts is not None
-    assert np.array_equal(a.commands, b.commands)
-    assert len(a.facts.snapshots) == len(b.facts.snapshots)
-    for one, two in zip(a.facts.snapshots, b.facts.snapshots, strict=True):
-        assert (one.step, one.time, one.ego) == (two.step, two.time, two.ego)
-        for name in ("index", "pose", "speed", "lane", "lane_s"):
-            assert np.array_equal(getattr(one.actors, name), getattr(two.actors, name)), name
-    assert a.facts.snapshots[-1].actors.table.ids == b.facts.snapshots[-1].actors.table.ids
-
-
 def test_two_runs_are_the_same_tick_by_tick(root: Path, on_road) -> None:
     cars = [Car(f"bg_{k:03d}", 0, 0.3 * k, ("road",), k % 3, 100.0 if k < 3 else None) for k in range(8)]
     spec = on_the_road(on_road, "busy", cars=cars)
@@ -385,8 +374,10 @@ def test_two_runs_are_the_same_tick_by_tick(root: Path, on_road) -> None:
     runner(root, "Straight").run(on_the_road(on_road, "plain"))
     again = runner(root, "Follow").run(spec)
     assert first.facts is not None
+    assert again.facts is not None
     assert max(len(s.actors) for s in first.facts.snapshots) >= 5
-    same(first, again)
+    assert np.array_equal(first.commands, again.commands)
+    same_snapshots(first.facts.snapshots, again.facts.snapshots)
 
 
 def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:

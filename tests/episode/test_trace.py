@@ -18,16 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.trace import (
     read_trace,
     trace_path,
-    verdict_to_dict,
     write_trace,
 )
 from tsbench.roads.planner_map import build_planner_map
-from tsbench.rules.monitor import Verdict
 
 
 def an_episode(n: int = 50) -> EpisodeFacts:
@@ -218,15 +215,6 @@ def test_names_make_safe_files(tmp_path: Path) -> None:
         assert path.resolve().parent.parent == (tmp_path / "traces").resolve()
         assert path.name == "s%2F1.parquet"
     assert paths[0].parent.name == "idm"
-
-
-def test_verdicts_as_plain_values() -> None:
-    verdict = made.verdict(made.violation(end_s=float("inf"), other="car.1"), engaged=True, steps=4)
-    plain = verdict_to_dict(verdict)
-    assert dataclass_from_json(Verdict, json.loads(json.dumps(plain, allow_nan=False))) == verdict
-    with pytest.raises(ValueError, match="Verdict"):
-        dataclass_from_json(Verdict, {"violations": [], "engaged": True})
-    assert dataclass_from_json(Verdict, {**plain, "violations": []}) == Verdict("plate", True, (), 4)
 
 
 def repeated(path: Path, ticks: int) -> None:

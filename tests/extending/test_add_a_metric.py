@@ -16,7 +16,7 @@ DECLARATION = """    Metric(
 def test_a_metric_is_one_declaration(clone: Copy) -> None:
     clone.scene("speed_limit")
     clone.tsbench("run", "--planner", "idm", "--split", "test", "--out", "before")
-    clone.add_line("tsbench/metrics/episode.py", '    Metric("duration_s"', DECLARATION)
+    clone.add_line("tsbench/metrics/episode_metrics.py", '    Metric("duration_s"', DECLARATION)
     told = clone.tsbench("run", "--planner", "idm", "--planner", "idm-e", "--split", "test", "--out", "after")
     found = records(clone.root / "after")
     assert found["idm"]["top_speed"] > found["idm-e"]["top_speed"] > found["idm-e"]["mean_speed"]

@@ -14,7 +14,7 @@ import run_builders
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import trace_path, write_trace
-from tsbench.report.page.episode import EpisodePacker
+from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.roads.lane_graph import LaneGraph
 
 HOSTILE = '<img src=x onerror="document.title=1">&amp;.py:Mine'

@@ -11,6 +11,7 @@ import numpy as np
 
 from tsbench.episode.observation import ego_on_map
 from tsbench.episode.traffic_view import TrafficView
+from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
 from tsbench.roads.destination import Destination
@@ -25,7 +26,16 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
+from tsbench.sim.world import (
+    DT_S,
+    EGO_LENGTH_M,
+    EGO_WIDTH_M,
+    ActorKind,
+    Actors,
+    ActorTable,
+    EgoState,
+    WorldSnapshot,
+)
 
 KMH = 3.6
 
@@ -197,6 +207,29 @@ def ids(network: RoadNetwork, source: str, target: str) -> Sequence[str]:
     connection = graph.connections(source, target)[0]
     chain = (connection.from_lane, *connection.via, connection.to_lane)
     return [network.lanes[i].id for i in chain]
+
+
+def car(
+    network: RoadNetwork, source: str, target: str, before: float, speed: Callable[[float, World], float]
+) -> Body:
+    """A car with its front `before` metres before its own line."""
+    front = network.lane(f"{source}_0").line.length - before
+    return Body(f"{source}{before:.0f}", tuple(ids(network, source, target)), front, speed, (source, target))
+
+
+def to_line(world: World, lane: str = "sc_0") -> list[float]:
+    """How far the ego's front was from the end of a lane, tick by tick."""
+    line = world.network.lane(lane).line
+    return [line.length - line.project(e.x, e.y)[0] - EGO_LENGTH_M / 2 for e in world.states]
+
+
+def touched(world: World) -> bool:
+    """Did the ego drive into a car?"""
+    return any(
+        boxes_overlap(e.x, e.y, e.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, h, 4.5, 1.8)
+        for e, poses in zip(world.states, world.poses, strict=False)
+        for x, y, h in poses.values()
+    )
 
 
 def verdict(world: World) -> Verdict:

@@ -12,7 +12,6 @@ edges are named by their ends ("ta"), both directions exist. `cross`: main road 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -148,10 +147,6 @@ def actors(*bodies: tuple[float, float, float, float, float]) -> Actors:
     pose = np.array([b[:3] for b in bodies], dtype=np.float64).reshape(-1, 3)
     index = np.arange(n, dtype=np.int32)
     return Actors(table, index, pose, np.zeros(n), np.full(n, -1, dtype=np.int32), np.zeros(n))
-
-
-def distance_to_circle(x: float, y: float, cx: float, cy: float, radius: float) -> float:
-    return abs(math.hypot(x - cx, y - cy) - radius)
 
 
 class SceneMaker:

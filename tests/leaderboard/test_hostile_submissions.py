@@ -28,7 +28,7 @@ Json = dict[str, Any]
 DRAW = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
 
 
-def put(data: Json, *where: str, to: object) -> None:
+def put(data: Any, *where: str | int, to: object) -> None:
     *into, last = where
     for key in into:
         data = data[key]
@@ -92,13 +92,11 @@ FIELDS = [
     (("rescored",), -1, "rescored: is no number of its episodes"),
     (("rescored",), 10**400, "a whole number below 2^63 was expected"),
     (("isolation",), "sandbox", "malformed submission"),
-]
-FIGURES = [
-    ({"value": 10**400}, "a whole number below 2^63 was expected"),
-    ({"value": 1e308}, "is no share of episodes"),
-    ({"low": -1.0}, "is no share of episodes"),
-    ({"n": -1}, "is no share of episodes"),
-    ({"over": "all\nconfirmed"}, "expected one line"),
+    (("figures", 0, "value"), 10**400, "a whole number below 2^63 was expected"),
+    (("figures", 0, "value"), 1e308, "is no share of episodes"),
+    (("figures", 0, "low"), -1.0, "is no share of episodes"),
+    (("figures", 0, "n"), -1, "is no share of episodes"),
+    (("figures", 0, "over"), "all\nconfirmed", "expected one line"),
 ]
 
 
@@ -113,19 +111,10 @@ def refusal(read: Callable[[Path], object], path: Path) -> str:
 
 @pytest.mark.parametrize(("where", "to", "said"), FIELDS)
 def test_a_field_that_no_run_writes(
-    honest: Make, tmp_path: Path, where: tuple[str, ...], to: object, said: str
+    honest: Make, tmp_path: Path, where: tuple[str | int, ...], to: object, said: str
 ) -> None:
     data = json.loads(honest("idm").to_json())
     put(data, *where, to=to)
-    path = tmp_path / "x.json"
-    path.write_text(json.dumps(data))
-    assert said in refusal(read_submission, path)
-
-
-@pytest.mark.parametrize(("changes", "said"), FIGURES)
-def test_a_figure_that_is_none(honest: Make, tmp_path: Path, changes: Json, said: str) -> None:
-    data = json.loads(honest("idm").to_json())
-    data["figures"][0].update(changes)
     path = tmp_path / "x.json"
     path.write_text(json.dumps(data))
     assert said in refusal(read_submission, path)
@@ -164,12 +153,6 @@ def test_a_run_may_say_no_more(run: Path, where: tuple[str, ...], to: object, sa
     put(manifest, *where, to=to)
     (run / "run.json").write_text(json.dumps(manifest))
     assert said in refusal(claims_of, run)
-
-
-def test_a_name_of_a_run_is_one_that_readers_see(run: Path) -> None:
-    text = (run / "run.json").read_text()
-    (run / "run.json").write_text(text.replace('"name": "idm"', '"name": "id\\u200bm"'))
-    assert "the planner's name: " in refusal(claims_of, run)
 
 
 @pytest.mark.parametrize("name", ["规划器v2", "Планировщик-2", "مخطط", "idm e (5 m/s²)", "ドライバー"])

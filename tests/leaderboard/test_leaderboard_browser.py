@@ -123,17 +123,6 @@ def test_a_failure_is_played(watched: Page) -> None:
     assert page.locator("#player").is_hidden()
 
 
-def test_a_link_opens_the_player(chromium: Browser, site: Path) -> None:
-    with opened(chromium, page_of(site, "idm"), "#episode-table tbody tr", DESKTOP) as page:
-        page.locator("#episode-table button.play").last.click()
-        until(page, "tsb.player.episode !== null")
-        page.keyboard.press("End")
-        link, scenario = page.url, page.evaluate("tsb.player.episode.scenario")
-    with opened(chromium, link, "#episode-table tbody tr", DESKTOP) as page:
-        until(page, "tsb.player.episode !== null")
-        assert page.evaluate("tsb.player.episode.scenario") == scenario
-
-
 def test_a_planner_without_traces_has_no_player(chromium: Browser, site: Path) -> None:
     with opened(chromium, page_of(site, "idm-e"), "#submissions", PHONE) as page:
         assert page.locator("#player").count() == 0

@@ -174,16 +174,6 @@ def test_levels_have_tables_of_their_own_and_a_curve(honest: Make, tmp_path: Pat
     assert len(set(re.findall(r'href="#(s-[0-9a-f]{8})"', own.read_text()))) == 3
 
 
-def test_a_level_under_anothers_name_is_refused(honest: Make, tmp_path: Path) -> None:
-    easy = replace(load_level("poor"), right=1.0)  # type: ignore[type-var]
-    put(tmp_path / "all", "x.json", honest("idm", perception=easy))
-    with pytest.raises(InputError, match="called poor, but is not tsbench's level of that name"):
-        build(tmp_path / "all", tmp_path / "site")
-    put(tmp_path / "all", "x.json", honest("idm", perception=replace(easy, name="exact")))
-    with pytest.raises(InputError, match="called exact, but"):
-        build(tmp_path / "all", tmp_path / "site")
-
-
 def test_a_planner_over_cities(honest: Make, tmp_path: Path) -> None:
     base, out = tmp_path / "all", tmp_path / "site"
     put(base, "home.json", honest("idm"))

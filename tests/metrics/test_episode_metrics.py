@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from work import calls
 
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
-from tsbench.metrics.episode import EPISODE_METRICS
-from tsbench.metrics.episode import episode_metrics as measured
+from tsbench.metrics.episode_metrics import EPISODE_METRICS
+from tsbench.metrics.episode_metrics import episode_metrics as measured
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EgoState
 

@@ -13,7 +13,7 @@ from table_builders import GROUPS, pair, records, row
 
 from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import FLOOR, PlannerSummary, summarise
-from tsbench.metrics.compare import compare
+from tsbench.metrics.paired_differences import compare
 
 Rows = list[dict[str, Any]]
 

@@ -50,18 +50,3 @@ def test_the_readme_cites_the_same(citation: dict[str, Any]) -> None:
         told = tomllib.loads(project.read_text(encoding="utf-8"))["project"]
         assert told["authors"] == [author]
         assert (project.parent / told["readme"]).is_file()
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("authors", []),
-        ("cff-version", "1.3"),
-        ("date-released", "November 2026"),
-        ("type", "program"),
-        ("web", "x"),
-        ("license", "Mit"),
-    ],
-)
-def test_what_the_format_does_not_know_is_found(citation: dict[str, Any], field: str, value: Any) -> None:
-    assert problems({**citation, field: value})

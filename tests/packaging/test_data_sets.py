@@ -10,7 +10,7 @@ import pytest
 from scripts import load_script
 
 from tsbench.core import paths
-from tsbench.core.data_manifest import MANIFEST, data_sets
+from tsbench.core.fetch import MANIFEST, data_sets
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -13,7 +13,7 @@ from scripts import load_script
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
-from tsbench.report.drawing.style import STYLE
+from tsbench.report.drawing.canvas import STYLE
 from tsbench.scenarios.table import read_table, table_path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,8 +72,3 @@ def test_the_film_is_small_and_the_first_picture_of_both_first_pages() -> None:
     with PilImage.open(FILM) as film:
         assert film.n_frames > 50
         assert film.info["loop"] == 0
-
-
-def test_the_makefile_makes_the_film_from_the_pair_of_this_test() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert f"pair_film.py $(FILM) {PAIR} docs/images/pair.gif" in makefile

@@ -25,7 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
     def drive(out: Path) -> None:
         attacks = [f"{ROOT}/examples/{file}.py:{name}" for name, file in WHERE.items()]
         tsbench.evaluate(
-            [*attacks, "blind", "idm"], split="dev", types=list(TYPES), limit=12, workers=2, out=out / "run",
+            [*attacks, "blind", "idm"], split="dev", types=list(TYPES), limit=6, workers=2, out=out / "run",
             trace="none",
         )  # fmt: skip
 
@@ -40,7 +40,7 @@ def test_none_passes_a_pair(run: tsbench.Run) -> None:
     assert not run.episodes.error.notna().any()
     for name in WHERE:
         passed = rows(run, name).groupby("pair_id").scd.all()
-        assert len(passed) == 2 * len(TYPES)
+        assert len(passed) == len(TYPES)
         assert not passed.any(), f"{name}: {list(passed.index[passed])}"
 
 

@@ -134,17 +134,6 @@ def test_brakes_hard_when_the_gap_is_short_but_within_the_vehicle() -> None:
     assert front_of(world.ego) < 40.5
 
 
-def test_two_runs_are_equal_and_no_state_survives_a_reset() -> None:
-    network = load("cross")
-    planner = Idm()
-    runs = [
-        World(network, "sc_0", 20.0, 10.0, Destination(edge, 60.0)).run(planner, 30.0)
-        for edge in ("ce", "cw", "ce")
-    ]
-    assert runs[0].controls == runs[2].controls
-    assert runs[0].controls != runs[1].controls
-
-
 def test_profile_brakes_before_a_bend() -> None:
     network = load("cross")
     graph = LaneGraph(network)

@@ -77,13 +77,6 @@ def test_the_walker_is_seen_to_the_right(drive: Recorder, vectors: VectorEncoder
     assert seen <= math.hypot(15.0, 4.0) + 0.3
 
 
-def test_an_encoder_does_not_hang_on_what_it_saw_before(drive: Recorder, vectors: VectorEncoder) -> None:
-    after = [vectors.encode(o) for o in drive.seen][-1]
-    fresh = VectorEncoder()
-    fresh.reset(drive.context)
-    assert after.tobytes() == fresh.encode(drive.seen[-1]).tobytes()
-
-
 def test_no_number_tells_of_a_sign(drive: Recorder, vectors: VectorEncoder, rasters: RasterEncoder) -> None:
     for o in drive.seen[::5]:
         other = with_signs(o)

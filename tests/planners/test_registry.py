@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -240,16 +238,3 @@ def test_a_module_whose_own_import_fails_names_the_line_of_the_cause(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"inner_planner\.py, line 4"):
         registry.resolve("outer_planner:Mine")
-
-
-def test_listing_imports_no_planner() -> None:
-    code = (
-        "import sys\n"
-        "from tsbench.planners import registry\n"
-        "[registry.entry(name) for name in registry.names()]\n"
-        "print([m for m in ('tsbench.planners.idm', 'torch', 'libsumo', 'shapely') if m in sys.modules])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=dict(os.environ)
-    )
-    assert done.stdout.strip() == "[]"

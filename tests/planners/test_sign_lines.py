@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -138,20 +136,6 @@ def test_line_ahead_is_what_the_monitor_judges(looks: list[Look]) -> None:
     assert max(usual) < 0.35
     assert sum(one > 0.05 for one in usual) < len(usual) / 50
     assert max(one for one, _ in off) < _WIDE_BEND_M
-
-
-def test_the_page_names_the_plates_of_each_line() -> None:
-    page = (Path(__file__).parents[2] / "docs/planners.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*) \| .* \| (?:3 m on|1 m on|at the plate) \|$", page, re.M)
-    signs = load_catalog().signs.values()
-    found = []
-    for row in rows[:3]:
-        words = [re.escape(word).replace("x", r"\d") for word in re.findall(r"\d[\d.]*\.(?:x|\d+)", row)]
-        found.append({sign.code for sign in signs if any(re.fullmatch(word, sign.code) for word in words)})
-    wanted = [
-        {s.code for s in signs if s.placement.reference == name} for name in ("line", "crossing", "obstacle")
-    ]
-    assert found == wanted
 
 
 @pytest.mark.slow

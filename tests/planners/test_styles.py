@@ -51,15 +51,6 @@ def test_cruises_at_its_own_speed_or_the_roads_limit(style: type) -> None:
 
 
 @pytest.mark.parametrize("style", STYLES)
-def test_a_new_episode_is_a_new_drive(style: type) -> None:
-    planner, network = style(), load("cross")
-    runs = [
-        World(network, "sc_0", 20.0, 8.0, Destination(e, 60.0)).run(planner, 50.0) for e in ("ce", "cn", "ce")
-    ]
-    assert runs[0].controls == runs[2].controls != runs[1].controls
-
-
-@pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("target", ["cw", "ce"])
 def test_the_laziest_brakes_too_keep_the_lane_in_turns(style: type, target: str) -> None:
     """b is how hard a driver likes to brake for others; a bend is slowed down for as sharply as it takes."""

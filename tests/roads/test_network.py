@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import sumolib
 
-from tsbench.core.errors import InputError
 from tsbench.roads.network import Connection, RoadNetwork, read_network
 from tsbench.scenarios.store import SceneStore
 from tsbench.scenarios.table import read_table, table_path
@@ -112,18 +111,3 @@ def test_a_small_network_is_read_as_sumolib_reads_it(path: Path, tmp_path: Path)
 @pytest.mark.parametrize("name", crops())
 def test_a_crop_is_read_as_sumolib_reads_it(name: str, tmp_path: Path) -> None:
     assert_equal(*both(*crops()[name], tmp_path))
-
-
-@pytest.mark.parametrize(
-    ("content", "problem"),
-    [
-        (b"<net/>", "a network without lanes"),
-        (b'<net><edge id="a"><lane id="a_0" speed="x" length="1" shape="0,0 1,0"/></edge></net>', "malformed network"),
-        (b'<net><edge id="a"><lane id="a_0" length="1" shape="0,0 1,0"/></edge></net>', "malformed network"),
-        (b"<roads/>", "net"),
-        (b"<net>", "net.xml"),
-    ],
-)  # fmt: skip
-def test_what_is_no_network_is_named(content: bytes, problem: str) -> None:
-    with pytest.raises(InputError, match=rf"net\.xml.*{problem}|{problem}"):
-        read_network(Path("net.xml"), content)

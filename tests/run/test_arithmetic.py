@@ -17,8 +17,8 @@ import pytest
 from tsbench.run import arithmetic
 from tsbench.run.log.manifest import difference, new_manifest
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.tools.doctor import arithmetic as doctor
-from tsbench.tools.doctor.finding import Status
+from tsbench.tools import network_arithmetic as doctor
+from tsbench.tools.diagnosis import Status
 
 SIMD = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 # What other processors choose: everything at once, as an older and as a newer one does. OpenCV warns of what it does
@@ -44,7 +44,7 @@ _NO_FMA = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2,-FMA4"}
 _NETWORKS = """
 import json
 from tsbench.run.arithmetic import facts
-from tsbench.tools.doctor.arithmetic import NETWORKS, answers_hash
+from tsbench.tools.network_arithmetic import NETWORKS, answers_hash
 print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answers"]]))
 """
 

@@ -134,21 +134,6 @@ def test_what_is_torn_or_foreign_is_set_aside_with_its_reason(whole: Bench) -> N
     assert len(list((folder / "traces").rglob("*.parquet"))) == 40
 
 
-def test_a_journal_of_another_run_is_not_taken_for_this_one(whole: Bench) -> None:
-    process = whole.start_paused(6, *RUN, "--out", "theirs", "--workers", "1", "--mask-signs")
-    process.kill()
-    process.communicate()
-    (whole.folder / "ours").mkdir()
-    journal = (whole.folder / "theirs" / "journal.jsonl").read_bytes()
-    (whole.folder / "ours" / "journal.jsonl").write_bytes(journal)
-    done = whole.run(*RUN, "--out", "ours", expect=1)
-    assert "lines that are not trusted (7 of another run)" in done.stderr
-    assert "continuing" not in done.stderr
-    (aside,) = (whole.folder / "ours" / "set_aside").glob("*-journal.jsonl")
-    assert aside.read_bytes() == journal
-    assert bytes_of(whole.folder / "ours") == bytes_of(whole.folder / "whole")
-
-
 def test_strangers_beside_a_complete_run_are_named_and_stay(whole: Bench) -> None:
     note, trace = (
         whole.folder / "whole" / "note.txt",

@@ -26,8 +26,7 @@ from tsbench.run.edition import (
 from tsbench.scenarios import table
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, splits_there, table_path
-from tsbench.tools.doctor.data import check_edition
-from tsbench.tools.doctor.finding import Status
+from tsbench.tools.diagnosis import Status, check_edition
 
 FEW = ("dev", "holdout")
 RELEASED = [split for split in splits_there() if split not in earlier_splits()]

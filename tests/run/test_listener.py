@@ -26,7 +26,7 @@ class Deaf:
 
 def function(run): pass
 """
-RUN = (
+RUN = [
     "run",
     "--planner",
     "fake_planners:Good",
@@ -38,7 +38,7 @@ RUN = (
     "1",
     "--out",
     "out",
-)
+]
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from run_helpers import specs
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan, spread
+from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
 from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
 
@@ -66,11 +66,6 @@ def test_variants(plan_of) -> None:
 def test_the_lot_does_not_depend_on_order() -> None:
     rows = specs()
     assert choose_variants(rows, "one-per-map") == choose_variants(rows[::-1], "one-per-map")
-
-
-def test_limit_below_one() -> None:
-    with pytest.raises(InputError, match="--limit 0"):
-        spread(specs(), ["yield"], 0)
 
 
 @pytest.mark.parametrize(

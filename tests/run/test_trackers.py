@@ -11,7 +11,7 @@ import pytest
 from run_helpers import Bench
 
 ROOT = Path(__file__).resolve().parents[2]
-RUN = (
+RUN = [
     "run",
     "--planner",
     "fake_planners:Good",
@@ -23,7 +23,7 @@ RUN = (
     "1",
     "--out",
     "out",
-)
+]
 TELL = """
 import json
 

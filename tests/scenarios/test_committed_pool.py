@@ -129,7 +129,3 @@ def test_stats_add_up_and_draw(pool: list[PoolRow], tmp_path: Path) -> None:
             assert sum(numbers[:-1]) == numbers[-1]
     draw_pool(pool[::40], tmp_path / "map.png")
     assert (tmp_path / "map.png").read_bytes()[:4] == b"\x89PNG"
-
-
-def test_stats_of_nothing() -> None:
-    assert all(table.rows[-1][1][-1] == 0 for table in count_tables([]))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.scenarios.table import read_table, write_table
 
 BASE = ScenarioSpec(
     "yield-j-1-v0", "yield", "priority", "2.4", None, "j-1", "junction", "T", "", 0, "test", 2**32 - 1, 7.75, 90.0,
@@ -58,11 +58,6 @@ def test_the_same_rows_are_the_same_bytes_in_any_order(tmp_path: Path) -> None:
     write_table(rows(10), one)
     write_table(reversed(rows(10)), two)
     assert one.read_bytes() == two.read_bytes()
-
-
-def test_where_tables_stand(tmp_path: Path) -> None:
-    assert table_path("test", tmp_path) == tmp_path / "test.parquet"
-    assert table_path("train").name == "train.parquet"
 
 
 def refuse(path: Path) -> str:
@@ -129,22 +124,6 @@ def test_an_empty_cell(tmp_path: Path) -> None:
     refuse(path)
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1 this is no table PAR1", b"id,split\n1,test\n"])
-def test_what_is_no_table(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "t.parquet"
-    path.write_bytes(content)
-    assert "not a readable Parquet table" in refuse(path)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.999])
-def test_a_truncated_table(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "t.parquet"
-    write_table(rows(10), path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(len(whole) * share)])
-    assert "not a readable Parquet table" in refuse(path)
-
-
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
 def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> None:
     path = tmp_path / "t.parquet"
@@ -159,12 +138,6 @@ def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> No
     except InputError as error:
         told = str(error)
     assert "\n" not in told
-
-
-def test_no_table(tmp_path: Path) -> None:
-    assert "no such table (tsbench data fetch --from DIR|URL train brings" in refuse(
-        tmp_path / "train.parquet"
-    )
 
 
 def pair(number: int) -> list[ScenarioSpec]:

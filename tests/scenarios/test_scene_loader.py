@@ -50,12 +50,6 @@ def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> No
     assert (scene.seed, scene.horizon) == (spec.seed, spec.horizon)
 
 
-def test_rows_of_one_map_share_its_network(made: tuple[Path, ScenarioSpec]) -> None:
-    root, spec = made
-    loader = SceneLoader(SceneFolder(root))
-    assert loader.load(spec)[1] is loader.load(replace(spec, scenario_id="two"))[1]
-
-
 def test_more_maps_than_are_kept(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     loader = SceneLoader(SceneFolder(root))

@@ -153,27 +153,31 @@ def test_a_damaged_plate_gives_one_line_with_file_and_place(key: str, text: str 
     assert "\n" not in str(caught.value)
 
 
-def test_an_angle_that_contradicts_the_heading_is_refused() -> None:
-    with pytest.raises(InputError, match="contradicts"):
-        signs_from_additional(broken("angle", "12.0"))
+def with_param(**attributes: str) -> etree._Element:
+    root = additional(plate())
+    etree.SubElement(root[0], "param", attributes)
+    return root
 
 
-def test_two_plates_of_one_id_are_refused() -> None:
-    with pytest.raises(InputError, match="twice"):
-        signs_from_additional(additional(plate(), plate()))
-
-
-def test_a_param_given_twice_or_without_key_is_refused() -> None:
-    for attributes in ({"key": "code", "value": "2.4"}, {"value": "2.4"}):
-        root = additional(plate())
-        etree.SubElement(root[0], "param", attributes)
-        with pytest.raises(InputError, match="a param has"):
-            signs_from_additional(root)
-
-
-def test_an_end_plate_of_nothing_is_refused() -> None:
-    with pytest.raises(InputError, match="not in the scene"):
-        signs_from_additional(additional(plate(role="end", ends="gone")))
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        (broken("angle", "12.0"), "contradicts"),
+        (additional(plate(), plate()), "twice"),
+        (with_param(key="code", value="2.4"), "a param has"),
+        (with_param(value="2.4"), "a param has"),
+        (additional(plate(role="end", ends="gone")), "not in the scene"),
+        (
+            additional(plate(code="2.4", value=None, params=GiveWayParams("a b", "c", ("d",)))),
+            "param 'approach' must be one name, not 'a b'",
+        ),
+        (additional(plate(code="3.1", value=None)), "param 'zone_edges': rule no_entry knows none"),
+        (additional(plate(code="9.9")), r"^scene: sign 'target': .*no sign '9\.9'"),
+    ],
+)
+def test_a_scene_that_contradicts_itself_is_refused(scene: etree._Element, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        signs_from_additional(scene, "scene")
 
 
 @pytest.mark.parametrize(
@@ -191,19 +195,6 @@ def test_params_that_a_rule_cannot_use_are_named(params: dict[str, str], said: s
     with pytest.raises(InputError) as refusal:
         signs_from_additional(root, "scene.add.xml")
     assert str(refusal.value) == f"scene.add.xml: sign 'target': {said}"
-
-
-def test_one_name_is_not_several_and_no_entry_knows_no_params() -> None:
-    root = additional(plate(code="2.4", value=None, params=GiveWayParams("a b", "c", ("d",))))
-    with pytest.raises(InputError, match="param 'approach' must be one name, not 'a b'"):
-        signs_from_additional(root)
-    with pytest.raises(InputError, match="param 'zone_edges': rule no_entry knows none"):
-        signs_from_additional(additional(plate(code="3.1", value=None)))
-
-
-def test_a_code_that_the_catalogue_has_not_is_named() -> None:
-    with pytest.raises(InputError, match=r"^scene: sign 'target': .*no sign '9\.9'"):
-        signs_from_additional(additional(plate(code="9.9")), "scene")
 
 
 def test_a_context_plate_without_params_binds_nobody() -> None:

@@ -58,12 +58,6 @@ def test_left_and_right_have_codes_of_their_own_or_a_note_that_tells_them_apart(
             assert (one.code, one.note) != (other.code, other.note), (country.code, right)
 
 
-def test_countries_are_no_part_of_what_is_judged(edited: Callable[[str, str, str], Path]) -> None:
-    root = edited("countries/de.yaml", 'code: "205"', 'code: "999"')
-    assert load_country("de", root).equivalents["2.4"].code == "999"
-    assert load_catalog(root).contract_entries(["2.4"]) == load_catalog().contract_entries(["2.4"])
-
-
 def test_a_caption_shows_the_country_s_code_in_latin_letters() -> None:
     assert shown_code("2.4", None) == "2.4"
     assert shown_code("2.4", load_country("de")) == "DE 205"

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.core.modules import import_all
+from tsbench.core.extras import import_all
 from tsbench.learn.finetune.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint
-from tsbench.report.drawing.zone import rule_zone
+from tsbench.report.drawing.scene_shapes import rule_zone
 from tsbench.rules.monitors import MONITORS
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path

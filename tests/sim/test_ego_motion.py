@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.core.errors import PlannerOutputError
-from tsbench.episode.command import to_command
 from tsbench.geometry.angles import wrap
-from tsbench.planners.base import Control, Trajectory
-from tsbench.roads.network import RoadNetwork
+from tsbench.planners.base import Trajectory
 from tsbench.sim.ego import Motion, advance, check_trajectory, pursue, track
 from tsbench.sim.world import DT_S, WHEELBASE_M
 
@@ -168,34 +166,3 @@ def test_bad_trajectories_are_refused_in_words(words: str) -> None:
         check_trajectory(times, poses)
     assert words in str(told.value)
     assert "\n" not in str(told.value)
-
-
-@pytest.mark.parametrize(
-    ("output", "words"),
-    [
-        (None, "NoneType"),
-        ((1.0, 0.0), "tuple"),
-        (Control(math.nan, 0.0), "acceleration nan"),
-        (Control(0.0, -math.inf), "steering -inf"),
-        (Control("fast", 0.0), "str"),
-        (Control(np.zeros(3), 0.0), "no number"),
-        (Control(1.0, 0.0, ["road"]), "intent is list"),
-        (Control(1.0, 0.0, ("road", "lane")), "edge 'lane'"),
-        (Trajectory([0.5], [[1, 0, 0]]), "a NumPy array of numbers"),
-        (Trajectory(np.array(["a"]), np.array([["1", "0", "0"]])), "a NumPy array of numbers"),
-        (Trajectory(np.array([0.5]), np.array([[1.0, 0.0, None]])), "a NumPy array of numbers"),
-    ],
-)
-def test_what_is_no_command_is_refused_in_words(road: RoadNetwork, output: object, words: str) -> None:
-    with pytest.raises(PlannerOutputError, match=r"^[^\n]*$") as told:
-        to_command(output, Motion(0, 0, 0, 1), road)
-    assert words in str(told.value)
-
-
-def test_good_commands_pass_as_they_are(road: RoadNetwork) -> None:
-    m = Motion(0, 0, 0, 5.0)
-    assert to_command(Control(1, 0.25), m, road) == ((1.0, 0.25), ())
-    assert to_command(Control(np.float32(1.5), True, ("road",)), m, road) == ((1.5, 1.0), ("road",))
-    straight = Trajectory(np.array([1.0, 2.0]), np.array([[5.0, 0, 0], [10.0, 0, 0]]))
-    (acceleration, steering), _ = to_command(straight, m, road)
-    assert (acceleration, steering) == (pytest.approx(0.0), 0.0)

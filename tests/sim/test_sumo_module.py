@@ -156,7 +156,6 @@ from pathlib import Path
 from simworld import SceneMaker, simulation
 from test_sumo_module import stream
 from tsbench.roads.network import read_network
-from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec
 net = Path(sys.argv[2])
 spec = eval(sys.argv[3], {"ScenarioSpec": ScenarioSpec})

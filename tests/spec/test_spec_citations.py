@@ -116,12 +116,3 @@ def test_every_link_of_the_pages_leads_somewhere() -> None:
 )
 def test_a_wrong_link_is_found(link: str, problem: list[str]) -> None:
     assert broken_links(SPEC / "README.md", link) == problem
-
-
-def test_each_page_says_what_is_in_force_and_the_index_names_it() -> None:
-    index = (SPEC / "README.md").read_text(encoding="utf-8")
-    for path in sorted(SPEC.glob("*.md")):
-        if path.name != "README.md":
-            beginning = "\n".join(path.read_text(encoding="utf-8").splitlines()[:4])
-            assert "edition 2026." in beginning, path.name
-            assert f"]({path.name})" in index

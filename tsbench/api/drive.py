@@ -11,11 +11,9 @@ from typing import Any
 
 from tsbench.api.evaluate import Given
 from tsbench.api.words import keywords
-from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.home import expanded_text
-from tsbench.core.paths import city_in_use, using_city
+from tsbench.core.paths import city_in_use, driving, expanded_text, using_city
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
@@ -128,7 +126,7 @@ class Drive:
         """The picture of the last tick, PNG (`tsbench.api.shown.Picture`)."""
         self._check_present()
         shown, paint, render = map(
-            load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.video.render")
+            load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.scene_pictures")
         )
         trace, over = process_episode().trace(), self._result is not None
         if self._result is not None:

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from tsbench.api.run import Run
-from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded_text
+from tsbench.core.paths import driving, expanded_text
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number

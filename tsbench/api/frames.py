@@ -11,10 +11,9 @@ import pyarrow as pa
 from tsbench.core.extras import load
 from tsbench.metrics.aggregate import Summary
 from tsbench.metrics.breakdown import Scores, StrictAndCompleted
-from tsbench.metrics.compare import Comparison
-from tsbench.metrics.episode import METRICS
+from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.paired import Difference
+from tsbench.metrics.paired_differences import Comparison, Difference
 from tsbench.scenarios.spec import pair_type
 
 if TYPE_CHECKING:

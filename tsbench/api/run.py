@@ -118,7 +118,7 @@ class Run:
 
         Raises InputError, unless forced, for different contracts or scenarios.
         """
-        from tsbench.report.tables.compare import match, side_of
+        from tsbench.report.tables.compare_runs import match, side_of
 
         for run, name, keyword in ((self, planner, "planner"), (other, other_planner, "other_planner")):
             if name is None and len(run.planners) != 1:

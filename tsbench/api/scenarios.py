@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from tsbench.api.words import keywords
-from tsbench.core.cities import driving
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.paths import dataset_file
+from tsbench.core.paths import dataset_file, driving
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.arguments import text, type_words
 from tsbench.run.plan import choose_types
@@ -48,7 +47,7 @@ class Scenario:
         return self._loaded[1].view.map
 
     def _repr_png_(self) -> bytes:
-        paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.video.render")
+        paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.scene_pictures")
         picture: bytes = paint.png_bytes(
             render.scene_picture(self.scene, self.scenario_id, map_id=self.row.map_id)
         )

@@ -14,8 +14,8 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
-from tsbench.report.page.report import episode_page
-from tsbench.report.video.render import moment
+from tsbench.report.page.report_page import episode_page
+from tsbench.report.scene_pictures import moment
 from tsbench.run.arguments import path_of
 from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun

@@ -40,7 +40,7 @@ def _command(name: str, line: str) -> None:
     @out("NAME.csv, NAME.tex, NAME.md and, where there is a figure, NAME.png and NAME.svg")
     @options.allow_partial
     def command(runs: tuple[Path, ...], out: Path, allow_partial: bool) -> None:
-        from tsbench.report.analyses.by_name import analyse_runs  # brings matplotlib and statistics
+        from tsbench.report.analyses.analyses_by_name import analyse_runs  # brings matplotlib and statistics
 
         show_analysis(analyse_runs(name, runs, allow_partial), out)
 

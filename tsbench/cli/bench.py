@@ -49,7 +49,7 @@ def bench(
     if networks:
         _networks(json_path)
         return
-    from tsbench.tools.bench import run_bench
+    from tsbench.tools.benches import run_bench
 
     console = Console()
     with console.status("choosing scenes") as status:
@@ -71,7 +71,7 @@ def bench(
 
 
 def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Path | None) -> None:
-    from tsbench.tools.bench_isolation import GOAL_US, PLANNERS, bench_isolation
+    from tsbench.tools.benches import GOAL_US, PLANNERS, bench_isolation
 
     found = bench_isolation(planners or PLANNERS, limit, rounds)
     rows = []
@@ -95,7 +95,7 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
 
 
 def _fresh(limit: int, rounds: int, json_path: Path | None) -> None:
-    from tsbench.tools.bench_fresh import GOAL_MS, bench_fresh
+    from tsbench.tools.benches import GOAL_MS, bench_fresh
 
     price = bench_fresh(limit, rounds)
     met = "met" if price.difference_ms <= GOAL_MS else "not met"
@@ -107,7 +107,7 @@ def _fresh(limit: int, rounds: int, json_path: Path | None) -> None:
 
 
 def _networks(json_path: Path | None) -> None:
-    from tsbench.tools.bench_networks import WHOLE, bench_networks, bench_whole
+    from tsbench.tools.benches import WHOLE, bench_networks, bench_whole
 
     found = list(bench_networks())
     rows = [(name, f"{alone:.2f}", f"{together:.2f}") for name, alone, together in found]

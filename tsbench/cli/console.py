@@ -20,7 +20,7 @@ from tsbench.core.text import written_out
 from tsbench.run.progress import LINE_EVERY_S
 
 if TYPE_CHECKING:
-    from tsbench.report.analyses.model import Analysis
+    from tsbench.report.analyses.analysis import Analysis
 
 _LOG_WIDTH = 160
 
@@ -90,8 +90,7 @@ def print_notes(notes: Iterable[str]) -> None:
 
 def show_analysis(analysis: Analysis, out: Path | None, *, printed: bool = True) -> None:
     """Print an analysis, write its files below a folder and name them."""
-    from tsbench.report.analyses.shown import print_analysis
-    from tsbench.report.analyses.writing import write_analysis
+    from tsbench.report.analyses.analysis import print_analysis, write_analysis
 
     if printed:
         print_analysis(analysis, table_console())

@@ -6,8 +6,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
-from tsbench.core.data_manifest import DataFile, DataSet, data_set, data_sets
-from tsbench.core.fetch import fetch_set
+from tsbench.core.fetch import DataFile, DataSet, data_set, data_sets, fetch_set
 from tsbench.core.paths import data_file, fetch_root
 
 

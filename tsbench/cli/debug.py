@@ -13,9 +13,9 @@ import click
 
 from tsbench.api.drive import Drive, row_of
 from tsbench.cli import EXIT_FAILED, options
-from tsbench.core.cities import check_driven
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.paths import check_driven
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of

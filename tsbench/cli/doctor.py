@@ -25,14 +25,13 @@ def doctor(arithmetic: bool, write: bool) -> None:
 
     A note is about what only some commands need.
     """
-    from tsbench.tools.doctor.examine import examine
-    from tsbench.tools.doctor.finding import Status
+    from tsbench.tools.diagnosis import Status, examine
 
     findings = examine()
     if write and not arithmetic:
         raise click.UsageError("--write goes with --arithmetic")
     if arithmetic:
-        from tsbench.tools.doctor.arithmetic import check_arithmetic, write_reference
+        from tsbench.tools.network_arithmetic import check_arithmetic, write_reference
 
         if write:
             for path in write_reference():

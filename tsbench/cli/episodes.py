@@ -22,8 +22,8 @@ from tsbench.report.episode_files import (
     make_one,
     make_selected,
 )
-from tsbench.report.video.render import FORMATS as PICTURES
-from tsbench.report.video.render import picture_kind
+from tsbench.report.scene_pictures import FORMATS as PICTURES
+from tsbench.report.scene_pictures import picture_kind
 from tsbench.signs.countries import Country
 
 _FAILURES_SHOWN = 20

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded, expanded_text
 from tsbench.core.machine import own_cores
-from tsbench.core.paths import CITY, OWN_CITY, using_city
+from tsbench.core.paths import CITY, OWN_CITY, expanded, expanded_text, using_city
 from tsbench.planners.common.batching import DEVICES
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
 from tsbench.signs.countries import Country, load_country
@@ -64,7 +63,7 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
-        from tsbench.core.cities import driven_city
+        from tsbench.core.paths import driven_city
 
         context.with_resource(using_city(driven_city(name)))
 

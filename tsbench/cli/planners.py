@@ -84,7 +84,7 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     # Not before it is needed: these bring SUMO with them.
     from tsbench.planners.check import Level, check_statically
     from tsbench.scenarios.table import read_table, splits_there, table_path
-    from tsbench.tools.check import check_driving, choose
+    from tsbench.tools.check_planner import check_driving, choose
 
     loaded = registry.resolve(planner)
     # Somebody's own data set may have no dev split.

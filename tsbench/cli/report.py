@@ -26,7 +26,7 @@ def report(
 
     Runs of one page must have one contract and one selection of scenarios.
     """
-    from tsbench.report.page.report import MEGABYTE, write_report  # brings matplotlib
+    from tsbench.report.page.report_page import MEGABYTE, write_report  # brings matplotlib
 
     with bars() as show:
         written = write_report(
@@ -52,7 +52,7 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 
     Every traced episode can be played: its trace is read when it is asked for.
     """
-    from tsbench.report.page.server import HOST, make_server, runs_below  # brings matplotlib
+    from tsbench.report.page.report_server import HOST, make_server, runs_below  # brings matplotlib
     from tsbench.run.log.read import is_run
 
     for run in runs:
@@ -85,7 +85,7 @@ def compare(
     A run with several planners is given as RUN:PLANNER. B-A is shown: more is better for B. Runs of different contracts
     or scenarios are refused unless forced.
     """
-    from tsbench.report.tables.compare import compare_runs, flips_csv, print_comparison
+    from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
 
     matched = compare_runs(run_a, run_b, force=force, allow_partial=allow_partial)
     print_comparison(matched, table_console(), flips)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
-from tsbench.core.cities import check_driven
+from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.executor import Limits
@@ -131,9 +131,8 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         # They bring statistics, late as the summary itself.
         from tsbench.core.files import io_errors_as_input_errors, write_atomic
+        from tsbench.report.analyses.analysis import print_analysis, to_markdown
         from tsbench.report.analyses.main_table import run_tables
-        from tsbench.report.analyses.shown import print_analysis
-        from tsbench.report.analyses.writing import to_markdown
         from tsbench.run.log.folder import TABLES_TEXT
 
         tables = run_tables(ended.summary)

@@ -116,7 +116,7 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 @options.caption_country
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
-    from tsbench.report.description import scene_facts
+    from tsbench.report.wording import scene_facts
     from tsbench.scenarios.scene_loader import load_scene
 
     spec = _find(scenario_id)
@@ -124,7 +124,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     facts = {**{key: str(value) for key, value in asdict(spec).items()}, **scene_facts(scene, country)}
     print_table(("field", "value"), facts.items(), title=scenario_id, left=2)
     if png is not None:
-        from tsbench.report.video.render import render_scene_png
+        from tsbench.report.scene_pictures import render_scene_png
 
         render_scene_png(scene, png, scenario_id, country, spec.map_id)
         click.echo(f"picture: {png}")
@@ -188,7 +188,7 @@ def stats(markdown: Path | None) -> None:
     from tsbench.dataset.scenes.axes import type_axes
     from tsbench.dataset.scenes.overview import build_report, type_stats
     from tsbench.dataset.scenes.tagging import tagging
-    from tsbench.report.tables.dataset import axes_table, dataset_page, dataset_tables, tagging_table
+    from tsbench.report.tables.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
 
     rows = options.rows_of(None)
     counted, quotas = dataset_tables(type_stats(rows), build_report())
@@ -209,7 +209,7 @@ def stats(markdown: Path | None) -> None:
 @options.workers
 def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -> None:
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
-    from tsbench.report.page.dataset import write_dataset_page  # brings pictures
+    from tsbench.report.page.dataset_page import write_dataset_page  # brings pictures
 
     rows = options.rows_of(split, types)
     with bars() as show:
@@ -233,7 +233,7 @@ def calibration(split: str | None, limit: int, out: Path) -> None:
     import numpy as np
 
     from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
-    from tsbench.report.analyses.calibration import calibration as compared
+    from tsbench.report.analyses.traffic_calibration import calibration as compared
     from tsbench.scenarios.certificates import certificates_path, read_certificates
     from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.sim.sumo import Simulation

@@ -67,7 +67,7 @@ def show_equivalents(country: Country | None, path: Path | None, out: Path | Non
         write_csv(load_catalog(), countries, path)
         click.echo(str(path))
     if out is not None:
-        from tsbench.report.analyses.countries import countries_analysis, country_analysis
+        from tsbench.report.tables.sign_pages import countries_analysis, country_analysis
 
         of_one = None if country is None else country_analysis(load_catalog(), country)
         show_analysis(of_one or countries_analysis(countries), out, printed=False)

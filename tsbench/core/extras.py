@@ -1,8 +1,11 @@
-"""Packages that not every installation has: the extras of pyproject.toml, by the modules that only they bring."""
+"""Modules by name: those of packages that only an extra of pyproject.toml brings, and all modules of a package."""
 
 from __future__ import annotations
 
 import importlib
+import pkgutil
+from collections.abc import Mapping
+from importlib import import_module
 from types import ModuleType
 
 from tsbench.core.errors import InputError
@@ -56,3 +59,12 @@ def load(module: str) -> ModuleType:
         return importlib.import_module(module)
     except ModuleNotFoundError as problem:
         raise missing_extra(problem) or problem from None
+
+
+def import_all(package: str) -> Mapping[str, ModuleType]:
+    """The modules of a package, by their names in it, sorted.
+
+    Where the package is written out in the call, all of them belong to what its file depends on (`core.provenance`).
+    """
+    folder = import_module(package).__path__
+    return {one.name: import_module(f"{package}.{one.name}") for one in pkgutil.iter_modules(folder)}

@@ -34,7 +34,7 @@ class CachedResult:
     stamp: str
 
     def read(self) -> Any:
-        """The result; None where there is none, or one that was made from something else."""
+        """The result; None if it is missing or was made from something else."""
         if not self.path.is_file():
             return None
         kept = json.loads(self.path.read_text(encoding="utf-8"))

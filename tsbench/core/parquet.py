@@ -143,3 +143,12 @@ def save_table(table: pa.Table, path: Path, encodings: Mapping[str, str] | None 
         options = {"use_dictionary": flat, "column_encoding": dict(encodings)}
     with replacing(path) as part:
         pq.write_table(table, part, compression="zstd", compression_level=9, **options)
+
+
+GROUND_FILE = "ground.parquet"
+# From the lowest to the highest in a picture.
+GROUND_KINDS = ("green", "water", "building")
+# shape: polygons as WKB, m in the frame of the map's network, not mirrored.
+GROUND_SCHEMA = pa.schema(
+    [*columns(pa.string(), "map_id", "kind"), *columns(pa.binary(), "shape")], metadata={VERSION_KEY: "1"}
+)

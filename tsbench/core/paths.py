@@ -7,6 +7,7 @@ needs), and a folder of the user, of this version, for what `tsbench data fetch`
 
 One city's data set is in use: the benchmark's own, in the folders just named, or one that was built here, which
 TSBENCH_CITY (`--city`) names and which stands in folders of the same names below `cities/data/<city>`.
+A user names a city; `driven_city` is the data set that is driven for it: of one with traffic on the left, its mirror.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ import platformdirs
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
+from tsbench.core.textfile import read_yaml
 
 CITY, OWN_CITY = "TSBENCH_CITY", "moscow"
-# Those whose data sets are released (`core.data_manifest`): their contracts are, too.
+# Those whose data sets are released (`core.fetch`): their contracts are, too.
 SHIPPED_CITIES = ("andorra", "north-bayreuth")
 # Before a city's name: its data set in a mirror, made of the stored one as it is read, with traffic on the left.
 MIRRORED = "mirrored-"
@@ -123,7 +124,7 @@ def _dataset() -> str:
 
 
 def fetch_hint(part: str) -> str:
-    """The words that say how to get a set of the data (`core.data_manifest`) that is not here."""
+    """The words that say how to get a set of the data (`core.fetch`) that is not here."""
     city = source_city()
     if city in SHIPPED_CITIES:
         part = city
@@ -164,3 +165,61 @@ def _data_package() -> tuple[Path, ...]:
         )
     spec = find_spec("tsbench_data")
     return tuple(Path(folder) for folder in (spec.submodule_search_locations or ())) if spec else ()
+
+
+# What may stand before the file of a planner's specification: an executable of its own.
+_BEFORE = ("exe:",)
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with `~` and `~name` at its beginning as the home folder; as it is for a name that nobody has."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111  (Path.expanduser raises for a name that nobody has)
+
+
+def expanded_text(text: str) -> str:
+    """The same of words that may begin with a path, such as `~/mine.py:Planner` and `exe:~/mine`."""
+    before = next((prefix for prefix in _BEFORE if text.startswith(prefix)), "")
+    return before + os.path.expanduser(text.removeprefix(before))  # noqa: PTH111
+
+
+# Placements, experts and certificates know the right side only. What keeps to the left is built in a mirror, and driven
+# in the mirror of that.
+RIGHT, LEFT = "right", "left"
+
+
+def cities_folder() -> Path:
+    """Where cities are described, one file each."""
+    return data_file("cities")
+
+
+def driven_as(name: str, side: str) -> str:
+    """The data set that is driven for a city whose traffic keeps to `side`."""
+    return MIRRORED + name if side == LEFT else name
+
+
+def driven_city(name: str) -> str:
+    """The data set that is driven where a user names a city; a name that nobody describes stays as it is."""
+    with using_city(name):
+        path = cities_folder() / f"{name}.yaml"
+        described = read_yaml(path, "a city") if path.is_file() else None
+    side = described.get("side", RIGHT) if isinstance(described, dict) else RIGHT
+    return driven_as(name, side)
+
+
+def check_driven() -> None:
+    """Is the data set in use one whose roads are as they are? Raises InputError for what only stores another."""
+    if driven_city(city_in_use()) != city_in_use():
+        raise InputError(
+            f"TSBENCH_CITY {city_in_use()}: is stored in a mirror; name {driven_city(city_in_use())}, or use --city"
+        )
+
+
+@contextmanager
+def driving(city: str | None) -> Iterator[None]:
+    """Within it the data set is in use that is driven for a city; None: the one that is in use already.
+
+    Raises InputError for a data set that only stores the mirror of another.
+    """
+    with using_city(city_in_use() if city is None else driven_city(city)):
+        check_driven()
+        yield

@@ -1,7 +1,7 @@
 """What made this: which code, data and versions something depends on.
 
 Code is a *closure*: the files that running a module can import, directly or not, read from their text, so nothing is
-imported. An import inside a function counts, and so do all modules of a package that `core.modules.import_all` names;
+imported. An import inside a function counts, and so do all modules of a package that `core.extras.import_all` names;
 an import under TYPE_CHECKING does not. Every package on the way counts with its `__init__`, and so does a data file
 that a string of the code names. Installed packages are not followed: their versions are asked for. tsbench is followed
 only from its own modules: elsewhere its scoring number speaks for it (`run.contract`). Each file counts by its bytes.
@@ -147,7 +147,7 @@ class _Search:
                 todo += self._files_of(_absolute(module, level, name))
 
     def _data(self, text: str, path: Path, name: str) -> Path | None:
-        """The data file that a string in a module names, None where there is none."""
+        """The data file that a string in a module names; None if it names no file."""
         # tsbench's own data is looked up as data; what a planner loads may be named from where a run began.
         named = data_file(text) if name.startswith(f"{_OURS}/") else Path.cwd() / text
         for candidate in (path.parent / text, named):

@@ -12,11 +12,10 @@ from typing import Any
 import yaml
 
 from tsbench.core.benchmark import MAPS
-from tsbench.core.cities import LEFT, RIGHT, cities_folder, driven_as
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import MIRRORED, city_in_use, using_city
+from tsbench.core.paths import LEFT, MIRRORED, RIGHT, cities_folder, city_in_use, driven_as, using_city
 from tsbench.core.textfile import read_yaml
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame

@@ -17,8 +17,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY, dataset_root
-from tsbench.core.plain import dataclass_from_json
-from tsbench.core.textfile import read_json
+from tsbench.core.textfile import dataclass_from_json, read_json
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import Progress, TypeReport
 from tsbench.dataset.scenes.city_build import build_city

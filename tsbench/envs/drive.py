@@ -15,11 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from tsbench.core.cities import check_driven, driven_city
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.core.home import expanded_text
-from tsbench.core.paths import city_in_use, using_city
-from tsbench.core.plain import dataclass_from_json
+from tsbench.core.paths import check_driven, city_in_use, driven_city, expanded_text, using_city
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
@@ -27,8 +25,7 @@ from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.episode.result import EpisodeResult
-from tsbench.metrics.episode import is_scd
-from tsbench.metrics.progress import route_completion
+from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.run.arguments import switch, text, type_words, whole_number

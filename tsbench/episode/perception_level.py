@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
-from tsbench.core.textfile import read_yaml
+from tsbench.core.textfile import dataclass_from_json, read_yaml
 
 EXACT = "exact"
 PATH = Path(__file__).with_name("perception.yaml")

@@ -22,8 +22,8 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, check_size
-from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import one_line
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against

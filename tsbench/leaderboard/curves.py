@@ -9,8 +9,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
 from tsbench.leaderboard.submission import Figure
-from tsbench.report.page.svg import inline_svg
-from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK
+from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, inline_svg
 from tsbench.report.tables.forest import ForestRow, Mark, draw_rows
 
 # Inches of 72 points, which are 96 px: 340 px.

@@ -20,9 +20,9 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
 from tsbench.leaderboard.rows import BoardRow
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode_of
-from tsbench.report.page.episode import EpisodePacker
-from tsbench.report.page.packing import pack_table
-from tsbench.report.page.report import Embedded
+from tsbench.report.page.episode_player import EpisodePacker
+from tsbench.report.page.page_format import pack_table
+from tsbench.report.page.report_page import Embedded
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog

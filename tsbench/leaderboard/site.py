@@ -18,9 +18,9 @@ from tsbench.leaderboard import curves
 from tsbench.leaderboard.players import show_failures
 from tsbench.leaderboard.rows import PAGE, BoardRow, latest, read_rows
 from tsbench.leaderboard.submission import Figure, Submission
-from tsbench.metrics.records import PAIRED, PARTS, SIGNED_ONES
-from tsbench.report.page.report import PLAYER_SCRIPTS
-from tsbench.report.page.shell import render_page
+from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
+from tsbench.report.page.page_format import render_page
+from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.signs.catalog import load_catalog
 
 _INDEX = "index.html"

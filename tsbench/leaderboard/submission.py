@@ -20,13 +20,12 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.paths import is_city_name
-from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import fault_in_name, fault_in_texts
-from tsbench.core.textfile import read_json, read_yaml
+from tsbench.core.textfile import dataclass_from_json, read_json, read_yaml
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
-from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.metrics.episode_metrics import EPISODE_METRICS, SCD
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.log.record import Row, head_row
 from tsbench.run.log.schema import EPISODES

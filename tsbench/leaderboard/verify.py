@@ -13,10 +13,9 @@ from typing import Any
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
 from tsbench.core.seeds import rng_of
 from tsbench.core.text import one_line
-from tsbench.core.textfile import read_json
+from tsbench.core.textfile import dataclass_from_json, read_json
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, fault_of_lines, figures_of
 from tsbench.run import arithmetic

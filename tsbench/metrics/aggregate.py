@@ -2,8 +2,8 @@
 
 Source: docs/spec/metrics.md, "Aggregation".
 Two readings always go together: *strict* (error outcomes count as failures, every asked scenario is in the
-denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair of which one
-half has no record is in no figure of pairs.
+denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair with
+a missing half is in no figure of pairs.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
-from tsbench.metrics.episode import METRICS, Metric
+from tsbench.metrics.episode_metrics import METRICS, Metric
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.records import Records, split_records
+from tsbench.metrics.scd_records import Records, split_records
 from tsbench.signs.catalog import load_catalog
 
 SUMMARY_SCHEMA = 4

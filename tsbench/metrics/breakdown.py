@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.episode import METRICS, SCD, Metric
-from tsbench.metrics.records import PARTS, Records
+from tsbench.metrics.episode_metrics import METRICS, SCD, Metric
+from tsbench.metrics.scd_records import PARTS, Records
 
 STRICT, COMPLETED = "strict", "completed"
 

@@ -120,7 +120,7 @@ def _effective(total: Array, count: Array, weights: Array) -> tuple[float, float
     shares = total.sum(axis=0) / n
     # At most 1, which the sum of weights may miss by a rounding.
     value = min(float(weights @ shares), 1.0) if (shares < 1.0).any() else 1.0
-    # A part of which all or none passed is not known to be so; where all parts are, they count alike.
+    # A part with all or no passes may vary all the same; where all parts are like that, they count alike.
     smoothed = (total.sum(axis=0) + _PRIOR_EPISODES * value) / (n + _PRIOR_EPISODES)
     known = 0.0 < value < 1.0
     spread = smoothed * (1.0 - smoothed) if known else np.ones(len(n))

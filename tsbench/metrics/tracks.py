@@ -1,6 +1,6 @@
-"""An episode's snapshots as flat arrays, so that every metric is a few operations over the whole of it.
+"""An episode as flat arrays: whole (`Tracks`, for metrics), and by road user (`Track`, for pages and exports).
 
-Units: m, s, m/s, rad. Made once per episode, after it has ended.
+Units: m, s, m/s, rad. Metrics are a few operations over all of an episode, made once after it has ended.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from operator import attrgetter
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.episode.trace import Trace
 from tsbench.geometry.polyline import Array
-from tsbench.sim.world import WorldSnapshot
+from tsbench.sim.world import ActorKind, WorldSnapshot
 
 _EGO = attrgetter("x", "y", "heading", "speed", "acceleration", "yaw_rate", "lane")
 
@@ -73,3 +74,47 @@ def tracks_of(snapshots: list[WorldSnapshot]) -> Tracks:
         width=table.width[row],
         kind=table.kind[row],
     )
+
+
+@dataclass(frozen=True)
+class Track:
+    """A road user over consecutive ticks.
+
+    index: in the trace's table, -1 for the ego; first: tick of the first row; rows: (n, 4) x, y (m), heading, speed
+    (m/s).
+    """
+
+    index: int
+    name: str
+    kind: ActorKind
+    length: float
+    width: float
+    first: int
+    rows: Array
+
+
+def actor_tracks(trace: Trace) -> list[Track]:
+    """All other road users, by name and time; who leaves the ego's surroundings and comes back has several tracks."""
+    snapshots = trace.snapshots
+    table = snapshots[-1].actors.table
+    tick = np.repeat(np.arange(len(snapshots)), [len(s.actors) for s in snapshots])
+    user = np.concatenate([s.actors.index for s in snapshots]).astype(np.int64)
+    rows = np.concatenate([np.column_stack((s.actors.pose, s.actors.speed)) for s in snapshots])
+    # Users by name, each in the order of time.
+    rank = np.argsort(np.argsort(np.array(table.ids)))
+    order = np.lexsort((tick, rank[user]))
+    tick, user, rows = tick[order], user[order], rows[order]
+    breaks = np.flatnonzero((np.diff(user) != 0) | (np.diff(tick) != 1)) + 1
+    return [
+        Track(
+            int(user[part[0]]), table.ids[user[part[0]]], ActorKind(int(table.kind[user[part[0]]])),
+            float(table.length[user[part[0]]]), float(table.width[user[part[0]]]), int(tick[part[0]]), rows[part],
+        )
+        for part in np.split(np.arange(len(tick)), breaks)
+        if len(part)
+    ]  # fmt: skip
+
+
+def ego_rows(trace: Trace) -> Array:
+    """(ticks, 4): the ego's x, y (m), heading (rad), speed (m/s)."""
+    return np.array([(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in trace.snapshots])

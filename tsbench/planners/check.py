@@ -1,4 +1,4 @@
-"""What can be said of a planner without driving it, in plain words. Its driving is checked in `tsbench.tools.check`."""
+"""Findings about a planner that need no driving, in plain words. `tsbench.tools.check_planner` checks its driving."""
 
 from __future__ import annotations
 

@@ -191,8 +191,8 @@ def make_selected(
 
 # By format: where its writer is, and its files' suffix.
 WRITERS = {
-    "commonroad": ("tsbench.report.export.commonroad:write_commonroad", ".xml"),
-    "mcap": ("tsbench.report.export.recording:write_recording", ".mcap"),
+    "commonroad": ("tsbench.report.export.commonroad_file:write_commonroad", ".xml"),
+    "mcap": ("tsbench.report.export.mcap_recording:write_recording", ".mcap"),
 }
 FORMATS = tuple(WRITERS)
 

@@ -14,11 +14,10 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.source import SourceNetwork, load_source
 from tsbench.geometry.overlap import strip
-from tsbench.report.drawing.camera import Image, camera_over
+from tsbench.report.drawing.canvas import STYLE, Image, camera_over
 from tsbench.report.drawing.paint import paint, save_png, sheet
-from tsbench.report.drawing.roads import mark_shapes, road_shapes
+from tsbench.report.drawing.road_shapes import mark_shapes, road_shapes
 from tsbench.report.drawing.shapes import Area
-from tsbench.report.drawing.style import STYLE
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 

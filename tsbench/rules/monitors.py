@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from tsbench.core.modules import import_all
+from tsbench.core.extras import import_all
 from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.rules.needless_detour import NeedlessDetour
 from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield

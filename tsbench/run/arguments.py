@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
+from tsbench.core.paths import expanded
 
 
 def whole_number(name: str, value: object, least: int = 1, unit: str = "") -> int:

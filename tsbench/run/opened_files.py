@@ -22,8 +22,7 @@ import platformdirs
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.core.home import expanded
-from tsbench.core.paths import roots
+from tsbench.core.paths import expanded, roots
 from tsbench.core.text import one_line
 
 _PACKAGE = Path(tsbench.__file__).resolve().parent

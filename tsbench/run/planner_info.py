@@ -14,8 +14,8 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.core.home import expanded
 from tsbench.core.machine import adopt_orphans
+from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES, is_served

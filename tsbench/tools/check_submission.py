@@ -27,7 +27,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
-from tsbench.tools.check import choose, of_results
+from tsbench.tools.check_planner import choose, of_results
 
 # Files named in a line.
 _SHOWN = 5

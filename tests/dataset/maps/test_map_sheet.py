@@ -9,8 +9,8 @@ import pytest
 from test_crop import rows_of
 
 from tsbench.dataset.maps.source import SourceNetwork
+from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.paint import save_png
-from tsbench.report.drawing.style import STYLE
 from tsbench.report.map_sheet import map_sheet
 
 

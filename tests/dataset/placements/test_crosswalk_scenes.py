@@ -6,6 +6,7 @@ import hashlib
 import math
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -29,17 +30,18 @@ from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
+from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
-from tsbench.report.drawing.scene import staged_bodies
-from tsbench.report.drawing.style import STYLE
-from tsbench.report.video.render import scene_picture
+from tsbench.report.drawing.canvas import STYLE
+from tsbench.report.drawing.scene_shapes import staged_bodies
+from tsbench.report.scene_pictures import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import CONTRAST, SIGNED
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import CrosswalkParams
@@ -212,52 +214,64 @@ def test_what_cannot_carry_it() -> None:
         placement.prepare(row, broad, recipe())
 
 
-def build(name: str, root: Path, monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]) -> MapScenarios:
+def build(name: str, root: Path) -> MapScenarios:
+    """The site of a road, with three of its variants."""
     row, crop = road(name)
 
     def some(kind: str, map_id: str) -> tuple[Variant, ...]:
-        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
+        return tuple(v for v in variants_of(kind, map_id) if v.number in {0, 1, 2})
 
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
-    monkeypatch.setattr(site_module, "variants_of", some)
-    return SiteBuilder(recipe(), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(site_module, "plain_crop", lambda *_: crop)
+        patch.setattr(site_module, "variants_of", some)
+        return SiteBuilder(recipe(), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+
+
+SiteOf = Callable[[str], tuple[MapScenarios, Path]]
+
+
+@pytest.fixture(scope="module")
+def site_of(tmp_path_factory: pytest.TempPathFactory) -> SiteOf:
+    """A road's site and its folder, built once."""
+
+    @cache
+    def site(name: str) -> tuple[MapScenarios, Path]:
+        root = tmp_path_factory.mktemp(name)
+        return build(name, root), root
+
+    return site
+
+
+def driven(
+    row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None
+) -> EpisodeResult:
+    loader = SceneLoader(SceneFolder(root))
+    return EpisodeRunner(resolve(planner), simulation=sim or simulation(), loader=loader).run(row)
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_a_site_is_sound_and_tells_who_yields(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    site = build(name, tmp_path, monkeypatch, (0, 1, 2))
+def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_path: Path) -> None:
+    site, root = site_of(name)
     assert site.reason == ""
-    loader = SceneLoader(SceneFolder(tmp_path))
+    loader = SceneLoader(SceneFolder(root))
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         assert scene.walkers is not None
-        results = {}
-        for planner in ("idm", "idm-e"):
-            runner = EpisodeRunner(
-                resolve(planner), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
-            )
-            results[planner] = runner.run(row)
-        for result in results.values():
+        for planner, obeys in (("idm", row.half == CONTRAST), ("idm-e", True)):
+            result = driven(row, root, planner)
             assert result.error == ""
             assert result.facts is not None
             assert result.facts.target.engaged
-        assert results["idm"].facts is not None
-        assert results["idm-e"].facts is not None
-        assert is_scd(results["idm"].facts) == (row.half == CONTRAST)
-        assert is_scd(results["idm-e"].facts)
-    again = build(name, tmp_path / "again", monkeypatch, (0, 1, 2))
-    assert again == site
+            assert is_scd(result.facts) == obeys
+    assert build(name, tmp_path) == site
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    signed, contrast = build(name, tmp_path, monkeypatch, (0,)).rows
-    loader = SceneLoader(SceneFolder(tmp_path))
+def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str, site_of: SiteOf) -> None:
+    site, root = site_of(name)
+    signed, contrast = site.rows[:2]
+    loader = SceneLoader(SceneFolder(root))
     (a, _), (b, _) = loader.load(signed), loader.load(contrast)
     assert (a.target_sign.code, b.target_sign.code) == ("5.19", "3.24")
     assert b.target_sign.posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
@@ -274,14 +288,10 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(
         assert proof.brake_mps2 > MAX_DECEL_MPS2
 
 
-def test_people_of_a_contrast_half_stand_until_the_ego_is_past(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for row in build("two_way", tmp_path, monkeypatch, (0,)).rows:
-        runner = EpisodeRunner(
-            resolve("idm"), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path))
-        )
-        facts = runner.run(row).facts
+def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) -> None:
+    site, root = site_of("two_way")
+    for row in site.rows[:2]:
+        facts = driven(row, root).facts
         assert facts is not None
         come_up = recipe().number("come_up_s")
         (crossing,) = facts.scene.network.crossings.values()
@@ -302,15 +312,15 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(
     )
 
 
-def test_pictures_show_the_zebra_and_the_people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    row = build("two_way", tmp_path, monkeypatch, (0,)).rows[0]
-    scene, _ = SceneLoader(SceneFolder(tmp_path)).load(row)
+def test_pictures_show_the_zebra_and_the_people(site_of: SiteOf) -> None:
+    site, root = site_of("two_way")
+    row = site.rows[0]
+    scene, _ = SceneLoader(SceneFolder(root)).load(row)
     assert scene.walkers is not None
     walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
     assert set(walkers) == set(scene.walkers.persons)
     # Where the first tick of an episode sees them.
-    runner = EpisodeRunner(resolve("idm"), simulation=simulation(), loader=SceneLoader(SceneFolder(tmp_path)))
-    facts = runner.run(row).facts
+    facts = driven(row, root).facts
     assert facts is not None
     first = facts.snapshots[0].actors
     seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
@@ -336,10 +346,9 @@ print(digest(eval(sys.argv[4]), Path(sys.argv[3]), Simulation()))
 """
 
 
-def digest(row: object, root: Path, sim: Simulation) -> str:
+def digest(row: ScenarioSpec, root: Path, sim: Simulation) -> str:
     """What `idm-e` and everybody around it did, to the last bit."""
-    runner = EpisodeRunner(resolve("idm-e"), simulation=sim, loader=SceneLoader(SceneFolder(root)))
-    facts = runner.run(row).facts  # type: ignore[arg-type]
+    facts = driven(row, root, "idm-e", sim).facts
     assert facts is not None
     found = hashlib.sha256()
     people = 0
@@ -350,14 +359,13 @@ def digest(row: object, root: Path, sim: Simulation) -> str:
     return found.hexdigest()
 
 
-def test_an_episode_with_people_is_the_same_in_two_processes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    row = build("two_way", tmp_path, monkeypatch, (1,)).rows[0]
-    here = [digest(row, tmp_path, simulation()) for _ in range(2)]
+def test_an_episode_with_people_is_the_same_in_two_processes(site_of: SiteOf) -> None:
+    site, root = site_of("two_way")
+    row = site.rows[2]
+    here = [digest(row, root, simulation()) for _ in range(2)]
     paths = [str(p) for p in (Path(__file__).parent, Path(__file__).parents[2] / "helpers")]
     child = subprocess.run(
-        [sys.executable, "-c", CHILD, *paths, str(tmp_path), repr(row)],
+        [sys.executable, "-c", CHILD, *paths, str(root), repr(row)],
         capture_output=True, text=True, check=True, timeout=HANG_S,
         env={"PYTHONHASHSEED": "77", "PATH": "/usr/bin:/bin"},
     )  # fmt: skip

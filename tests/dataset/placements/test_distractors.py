@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,23 @@ MAPS = {
 }
 
 
-def scenes_of(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scene]:
-    """The scenes of a map's ten variants, signed and contrast in turn."""
+ScenesOf = Callable[[str, tuple[PoolRow, PlainNet]], list[Scene]]
+
+
+@pytest.fixture(scope="module")
+def scenes_of(tmp_path_factory: pytest.TempPathFactory) -> ScenesOf:
+    """The scenes of a map's ten variants, signed and contrast in turn; each site is built once."""
+    built: dict[tuple[str, PoolRow], list[Scene]] = {}
+
+    def scenes(type_id: str, made: tuple[PoolRow, PlainNet]) -> list[Scene]:
+        if (type_id, made[0]) not in built:
+            built[type_id, made[0]] = build(type_id, made, tmp_path_factory.mktemp(type_id))
+        return built[type_id, made[0]]
+
+    return scenes
+
+
+def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scene]:
     row, crop = made
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
@@ -78,9 +94,9 @@ def behind(scene: Scene) -> list[SignInstance]:
 
 
 @pytest.mark.parametrize("type_id", MAPS)
-def test_both_halves_have_the_same_plates(type_id: str, tmp_path: Path) -> None:
+def test_both_halves_have_the_same_plates(type_id: str, scenes_of: ScenesOf) -> None:
     """On the same posts, in another order, so that only who relates a plate to its place can tell the halves apart."""
-    scenes = scenes_of(type_id, MAPS[type_id], tmp_path)
+    scenes = scenes_of(type_id, MAPS[type_id])
     for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
         assert plates(signed) == plates(contrast)
         assert posts(signed) == posts(contrast)
@@ -98,9 +114,9 @@ def test_both_halves_have_the_same_plates(type_id: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("ways", ["two", "one"])
 @pytest.mark.parametrize("type_id", ["speed_limit", "zone_speed_limit", "residential_zone"])
-def test_no_end_in_sight_tells_which_limit_binds(type_id: str, ways: str, tmp_path: Path) -> None:
+def test_no_end_in_sight_tells_which_limit_binds(type_id: str, ways: str, scenes_of: ScenesOf) -> None:
     """Wherever the ego is before the plate, the same plates are in sight in both halves."""
-    scenes = scenes_of(type_id, two_way() if ways == "two" else ONE_WAY, tmp_path)
+    scenes = scenes_of(type_id, two_way() if ways == "two" else ONE_WAY)
     for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
         line = signed.network.lane(signed.start.lane).line
         places = [line.point_at(s) for s in np.arange(signed.start.s, line.length, 0.5).tolist()]
@@ -114,19 +130,19 @@ def in_sight(scene: Scene, at: tuple[float, float]) -> list[tuple[str, float]]:
     return sorted((s.code, s.value or 0.0) for s in scene.signs if math.dist(at, (s.x, s.y)) <= SIGN_RANGE_M)
 
 
-def test_where_there_is_no_room_the_plates_differ(tmp_path: Path) -> None:
+def test_where_there_is_no_room_the_plates_differ(scenes_of: ScenesOf) -> None:
     """On a one-way road nothing can face the other direction, and a least speed that is passed would hold on."""
-    scenes = scenes_of("min_speed", ONE_WAY, tmp_path)
+    scenes = scenes_of("min_speed", ONE_WAY)
     for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
         assert plates(signed) != plates(contrast)
         assert posts(signed) == posts(contrast)
 
 
 @pytest.mark.parametrize("type_id", ["bus_lane", "detour_either", "zone_speed_limit"])
-def test_what_the_ego_has_passed_is_over(type_id: str, tmp_path: Path) -> None:
+def test_what_the_ego_has_passed_is_over(type_id: str, scenes_of: ScenesOf) -> None:
     """Behind a start on a one-way road stand limits with their ends, and plates of obstacles; nothing else."""
     catalog, found = load_catalog(), 0
-    for scene in scenes_of(type_id, LONG, tmp_path):
+    for scene in scenes_of(type_id, LONG):
         passed = behind(scene)
         found += len(passed)
         for k, sign in enumerate(passed):

@@ -17,7 +17,7 @@ from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.registry import LoadedPlanner

@@ -24,7 +24,7 @@ from tsbench.dataset.scenes.calibration import (
 )
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.dataset.scenes.variants import DENSITIES, INITIAL_SPEEDS_MPS
-from tsbench.report.analyses.calibration import calibration
+from tsbench.report.analyses.traffic_calibration import calibration
 from tsbench.report.tables.charts import save_chart
 from tsbench.roads.destination import Destination
 from tsbench.scenarios.scene_loader import SceneLoader

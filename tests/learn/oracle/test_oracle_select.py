@@ -11,19 +11,70 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from oracle_helpers import PLANNERS, collection, line
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.learn.imitation.recipe import kept_for_validation
-from tsbench.learn.oracle.runner import pack, unpack
+from tsbench.learn.oracle.runner import FIGURES, pack, unpack
 from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select
 from tsbench.learn.oracle.stats import stats
-from tsbench.learn.oracle.store import basis, read_tries
+from tsbench.learn.oracle.store import KIND, Collection, basis, read_tries
 from tsbench.learn.oracle.trajectories import read_trajectories
-from tsbench.report.analyses.writing import to_csv, write_analysis
-from tsbench.run.log.record import Record, error_row
+from tsbench.report.analyses.analysis import to_csv, write_analysis
+from tsbench.run.log.manifest import new_manifest
+from tsbench.run.log.record import Record, Row, error_row
+from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
+
+PLANNERS = [
+    PlannerInfo("idm-e", "idm-e", True, True, (), None, "c"),
+    PlannerInfo("idm-s4-e", "idm-s4-e", True, True, (), None, "c"),
+    PlannerInfo("net-e", "net-e", True, True, (), "w", "c"),
+]
+
+
+def collection(
+    folder: Path, table: list[ScenarioSpec], planners: list[PlannerInfo] = PLANNERS, redrive: bool = False
+) -> Collection:
+    effective = {"collection": KIND, "split": "train", "tries": 4}
+    manifest = new_manifest(basis(), {}, effective, planners)
+    return Collection(folder, manifest, table, planners, redrive)
+
+
+def line(planner: str, spec: ScenarioSpec, *steps: int, comfort: float = 0.5) -> Record:
+    """Tries of an expert on a scenario; the last one succeeded, unless it took 0 steps."""
+    tries: list[Row] = []
+    for number, count in enumerate(steps):
+        last = number == len(steps) - 1 and count > 0
+        figures: Row = dict.fromkeys(FIGURES) | {"compliant": last, "engaged": True, "mean_speed": 5.0}
+        figures |= {"steps": count, "comfort": comfort, "ego": f"{count:016x}", "others": f"{number:016x}"}
+        outcome = "arrived" if last else "timeout"
+        tries.append({"attempt": number, "outcome": outcome, "error": None, "scd": last, **figures})
+    done = tries[-1]["scd"]
+    row = {
+        "planner": planner, "scenario_id": spec.scenario_id, "outcome": tries[-1]["outcome"], "error": None,
+        "scd": done, "tries": tries,
+        "commands": pack(np.full((steps[-1], 2), len(planner), dtype=np.int16)) if done else None,
+        "intents": [[3, ["a", "b"]], [7, []]] if done else None,
+    }  # fmt: skip
+    return Record(row, [], {}, "")
+
+
+@pytest.fixture
+def full(tmp_path: Path, rows: list[ScenarioSpec]) -> Path:
+    """A collection `c` of three scenarios: two experts of the IDM kind and a network; the network's own; nobody's."""
+    table = rows[:3]
+    with closing(collection(tmp_path / "c", table)) as made:
+        for record in (
+            line("net-e", table[0], 100, comfort=0.9), line("idm-e", table[0], 120, comfort=0.9),
+            line("idm-s4-e", table[0], 0, 90, comfort=0.8), line("net-e", table[1], 200), line("idm-e", table[1], 0),
+            line("idm-s4-e", table[1], 0, 0), line("idm-e", table[2], 0), line("idm-s4-e", table[2], 0, 0),
+            line("net-e", table[2], 0),
+        ):  # fmt: skip
+            made.keep(record)
+        made.end(complete=True)
+    return tmp_path
+
 
 shares = st.floats(0.0, 1.0)
 candidates = st.lists(

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from planner_loop import KMH, Body, World, constant, front_of, ids, load, target_plate, verdict
+from planner_loop import (
+    KMH,
+    Body,
+    World,
+    car,
+    constant,
+    front_of,
+    load,
+    target_plate,
+    to_line,
+    touched,
+    verdict,
+)
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
@@ -28,34 +39,6 @@ def junction(network: RoadNetwork, target: str, bodies: list[Body], speed: float
     return World(
         network, "sc_0", lane - 62.0, speed, Destination(target, 60.0), bodies=bodies, target=YIELD
     )  # fmt: skip
-
-
-def front_to_line(world: World, k: int) -> float:
-    ego = world.states[k]
-    line = world.network.lane("sc_0").line
-    s, _ = line.project(ego.x, ego.y)
-    return line.length - s - EGO_LENGTH_M / 2
-
-
-def crossing(world: World) -> int:
-    """The tick at which the front was over the line."""
-    return next(k for k in range(len(world.states)) if front_to_line(world, k) < 0.0)
-
-
-def touched(world: World) -> bool:
-    return any(
-        boxes_overlap(e.x, e.y, e.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, h, 4.5, 1.8)
-        for e, poses in zip(world.states, world.poses, strict=False)
-        for x, y, h in poses.values()
-    )
-
-
-def car(
-    network: RoadNetwork, source: str, target: str, before: float, speed: Callable[[float, World], float]
-) -> Body:
-    """A car with its front `before` metres before its own line."""
-    front = network.lane(f"{source}_0").line.length - before
-    return Body(f"{source}{before:.0f}", tuple(ids(network, source, target)), front, speed, (source, target))
 
 
 def test_goes_through_without_a_stop_where_nobody_comes() -> None:
@@ -84,7 +67,7 @@ def test_stops_before_the_line_while_it_waits() -> None:
     stream = [car(network, "wc", "ce", 40.0 + 16.0 * k, constant(7.0)) for k in range(5)]
     world = junction(network, "cn", stream).run(Expert(Idm()), 60.0)
     assert world.arrived
-    standing = [front_to_line(world, k) for k, e in enumerate(world.states) if e.speed < 0.05]
+    standing = [d for d, e in zip(to_line(world), world.states, strict=True) if e.speed < 0.05]
     assert standing
     assert 0.7 < min(standing) < 3.0
     assert min(c.acceleration for c in world.controls) > -3.0
@@ -99,7 +82,7 @@ def test_a_held_convoy_is_neither_waited_for_for_ever_nor_dashed_in_front_of(
     network = load("cross")
 
     def held(t: float, w: World) -> float:
-        if not hasattr(w, "let") and front_to_line(w, -1) <= nearest:
+        if not hasattr(w, "let") and to_line(w)[-1] <= nearest:
             w.let = t
         return min(2.0 * (t - w.let), 7.0) if hasattr(w, "let") else 0.0
 
@@ -241,7 +224,7 @@ def test_holds_any_base_at_the_line_and_within_the_limit() -> None:
     network = load("cross")
     vehicles = [car(network, "wc", "ce", 3.0, constant(0.0))]
     world = junction(network, "cn", vehicles).run(Expert(Stubborn()), 15.0)
-    assert front_to_line(world, -1) > 0.7
+    assert to_line(world)[-1] > 0.7
     limit = target_plate("3.24", "sc", 30.0, 60.0, zone_edges="sc")
     world = World(network, "sc_0", 5.0, 5.0, Destination("cn", 60.0), target=limit).run(
         Expert(Stubborn()), 30.0

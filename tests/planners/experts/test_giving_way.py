@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from planner_loop import Body, World, constant, ids, load, verdict
+from planner_loop import Body, World, car, constant, ids, load, target_plate, to_line, touched, verdict
 
-from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
@@ -19,13 +18,10 @@ from tsbench.roads.planner_map import build_planner_map
 from tsbench.roads.priority import PriorityVehicle
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import GiveWayParams
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 
-def target_plate(code: str, main_in: str = "wc ec") -> SignInstance:
-    params = GiveWayParams("sc", "c", tuple(main_in.split()))
-    return SignInstance("sign_0", code, None, "sc", -1, 80.0, 0.0, 0.0, 0.0, "target", None, params)
+def plate(code: str, main_in: str = "wc ec") -> SignInstance:
+    return target_plate(code, "sc", at=80.0, junction="c", approach="sc", main_in=main_in)
 
 
 def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: str) -> World:
@@ -33,30 +29,13 @@ def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: s
     start = network.lane("sc_0").line.length - 62.0
     world = World(
         network, "sc_0", start, speed, Destination(target, 60.0), bodies=list(bodies),
-        target=target_plate(code, **params),
+        target=plate(code, **params),
     )  # fmt: skip
     return world.run(Expert(Idm()), 60.0)
 
 
-def car(source: str, target: str, before: float, speed: float) -> Body:
-    """A car with its front `before` metres before its own line."""
-    network = load("cross")
-    front = network.lane(f"{source}_0").line.length - before
-    lanes = tuple(ids(network, source, target))
-    return Body(f"{source}{before:.0f}", lanes, front, constant(speed), (source, target))
-
-
-def to_line(world: World) -> list[float]:
-    line = world.network.lane("sc_0").line
-    return [line.length - line.project(e.x, e.y)[0] - EGO_LENGTH_M / 2 for e in world.states]
-
-
-def touched(world: World) -> bool:
-    return any(
-        boxes_overlap(e.x, e.y, e.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, h, 4.5, 1.8)
-        for e, poses in zip(world.states, world.poses, strict=False)
-        for x, y, h in poses.values()
-    )
+def comes(source: str, target: str, before: float, speed: float) -> Body:
+    return car(load("cross"), source, target, before, constant(speed))
 
 
 @pytest.mark.parametrize("target", ["cn", "cw", "ce"])
@@ -73,7 +52,7 @@ def test_stops_at_a_stop_whoever_comes(target: str, speed: float) -> None:
 @pytest.mark.parametrize("before", [20.0, 40.0, 60.0])
 @pytest.mark.parametrize("target", ["cn", "cw", "ce"])
 def test_stops_and_then_gives_way(target: str, before: float) -> None:
-    world = drive("2.5", target, car("wc", "ce", before, 7.0), car("ec", "cw", before + 20.0, 7.0))
+    world = drive("2.5", target, comes("wc", "ce", before, 7.0), comes("ec", "cw", before + 20.0, 7.0))
     assert world.arrived
     assert not touched(world)
     assert verdict(world).compliant
@@ -83,14 +62,14 @@ def test_stops_and_then_gives_way(target: str, before: float) -> None:
 @pytest.mark.parametrize("before", [25.0, 40.0, 55.0, 70.0])
 @pytest.mark.parametrize("speed", [6.0, 9.0])
 def test_lets_the_arm_opposite_pass_when_it_turns_left(code: str, before: float, speed: float) -> None:
-    world = drive(code, "cw", car("nc", "cs", before, speed), car("nc", "cs", before + 14.0, speed))
+    world = drive(code, "cw", comes("nc", "cs", before, speed), comes("nc", "cs", before + 14.0, speed))
     assert world.arrived
     assert not touched(world)
 
 
 def test_the_arm_opposite_waits_for_who_goes_straight_on() -> None:
     """It has to: the ego doesn't stop for a car that stands at its line and turns left."""
-    world = drive("2.4", "cn", car("nc", "ce", 1.0, 0.0))
+    world = drive("2.4", "cn", comes("nc", "ce", 1.0, 0.0))
     assert world.arrived
     assert min(e.speed for e in world.states) > 6.0
 
@@ -107,8 +86,8 @@ def test_waits_for_who_is_in_the_junction_whatever_its_right_of_way() -> None:
 
 
 def test_where_the_main_road_bends_only_the_arm_on_the_right_counts() -> None:
-    far = [car("wc", "ce", d, 7.0) for d in (40.0, 52.0, 64.0)]
-    right = [car("ec", "cw", d, 7.0) for d in (40.0, 52.0, 64.0)]
+    far = [comes("wc", "ce", d, 7.0) for d in (40.0, 52.0, 64.0)]
+    right = [comes("ec", "cw", d, 7.0) for d in (40.0, 52.0, 64.0)]
     waits = drive("2.1", "cn", *right, main_in="ec")
     assert waits.arrived
     assert verdict(waits).compliant
@@ -119,7 +98,7 @@ def test_where_the_main_road_bends_only_the_arm_on_the_right_counts() -> None:
 
 def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], ruled: int) -> WayThrough:
     """Where the ego's route from the south to `target` meets ways through the junction."""
-    view, sign = build_planner_map(network), target_plate("2.4")
+    view, sign = build_planner_map(network), plate("2.4")
     path = view.graph.path(("sc", target), view.map.lane("sc_0").index, 10.0, Destination(target, 50.0))
     assert path is not None
     told = Privilege(sign, load_catalog().sign(sign.code).rule, network, view)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from click.testing import CliRunner
 from training_helpers import fresh_tuned
 
-from tsbench.cli.planners import planners
 from tsbench.core.errors import InputError
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine import Plant2Engine, target_speed_of
@@ -23,7 +19,7 @@ from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
-from tsbench.tools.doctor.arithmetic import questions
+from tsbench.tools.network_arithmetic import questions
 
 pytestmark = pytest.mark.slow
 
@@ -169,25 +165,3 @@ def test_speed_is_the_mean_of_its_classes() -> None:
     assert (speed, standing) == pytest.approx(((at.SPEEDS[2] + at.SPEEDS[3]) / 2, 0.0))
     logits[0] = 0.0
     assert target_speed_of(logits)[1] == pytest.approx(1.0 / 3.0)
-
-
-def test_foreign_weights_are_refused_in_one_line(tmp_path: Path) -> None:
-    save_weights("plant2", tmp_path, {"w": np.zeros(3, dtype=np.float32)}, {"size": "mini"})
-    with pytest.raises(InputError, match="are not those of plant2's network"):
-        Plant2.network("cpu", tmp_path)
-
-
-@pytest.mark.parametrize("name", ["ppo", "carl-e", "plant2", "plant2-e", "plant2-ft"])
-def test_on_a_cpu_no_planner_imports_torch(name: str) -> None:
-    code = (
-        f"import sys; from tsbench.planners.registry import resolve; resolve({name!r}).factory(); "
-        "sys.exit('torch' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_the_list_prints_counts_beside_the_published_ones() -> None:
-    printed = CliRunner().invoke(planners, ["list", "--parts"]).output
-    rows = {line.strip().split("  ")[0]: line.split() for line in printed.splitlines() if line.strip()}
-    assert rows["plant2"][-3:] == ["37,238,660", "37.2", "M"]
-    assert rows["added by plant2-ft but ways"][-2:] == ["335,368", "147,976"]

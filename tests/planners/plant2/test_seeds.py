@@ -23,7 +23,7 @@ def test_it_drives_with_weights_of_its_own() -> None:
 def test_the_lessons_were_the_same_but_for_the_seed() -> None:
     first, second = (dict(network(name).training) for name in ("plant2-ft", "plant2-ft-seed1"))
     assert (first["seed"], second["seed"]) == (0, 1)
-    for key in (
+    for key in [
         "size",
         "epochs",
         "batch",
@@ -34,5 +34,5 @@ def test_the_lessons_were_the_same_but_for_the_seed() -> None:
         "drives",
         "more",
         "sampling",
-    ):
+    ]:
         assert first[key] == second[key], key

@@ -65,6 +65,7 @@ def test_a_new_sign_is_unknown_and_changes_no_token() -> None:
     assert tokens(new=False) != [tokens(new=False)[0]] * len(drive.seen)
 
 
+@pytest.mark.slow
 def test_it_drives_as_before_with_a_larger_catalogue(grown: Path, tmp_path: Path) -> None:
     def drives(data: Path, out: Path) -> list[dict[str, object]]:
         asked = ["--planner", READER, "--split", "test", "--types", "stop,speed_limit", "--limit", "2"]

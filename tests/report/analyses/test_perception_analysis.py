@@ -13,12 +13,11 @@ import run_builders
 from tsbench.core.errors import InputError
 from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace import Trace
-from tsbench.metrics.records import PAIRED
-from tsbench.report.analyses.failures import failures
-from tsbench.report.analyses.model import Value
-from tsbench.report.analyses.perceived import cause_of_failure
-from tsbench.report.analyses.perception import perception
-from tsbench.report.analyses.pool import read_pool
+from tsbench.metrics.scd_records import PAIRED
+from tsbench.report.analyses.analysis import Value
+from tsbench.report.analyses.failures import cause_of_failure, failures
+from tsbench.report.analyses.perception_levels import perception
+from tsbench.report.analyses.run_pool import read_pool
 
 POOR, GOOD = {"name": "poor", "right": 0.74}, {"name": "good", "right": 0.98}
 RIGHT = SignDetection(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 10.0)

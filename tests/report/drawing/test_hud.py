@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from tsbench.episode.trace import trace_of
-from tsbench.report.description import readable
+from tsbench.report.drawing.birds_eye import Strip
+from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.hud import FrameInfo, Hud, figures
-from tsbench.report.drawing.layout import PageSize
-from tsbench.report.drawing.nearby import how_near
-from tsbench.report.drawing.strip import Strip
-from tsbench.report.drawing.style import STYLE
-from tsbench.report.drawing.text import fitted, wrap
+from tsbench.report.drawing.lettering import fitted, wrap
+from tsbench.report.time_to_collision import how_near
+from tsbench.report.wording import readable
 from tsbench.signs.catalog import load_catalog
 
 SMALL = PageSize(480, 420)

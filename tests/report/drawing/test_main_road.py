@@ -8,8 +8,8 @@ import pytest
 from lxml import etree
 
 from tsbench.report.drawing.main_road import MainRoad, main_road_rgba, main_roads
-from tsbench.report.drawing.roads import mark_shapes, stop_lines
-from tsbench.report.drawing.scene import furniture_shapes
+from tsbench.report.drawing.road_shapes import mark_shapes, stop_lines
+from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.report.drawing.shapes import Area, DrawnPlate
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

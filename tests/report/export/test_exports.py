@@ -19,10 +19,10 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
+from tsbench.metrics.tracks import actor_tracks
 from tsbench.planners.registry import resolve
-from tsbench.report.drawing.roads import road_shapes
+from tsbench.report.drawing.road_shapes import road_shapes
 from tsbench.report.episode_files import WRITERS, export_kind, make_one
-from tsbench.report.export.tracks import actor_tracks
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import SIGNED
@@ -243,6 +243,6 @@ def test_the_command(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     monkeypatch.delitem(sys.modules, WRITERS["mcap"][0].partition(":")[0], raising=False)
-    monkeypatch.delitem(sys.modules, "tsbench.report.export.shapes", raising=False)
+    monkeypatch.delitem(sys.modules, "tsbench.report.export.mcap_recording", raising=False)
     with pytest.raises(InputError, match=r"foxglove, which is not installed: pip install 'tsbench\[mcap\]'"):
         export_kind("mcap")

@@ -18,8 +18,8 @@ from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.report.page import dataset as module
-from tsbench.report.page.dataset import write_dataset_page
+from tsbench.report.page import dataset_page as module
+from tsbench.report.page.dataset_page import write_dataset_page
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

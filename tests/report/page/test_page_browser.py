@@ -15,10 +15,10 @@ from browsing import DESKTOP, PHONE, until
 from page_runs import HOSTILE, SENTENCE, TRACED
 from patience import HANG_S
 
-from tsbench.report.page import report as embedding
-from tsbench.report.page import server as serving
-from tsbench.report.page.report import write_report
-from tsbench.report.page.server import make_server
+from tsbench.report.page import report_page as embedding
+from tsbench.report.page import report_server as serving
+from tsbench.report.page.report_page import write_report
+from tsbench.report.page.report_server import make_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -152,7 +152,7 @@ def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: P
     link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
     with opened(chromium, report.as_uri() + link) as page:
         until(page, "tsb.player.episode !== null")
-        # Ego, asphalt, violation, the oncoming car: colours of report/drawing/style.py.
+        # Ego, asphalt, violation, the oncoming car: colours of report/drawing/canvas.py.
         until_drawn(page, "player-view", {"255,112,32", "86,91,99", "228,30,45", "160,200,235"})
         until_drawn(page, "player-line", {"192,21,37"})  # the violation on the time line
 

@@ -14,12 +14,11 @@ from page_runs import HOSTILE, TRACED
 
 from tsbench.cli import main
 from tsbench.episode.trace import trace_path
-from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import read_pool
-from tsbench.report.page import report as embedding
-from tsbench.report.page.content import heading, sections, show
-from tsbench.report.page.episode_index import index_episodes
-from tsbench.report.page.report import NAME, Written, embed, write_report
+from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.run_pool import index_episodes, read_pool
+from tsbench.report.page import report_page as embedding
+from tsbench.report.page.report_page import NAME, Written, embed, write_report
+from tsbench.report.page.report_sections import heading, sections, show
 
 
 @pytest.fixture(autouse=True)

@@ -20,13 +20,13 @@ import pyarrow.parquet as pq
 import pytest
 from page_runs import HOSTILE, TRACED
 from patience import HANG_S
-from test_page_packing import unpack
+from test_page_format import unpack
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import trace_path
-from tsbench.report.page import server as serving
-from tsbench.report.page.server import make_server, runs_below
+from tsbench.report.page import report_server as serving
+from tsbench.report.page.report_server import make_server, runs_below
 from tsbench.run.log.journal import JOURNAL, encode
 from tsbench.run.log.schema import TABLES, TIMING
 

@@ -8,8 +8,8 @@ import pytest
 from PIL import Image as PilImage
 
 from tsbench.core.errors import InputError
-from tsbench.report.tables.rule_words import OPTIONS, THRESHOLDS, in_values, threshold_value
 from tsbench.report.tables.sign_pages import PageMaker
+from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, threshold_value
 from tsbench.signs.catalog import load_catalog
 
 

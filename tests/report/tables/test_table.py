@@ -10,10 +10,9 @@ from rich.console import Console
 from table_builders import random_rows, records, row
 
 from tsbench.metrics.aggregate import Summary, summarise
-from tsbench.report.analyses import writing as markdown
+from tsbench.report.analyses import analysis as markdown
+from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value, print_analysis
 from tsbench.report.analyses.main_table import main_table, run_tables
-from tsbench.report.analyses.model import Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.shown import print_analysis
 from tsbench.run.edition import editions, standing_contract
 from tsbench.signs.catalog import load_catalog
 

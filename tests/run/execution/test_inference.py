@@ -14,8 +14,6 @@ from patience import HANG_S
 from run_helpers import HERE
 
 from tsbench.core.errors import InputError
-from tsbench.planners.common.batching import is_served
-from tsbench.planners.idm import Idm
 from tsbench.run.execution.inference_client import InferenceClient, InferenceServer
 from tsbench.run.execution.inference_server import FINE, PROBLEM, ModelServer
 
@@ -121,11 +119,3 @@ def test_a_planner_without_network_is_refused(server: InferenceServer) -> None:
         InferenceClient(server.address, "idm", np.dtype(np.float64))
     with pytest.raises(InputError, match="no network that could be served"):
         ModelServer("idm", "cpu")
-
-
-def test_who_is_served() -> None:
-    from served_planner import Steady
-
-    assert is_served(Steady, "cpu")
-    assert not is_served(Steady, "cuda")
-    assert not is_served(Idm, "cpu")

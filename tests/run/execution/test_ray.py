@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -127,9 +125,3 @@ def test_no_cluster_there(on: OnCluster) -> None:
     assert process.returncode == 2
     assert err.startswith("error: --executor ray: no cluster at '127.0.0.1:1' ")
     assert err.count("\n") == 1
-
-
-def test_ray_is_imported_when_it_is_asked_for_only() -> None:
-    ours = "tsbench.cli.run, tsbench.run.session, tsbench.run.execution.ray_actor"
-    code = f"import sys, {ours}; sys.exit('ray' in sys.modules)"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG_S)

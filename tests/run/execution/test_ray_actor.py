@@ -17,7 +17,6 @@ from tsbench.core.paths import data_root
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.contract import contract_hash
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.factory import make_executor
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake
 from tsbench.run.execution.task_queue import Task
@@ -90,12 +89,3 @@ def test_a_node_with_another_planner_takes_no_part(actor: RayActor, setup: Setup
 def test_a_planner_that_is_none(actor: RayActor) -> None:
     (line,) = actor.probe([encode(Probe("no_such_module:P"))])
     assert "no_such_module" in decode(line, (Probed,)).problem
-
-
-def test_executors_by_name() -> None:
-    assert type(make_executor("local", 3, 2, Limits())).__name__ == "Pool"
-
-
-@pytest.mark.slow
-def test_rays_executor_by_name() -> None:
-    assert type(make_executor("ray", None, 2, Limits())).__name__ == "RayExecutor"

@@ -193,18 +193,3 @@ def test_planners_that_are_none(tmp_path: Path, code: str | None, words: str) ->
         pool.probe([f"{tmp_path / 'planner.py'}:P"])
     assert words in str(problem.value)
     assert "\n" not in str(problem.value)
-
-
-def test_a_planner_that_is_none_on_the_command_line(bench: Bench) -> None:
-    done = bench.run("run", "--planner", "planner.py:P", "--split", "test", "--out", "run", expect=2)
-    assert done.stderr.startswith("error: planner 'planner.py:P': there is no file planner.py")
-    assert done.stderr.count("\n") == 1
-    assert not (bench.folder / "run").exists()
-
-
-def test_two_planners_of_one_name(bench: Bench) -> None:
-    for name in ("a", "b"):
-        (bench.folder / f"{name}.py").write_text("def drive(observation): ...")
-    both = ["--planner", "a.py:drive", "--planner", "b.py:drive"]
-    done = bench.run("run", *both, "--split", "test", expect=2)
-    assert "called drive in records, like a.py:drive" in done.stderr

@@ -55,19 +55,6 @@ def test_a_manifest_with_a_hole(made: Bench, copy: Path, command: list[str], par
     )
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("table", ["episodes.parquet", "violations.parquet"])
-def test_a_truncated_table(made: Bench, copy: Path, command: list[str], table: str) -> None:
-    path = copy / table
-    path.write_bytes(path.read_bytes()[:-7])
-    done = made.run(*command, expect=2)
-    assert f"error: copy/{table}: " in done.stderr
-    assert (
-        "is not the file that the run wrote" in done.stderr or "not a readable Parquet table" in done.stderr
-    )
-    assert done.stderr.count("\n") == 1
-
-
 def test_another_contract_is_refused_compared_with_none_and_judged_with_a_note(
     made: Bench, copy: Path
 ) -> None:

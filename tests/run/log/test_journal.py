@@ -10,7 +10,6 @@ import pytest
 from run_helpers import specs
 
 from tsbench.core.errors import InputError
-from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.run.log.journal import Journal, decode, encode
 from tsbench.run.log.quarantine import Quarantine
@@ -112,25 +111,6 @@ def test_what_is_set_aside_is_never_overwritten(full: Path) -> None:
             file.write(text)
         opened(full).close()
     assert aside(full) == [b"one\n", b"two\n"]
-
-
-def test_two_runs_do_not_write_into_one_folder(full: Path) -> None:
-    journal = opened(full)
-    with pytest.raises(InputError, match="another tsbench run is writing here"):
-        opened(full)
-    journal.close()
-
-
-def test_lines_carry_their_checksum() -> None:
-    line = encode({"a": 1})
-    assert decode(line) == {"a": 1}
-    assert decode(line.replace(b"1}", b"2}")) is None
-    assert decode(line[:-1]) is None
-
-
-def test_errors_read_equal_when_they_are() -> None:
-    assert one_line("no\n  <object at 0x7fb7e8d13870>") == "no <object at 0x…>"
-    assert len(one_line("x" * 10_000)) <= 300
 
 
 def test_the_journal_of_another_run_is_set_aside_as_a_whole(full: Path) -> None:

@@ -11,10 +11,10 @@ from run_helpers import episode_builders, specs
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.metrics.episode import EPISODE_METRICS
+from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.quarantine import Quarantine
-from tsbench.run.log.record import last_seconds, lost_timing
+from tsbench.run.log.record import last_seconds
 from tsbench.run.log.schema import EPISODES, TABLES
 from tsbench.run.log.score import make_record
 from tsbench.run.log.tables import read_table, write_tables
@@ -109,10 +109,6 @@ def test_a_null_where_none_may_be_is_a_defect(tmp_path: Path) -> None:
         write_tables(tmp_path, journal, "c0ffee")
     journal.close()
     assert not (tmp_path / "episodes.parquet").exists()
-
-
-def test_timing_of_a_lost_episode_has_all_columns() -> None:
-    assert set(lost_timing(specs()[0], "idm", 1.0)) == set(TABLES["timing.parquet"].names)
 
 
 @pytest.mark.parametrize(

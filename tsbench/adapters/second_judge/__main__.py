@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
+from tsbench.core.paths import expanded
 from tsbench.core.text import csv_text
 
 

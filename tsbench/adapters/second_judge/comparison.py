@@ -11,7 +11,7 @@ from typing import Any
 from tsbench.adapters.second_judge.monitor import SPEED, STOP, ExportedDrive, Reading
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import read_trace
-from tsbench.report.analyses.writing import markdown_row
+from tsbench.report.analyses.analysis import markdown_row
 from tsbench.report.episode_files import Selection, export_kind, select_traces
 
 # By our clause: the types whose scenes ask it, and how the other judge is asked.

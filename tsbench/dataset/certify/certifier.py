@@ -23,7 +23,7 @@ from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.contract import SCORING

@@ -12,8 +12,7 @@ import pyarrow as pa
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.core.ground import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA
-from tsbench.core.parquet import VERSION_KEY, save_table
+from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, VERSION_KEY, save_table
 from tsbench.core.paths import dataset_root
 from tsbench.dataset.city import check_extract, chosen_city
 from tsbench.dataset.maps.extracts import find_extract

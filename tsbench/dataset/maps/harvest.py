@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.cities import cities_folder
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import CachedResult, worker_processes
+from tsbench.core.paths import cities_folder
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.extracts import by_preference, list_extracts

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tsbench.core.cities import LEFT
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
+from tsbench.core.paths import LEFT
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.osm import ExtractFacts, read_extract
 from tsbench.dataset.maps.paths import netconvert_file, types_file

@@ -17,7 +17,7 @@ from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
 from tsbench.learn.imitation.frames import frames_of
 from tsbench.learn.oracle.trajectories import Recorded, Replayer
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft, SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives

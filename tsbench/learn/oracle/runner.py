@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.core.plain import dataclass_from_json
 from tsbench.core.text import one_line
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import Commands, Intents, QuantisedPlanner, fingerprints, steps_of
 from tsbench.metrics.comfort import comfort
-from tsbench.metrics.episode import is_scd
+from tsbench.metrics.episode_metrics import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row

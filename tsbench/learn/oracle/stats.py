@@ -18,12 +18,12 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 if TYPE_CHECKING:
-    from tsbench.report.analyses.model import Analysis
+    from tsbench.report.analyses.analysis import Analysis
 
 
 def stats(path: Path, split: str) -> Analysis:
     """The composition of a table. Raises InputError for drives of scenarios that the split does not have."""
-    from tsbench.report.analyses.oracle import RankedDrive, composition  # brings matplotlib
+    from tsbench.report.analyses.oracle_composition import RankedDrive, composition  # brings matplotlib
 
     rows = _rows(split)
     chosen = [

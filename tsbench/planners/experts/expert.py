@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.core.modules import import_all
+from tsbench.core.extras import import_all
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.common.lane_change import LaneChanges
 from tsbench.planners.common.pure_pursuit import follow

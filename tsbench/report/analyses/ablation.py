@@ -13,12 +13,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.compare import Comparison, compare, shared_scenarios
-from tsbench.metrics.episode import METRICS
-from tsbench.metrics.records import PARTS
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
+from tsbench.metrics.scd_records import PARTS
+from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, text_columns
-from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import RunPool, check_contract, make_pool
+from tsbench.report.analyses.run_pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
 from tsbench.report.tables.forest import (
     ForestRow,

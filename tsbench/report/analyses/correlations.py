@@ -16,20 +16,23 @@ from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import COMPLETED, STRICT
-from tsbench.metrics.episode import METRICS
+from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import LEVEL
-from tsbench.metrics.records import SIGNED_ONES, Records
+from tsbench.metrics.scd_records import SIGNED_ONES, Records
+from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     NAMES,
+    is_whole,
     panels_of,
     pick,
     present_panels,
     present_parts,
+    published_metric,
+    published_scd,
     text_columns,
+    without_experts,
 )
-from tsbench.report.analyses.model import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.pool import RunPool
-from tsbench.report.analyses.published import is_whole, published_metric, published_scd, without_experts
+from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, put_title
 
@@ -91,8 +94,9 @@ def correlations(pool: RunPool) -> Analysis:
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
                 first = reading == STRICT
                 values = (
-                    _ours(pool, panel, panel, metric, reading), _ours(pool, panel, ALL, metric, reading),
-                )  # fmt: skip
+                    _ours(pool, panel, panel, metric, reading),
+                    _ours(pool, panel, ALL, metric, reading),
+                )
                 cells = [part for value in values for part in (value, value.n)]
                 cells += _of_the_nine(pool, panel, metric) if first else (None, None)
                 rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))

@@ -1,29 +1,132 @@
-"""The main table: every planner's SCD and conventional metrics, the published figures below its own."""
+"""SCD of every planner in tables: the main table with conventional metrics, by type, and above the floor.
+
+Published figures stand below a planner's own. Source of the floor: docs/spec/contrast.md, "What is reported".
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary
-from tsbench.metrics.breakdown import STRICT
-from tsbench.metrics.episode import METRICS
-from tsbench.metrics.records import SIGNED_ONES
+from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.intervals import Estimate
+from tsbench.metrics.scd_records import PARTS, SIGNED_ONES
+from tsbench.report.analyses.analysis import ALL, DASH, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
     NAMES,
+    NOTE,
     READINGS_NOTE,
     SCD_NOTE,
+    metric_beside,
     panels_of,
     pick,
     present_panels,
     present_parts,
+    present_types,
     readings,
+    scd_beside,
     text_columns,
+    with_rings,
 )
-from tsbench.report.analyses.model import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.per_type import per_type
-from tsbench.report.analyses.published import NOTE, metric_beside, scd_beside
+from tsbench.report.analyses.run_pool import RunPool
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_HALF = 50.0
+
+
+def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
+    """Rows for each type: a figure of SCD in each, and once more completed only, where errors make a difference."""
+    rows: list[Row] = []
+    parts, last = present_parts(planners), ""
+    for kind, group in present_types(planners):
+        # Where there are several figures each type is a block, otherwise each group is.
+        block = kind if len(parts) > 1 else group
+        for part in parts:
+            figures = [_figure(p, part, kind) for p in planners]
+            if not any(figures):
+                continue
+            differ = any(figure and figure.differ for figure in figures)
+            for reading in (STRICT, COMPLETED) if differ else (STRICT,):
+                starts, last = block != last, block
+                cells = _cells(planners, figures, kind, reading)
+                rows.append(
+                    Row((group, kind, NAMES[part], reading, *cells), starts=starts, faint=reading != STRICT)
+                )
+    columns = [*text_columns("group", "type", "score", "figure")]
+    for p in planners:
+        columns += [Column(p.planner, f"{p.label}\n%"), Column(f"{p.planner}_count", "n", Kind.COUNT)]
+    columns.append(Column("places", "places", Kind.TEXT))
+    notes = (
+        f"{SCD_NOTE}. n: pairs, halves. Below each figure its {INTERVAL_NOTE}",
+        f"{READINGS_NOTE}, where that differs",
+    )
+    table = Table(tuple(columns), tuple(rows), 4, 12)
+    return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
+
+
+def _figure(p: PlannerSummary, part: str, kind: str) -> StrictAndCompleted[Estimate] | None:
+    return p.scores[part].types.get(kind) if part in p.scores else None
+
+
+def _cells(
+    planners: Sequence[PlannerSummary],
+    figures: Sequence[StrictAndCompleted[Estimate] | None],
+    kind: str,
+    reading: str,
+) -> list[Cell]:
+    """Each planner's figure with its n, and how many places they rest on (of partial runs from least to most)."""
+    estimates = [pick(figure, reading) for figure in figures]
+    cells = [cell for e in estimates for cell in (Value.of(e), None if e is None else e.n)]
+    counts = [e.clusters for e in estimates if e is not None]
+    placed = all(p.placed for p in planners)
+    told = DASH.join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
+    return [*cells, with_rings(told, kind, placed)]
+
+
+def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
+    from matplotlib.figure import Figure  # a run ends with this table, and needs no picture of it
+
+    from tsbench.report.tables.forest import put_counts, put_title
+
+    primary = present_parts(planners)[0]
+    kinds = present_types(planners, primary)
+    figure = Figure(
+        figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained"
+    )
+    axes = figure.subplots()
+    found = {
+        (y, x): e.value
+        for y, (kind, _) in enumerate(kinds)
+        for x, p in enumerate(planners)
+        if (e := pick(_figure(p, primary, kind), STRICT)) is not None and e.value is not None
+    }
+    shade = [[found.get((y, x), float("nan")) for x in range(len(planners))] for y in range(len(kinds))]
+    image = axes.imshow(shade, cmap="cividis", vmin=0.0, vmax=100.0, aspect="auto")
+    for (y, x), value in found.items():
+        colour = "black" if value > _HALF else "white"
+        axes.text(x, y, f"{value:.0f}", ha="center", va="center", fontsize=7, color=colour)
+    axes.set_xticks(range(len(planners)), [p.label for p in planners], rotation=45, ha="right")
+    counts = [
+        sorted({e.n for p in planners if (e := pick(_figure(p, primary, kind), STRICT))}) for kind, _ in kinds
+    ]
+    axes.set_yticks(range(len(kinds)), [f"{kind} ({group})" for kind, group in kinds])
+    for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
+        label.set(fontsize=8, parse_math=False)
+    put_counts(axes, [f"n {DASH.join(str(n) for n in dict.fromkeys((c[0], c[-1])))}" for c in counts])
+    axes.tick_params(length=0)
+    bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
+    bar.set_label(f"{NAMES[primary]}, % of n for each planner (strict)", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+    put_title(figure, title, contract)
+    return figure
+
 
 PUBLISHED = "published"
 _METRICS = {name: metric for name, metric in METRICS.items() if metric.head}
@@ -38,10 +141,11 @@ def main_table(planners: Sequence[PlannerSummary], title: str, contract: str, be
     # The primary figure by group too, the others beside it.
     shown = [*((first, panel) for panel in present_panels(planners)), *((part, ALL) for part in others)]
     columns = (
-        *text_columns("planner", "figure"), Column("n", "n", Kind.COUNT),
+        *text_columns("planner", "figure"),
+        Column("n", "n", Kind.COUNT),
         *(_column(part, panel) for part, panel in shown),
         *(Column(name, f"{metric.head}\n{metric.unit}") for name, metric in _METRICS.items()),
-    )  # fmt: skip
+    )
     rows = tuple(row for p in planners for row in _rows(p, shown, beside))
     notes = (
         f"{SCD_NOTE}; other metrics are means over episodes. Below each figure its {INTERVAL_NOTE}",
@@ -92,3 +196,41 @@ def run_tables(summary: Summary) -> tuple[Analysis, ...]:
         main_table(summary.planners, summary.title, summary.contract_hash),
         per_type(summary.planners, f"{summary.title}: SCD by type", summary.contract_hash),
     )
+
+
+def floor(pool: RunPool) -> Analysis:
+    """A block of rows for all types, each group and each type; in it the planners, those that are floors last."""
+    planners = sorted(pool.summaries, key=lambda p: p.floor)
+    rows: list[Row] = []
+    for panel in present_panels(planners):
+        rows += _block(planners, "all" if panel == ALL else "group", panel)
+    for kind, _ in present_types(planners):
+        rows += _block(planners, "type", kind)
+    columns = (
+        *text_columns("over", "types", "planner"), *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
+        Column("n", "n", Kind.COUNT), Column("places", "places", Kind.TEXT),
+    )  # fmt: skip
+    floors = ", ".join(p.planner for p in planners if p.floor)
+    notes = (
+        f"{SCD_NOTE}. Below each figure its {INTERVAL_NOTE}",
+        "strict: error outcomes count as failures. n: pairs, or halves where there are none; places: theirs",
+        f"floor: {floors} read no plate" if floors else "none of the planners is a floor",
+    )
+    title = pool.title("Planners and the sign-blind floor")
+    return Analysis("floor", title, pool.contract, Table(columns, tuple(rows), 3), notes)
+
+
+def _block(planners: list[PlannerSummary], over: str, name: str) -> Iterator[Row]:
+    for k, p in enumerate(planners):
+        found = [pick(_figures(p, part, over).get(name), STRICT) for part in PARTS]
+        main = next((e for e in found if e is not None), None)
+        cells: list[Cell] = [Value.of(e) for e in found]
+        if main is not None:
+            places = with_rings(str(main.clusters), name, p.placed)
+            yield Row((over, name, p.label, *cells, main.n, places), starts=not k, faint=p.floor)
+
+
+def _figures(p: PlannerSummary, part: str, over: str) -> Mapping[str, StrictAndCompleted[Estimate]]:
+    if over == "type":
+        return p.scores[part].types if part in p.scores else {}
+    return panels_of(p, part)

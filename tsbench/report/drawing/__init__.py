@@ -1,6 +1,6 @@
-"""What pictures show, as shapes, and how OpenCV paints them.
+"""Pictures as shapes, and the painter of shapes with OpenCV.
 
-`shapes.py` has the kinds of shapes; `scene.py` and `roads.py` say of which a scene, a tick and its roads consist.
+`shapes.py` has the kinds of shapes; `scene_shapes.py` and `road_shapes.py` make those of a scene, a tick and the roads.
 Each medium has one painter that knows shapes and nothing of a scene: `paint.py` (PNG, GIF, MP4, WebP, sheets, pictures
-of training), `report.page.drawing` (HTML pages), `report.export.shapes` (MCAP).
+of training), `report.page.page_format` (HTML pages), `report.export.mcap_recording` (MCAP).
 """

@@ -1,4 +1,4 @@
-"""What is written around a picture: who drives, time and speed, what was violated, scale, attribution."""
+"""Text around a picture: the planner, time and speed, the violation, scale, attribution."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsbench.report.description import readable, unit_words
-from tsbench.report.drawing.camera import Image
-from tsbench.report.drawing.layout import PageSize
-from tsbench.report.drawing.style import ATTRIBUTION, STYLE, VIOLATION_SHADE
-from tsbench.report.drawing.text import (
+from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, VIOLATION_SHADE, Image, PageSize
+from tsbench.report.drawing.lettering import (
     fitted,
     label,
     line_height,
@@ -23,6 +20,7 @@ from tsbench.report.drawing.text import (
     wrap,
     write,
 )
+from tsbench.report.wording import readable, unit_words
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.countries import Country

@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image as PilImage
 from resvg_py import svg_to_bytes
 
-from tsbench.report.drawing.camera import Image
+from tsbench.report.drawing.canvas import Image
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 

@@ -15,11 +15,10 @@ from PIL import Image as PilImage
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.camera import SHIFT, Camera, Fixed, Image
+from tsbench.report.drawing.canvas import SHIFT, STYLE, Camera, Colour, Fixed, Image
+from tsbench.report.drawing.lettering import line_height, paste, shorten, write
 from tsbench.report.drawing.main_road import main_road_rgba
 from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
-from tsbench.report.drawing.style import STYLE, Colour
-from tsbench.report.drawing.text import line_height, paste, shorten, write
 from tsbench.signs.plates import plate_rgba
 
 # Outline of a car of length and width 1, nose to +x; then the windscreen.
@@ -184,9 +183,7 @@ def _plate(
     cv2.circle(image, _fixed(post), 3 << SHIFT, STYLE.outline, -1, cv2.LINE_AA, SHIFT)
     if plate.target:
         half = size / 2 + 3
-        frame = np.array([
-            _fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ])  # fmt: skip
+        frame = np.array([_fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         cv2.fillPoly(image, [frame], STYLE.marking, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, [frame], True, STYLE.plate_line, 3, cv2.LINE_AA, SHIFT)
     picture = plate_rgba(plate.code, plate.value, size, plate.country)

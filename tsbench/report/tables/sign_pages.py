@@ -2,11 +2,14 @@
 
 The sign-blind driver breaks the rule where the expert obeys it: a picture of the moment, and a short film of each. In
 the contrast half another drive is right, and the expert's own one from the signed half, repeated there, is wrong.
+
+The names of the signs in other countries come as tables (`countries_analysis`).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -23,26 +26,54 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_of
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.report.description import readable
-from tsbench.report.drawing.camera import Image
-from tsbench.report.drawing.layout import PageSize
-from tsbench.report.page.shell import environment
-from tsbench.report.tables.rule_words import (
-    OPTIONS,
-    THRESHOLDS,
-    in_values,
-    option_words,
-    threshold_value,
-)
-from tsbench.report.video.encode import render_gif
-from tsbench.report.video.render import moment
+from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table
+from tsbench.report.drawing.canvas import Image, PageSize
+from tsbench.report.film import render_gif
+from tsbench.report.page.page_format import environment
+from tsbench.report.scene_pictures import moment
+from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, option_words, readable, threshold_value
 from tsbench.rules.monitor import Violation
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.countries import Country
 from tsbench.signs.model import ScenarioType, Sign
 from tsbench.sim.world import DT_S
+
+
+def countries_analysis(countries: Sequence[Country]) -> Analysis:
+    columns = (
+        Column("country", "country", Kind.TEXT), Column("name", "name", Kind.TEXT),
+        Column("numbering", "numbering", Kind.TEXT), Column("equivalents", "with\nequivalent", Kind.COUNT),
+        Column("signs", "signs", Kind.COUNT), Column("share", "share\n%", Kind.NUMBER, 0),
+        Column("published", "published\n%", Kind.NUMBER, 0), Column("checked", "checked", Kind.COUNT),
+    )  # fmt: skip
+    rows = tuple(
+        Row((c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent, c.checked))
+        for c in countries
+    )
+    notes = (
+        "with equivalent: signs by which the country tells a driver the same; published: the share that the reference "
+        "quotes; checked: entries found in a source",
+    )
+    title = f"Country equivalents of {len(countries[0].equivalents)} signs"
+    return Analysis("countries", title, "", Table(columns, rows, 3), notes)
+
+
+def country_analysis(catalog: Catalog, country: Country) -> Analysis:
+    keys = ("sign", "name", "equivalent", "source", "remark")
+    rows = tuple(
+        Row((
+            sign, catalog.sign(sign).name_en, entry.code,
+            "checked" if entry.checked else "memory", entry.reason or entry.note or "",
+        ))
+        for sign, entry in country.equivalents.items()
+    )  # fmt: skip
+    title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
+    columns = tuple(Column(key, key, Kind.TEXT) for key in keys)
+    return Analysis(f"country-{country.code}", title, "", Table(columns, rows, 5), (country.numbering,))
+
 
 EXPERT = "idm-e"
 # Where the blind baseline only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.

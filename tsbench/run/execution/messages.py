@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from tsbench.core.plain import dataclass_from_json
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.perception_level import Perception
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record

@@ -15,7 +15,7 @@ from importlib.util import cache_from_source
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
+from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure_paths
 from tsbench.run.execution.own_folder import FILES, OwnFolder
 from tsbench.run.isolation.sandbox_paths import (

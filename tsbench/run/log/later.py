@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.home import expanded
+from tsbench.core.paths import expanded
 from tsbench.run import opened_files
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo, check_unchanged

@@ -17,8 +17,7 @@ import tsbench
 from tsbench.core import provenance
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
-from tsbench.core.plain import dataclass_from_json
-from tsbench.core.textfile import read_json
+from tsbench.core.textfile import dataclass_from_json, read_json
 from tsbench.episode.perception_level import Perception
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin

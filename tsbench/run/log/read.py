@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.core.plain import dataclass_from_json
+from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.journal import JOURNAL, lines_so_far

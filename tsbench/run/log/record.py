@@ -10,7 +10,7 @@ import numpy as np
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.result import EpisodeResult
-from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.metrics.episode_metrics import EPISODE_METRICS, SCD
 from tsbench.scenarios.spec import ScenarioSpec
 
 Row = dict[str, Any]

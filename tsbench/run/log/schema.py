@@ -7,7 +7,7 @@ from functools import partial
 import pyarrow as pa
 
 from tsbench.core.parquet import columns
-from tsbench.metrics.episode import EPISODE_METRICS, SCD
+from tsbench.metrics.episode_metrics import EPISODE_METRICS, SCD
 from tsbench.scenarios.spec import SIGNED
 
 SCHEMA_VERSION = 1

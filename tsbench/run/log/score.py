@@ -9,7 +9,7 @@ import numpy as np
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.result import EpisodeResult
-from tsbench.metrics.episode import episode_metrics
+from tsbench.metrics.episode_metrics import episode_metrics
 from tsbench.rules.monitor import Violation
 from tsbench.run.log.record import Record, Row, error_row, head_row, make_timing
 from tsbench.scenarios.spec import ScenarioSpec

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, open_table
-from tsbench.metrics.episode import EPISODE_METRICS
+from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
 from tsbench.run.log.schema import LATER, SCHEMA_VERSION, TABLES
 

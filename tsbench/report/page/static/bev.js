@@ -1,12 +1,12 @@
 /* A bird's-eye view on a canvas. It knows roads, plates and bodies, and nothing of a run.
  *
- * A drawing (drawing.py) is {unit, x0, y0, areas, lines, plates, bodies}:
+ * A drawing (page_format.py) is {unit, x0, y0, areas, lines, plates, bodies}:
  *   areas: [{c: colour, a: opacity, r: [ring, …]}], lines: [{c, w: metres, p: [line, …]}]; rings and lines are flat lists
  *   of whole numbers, the first point from (x0, y0), each other from the one before, in `unit` metres;
  *   plates: [{x, y, ax, ay, clear, plate, below, target}] in metres: post, unit vector off the road in the picture,
  *   distance to the kerb, keys of the plate and of one beneath it ("" = none); bodies: [{x, y, h, l, w, c}], c being a kind of bodies;
  *   of those that move also signals (1: the left side flashes, -1: the right one) and brakes (are their lights on?).
- * Colours are names of report/style.py: CSS variables --bev-NAME. North is up. */
+ * Colours are names of report/drawing/canvas.py: CSS variables --bev-NAME. North is up. */
 tsb.Bev = class {
   static KINDS = ["car", "bus", "bicycle", "pedestrian", "convoy", "ego"];
 

@@ -111,7 +111,7 @@ tsb.unpack = (buffer) => {
   return header;
 };
 
-/* Undo second differences of pieces of the given lengths (see packing.py). */
+/* Undo second differences of pieces of the given lengths (see page_format.py). */
 tsb.summed = (second, lengths, unit) => {
   const values = new Float64Array(second.length);
   let at = 0;

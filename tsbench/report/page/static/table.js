@@ -1,6 +1,6 @@
 /* A table with filters, sorting and "show more".
  *
- * table: {columns, rows, values} as packing.pack_table makes it. A column is {name, label, kind}, and may have
+ * table: {columns, rows, values} as page_format.pack_table makes it. A column is {name, label, kind}, and may have
  *   filter: "choice" (a list) or "text" (part of it), digits and unit of numbers, minor: left out on narrow screens,
  *   wide: a text that may be folded, words: [no, yes, unknown] of a flag, marks: a class for each of its texts,
  *   title: what its header means, hidden: it is only for scripts.

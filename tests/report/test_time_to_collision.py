@@ -1,0 +1,60 @@
+"""The player's time to conflict, against what the monitors say of the same drives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.episode.trace import Trace, trace_of
+from tsbench.planners.registry import resolve
+from tsbench.report.time_to_collision import FARTHEST_S, times_to_conflict
+from tsbench.scenarios.scene_loader import load_scene
+from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.world import DT_S
+
+BLOCKED = "entered_while_blocked"
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Trace]:
+    """`idm` in the first scene of some types and halves; it reads no sign."""
+    runner = EpisodeRunner(resolve("idm"))
+    wanted = {(kind, half) for kind in ("secondary_road", "yield") for half in ("signed", "contrast")}
+    found: dict[str, Trace] = {}
+    for row in read_table(table_path("dev")):
+        name = f"{row.pair_type} {row.half}"
+        if name not in found and (row.pair_type, row.half) in wanted | {("speed_limit", "signed")}:
+            trace = trace_of(runner.run(row))
+            # Somebody with priority is there in every scene, but not always as near as the rule forbids.
+            if name != "secondary_road signed" or any(e.clause == BLOCKED for e in trace.events):
+                found[name] = trace
+    return found
+
+
+def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> None:
+    trace = drives["secondary_road signed"]
+    event = next(e for e in trace.events if e.clause == BLOCKED)
+    curve = times_to_conflict(trace, load_scene(trace.spec))
+    assert curve is not None
+    assert curve[round(event.start_s / DT_S)] == pytest.approx(event.value, abs=1e-9)
+    assert curve[0] > FARTHEST_S
+    assert curve[-1] > FARTHEST_S  # the ego has left the junction
+
+
+def test_both_halves_of_a_pair_have_the_same_curve(drives: dict[str, Trace]) -> None:
+    """Whoever has priority: a driver who reads no sign meets the same cars."""
+    curves = [
+        times_to_conflict(trace, load_scene(trace.spec))
+        for trace in (drives["yield signed"], drives["yield contrast"])
+    ]
+    assert curves[0] is not None
+    assert curves[1] is not None
+    until = round(5.0 / DT_S)
+    assert np.array_equal(curves[0][:until], curves[1][:until])
+    assert curves[0].min() < FARTHEST_S
+
+
+def test_other_plates_have_none(drives: dict[str, Trace]) -> None:
+    trace = drives["speed_limit signed"]
+    assert times_to_conflict(trace, load_scene(trace.spec)) is None

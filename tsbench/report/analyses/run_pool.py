@@ -1,0 +1,269 @@
+"""Stored runs that are analysed together, of one contract and one selection, each planner once; and their traces.
+
+`EpisodeIndex` holds the traced episodes in the order in which they deserve a place in a page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from tsbench.core.errors import InputError
+from tsbench.episode.outcome import Outcome
+from tsbench.episode.trace import trace_path
+from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
+from tsbench.metrics.scd_records import Records, split_records
+from tsbench.report.analyses.columns import in_published_order
+from tsbench.report.tables.compare_runs import SELECTION, differing
+from tsbench.run.log.manifest import marks_of
+from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.plan import BOTH
+from tsbench.scenarios.spec import CONTRAST, HALVES
+from tsbench.signs.rule_kinds import NEEDLESS
+
+
+@dataclass(frozen=True)
+class RunPool:
+    """Runs whose planners drove the same scenarios. holes: scenarios without a record, by planner."""
+
+    runs: tuple[StoredRun, ...]
+    home: Mapping[str, StoredRun]
+    holes: Mapping[str, int]
+
+    @property
+    def contract(self) -> str:
+        return self.runs[0].contract
+
+    @property
+    def edition(self) -> str:
+        return self.runs[0].edition
+
+    @cached_property
+    def planners(self) -> tuple[str, ...]:
+        """Names of the planners that have records, in the order of the published table, others behind."""
+        return in_published_order(name for name in self.home if len(self.home[name].of(name)))
+
+    @cached_property
+    def summary(self) -> Summary:
+        asked = {name: run.asked[name] for name, run in self.home.items()}
+        return summarise(
+            self._episodes,
+            contract_hash=self.contract,
+            edition=self.edition,
+            asked=asked,
+            marks=self.marks,
+            allow_partial=bool(self.holes),
+        )
+
+    @cached_property
+    def marks(self) -> Mapping[str, str]:
+        """What stands behind planners' names in tables, by name."""
+        return {name: mark for run in self.runs for name, mark in marks_of(run.manifest).items()}
+
+    @cached_property
+    def needless(self) -> Mapping[tuple[str, str], frozenset[str]]:
+        """By planner and scenario: the clauses of needless obedience that its episode has events of."""
+        found: dict[tuple[str, str], set[str]] = {}
+        for run in self.runs:
+            events = run.violations
+            mask = pc.is_in(events["clause"], pa.array(NEEDLESS.clauses.split()))
+            for event in events.filter(mask).select(["planner", "scenario_id", "clause"]).to_pylist():
+                found.setdefault((event["planner"], event["scenario_id"]), set()).add(event["clause"])
+        return {key: frozenset(clauses) for key, clauses in found.items()}
+
+    def failed_signed(self, planner: str) -> tuple[str, ...]:
+        """Scenarios of signed halves (and of what has no pair) that a planner failed without an error outcome."""
+        rows = self.home[planner].of(planner).select(["scenario_id", "half", "scd", "outcome"]).to_pylist()
+        return tuple(
+            row["scenario_id"]
+            for row in rows
+            if row["half"] != CONTRAST and not row["scd"] and not Outcome(row["outcome"]).is_error
+        )
+
+    def label(self, planner: str) -> str:
+        """A planner's name as tables show it."""
+        return label(planner, self.marks.get(planner, ""))
+
+    @cached_property
+    def records(self) -> dict[str, Records]:
+        return split_records(self._episodes)
+
+    @cached_property
+    def summaries(self) -> tuple[PlannerSummary, ...]:
+        by_name = {p.planner: p for p in self.summary.planners}
+        return tuple(by_name[name] for name in self.planners)
+
+    @property
+    def selection(self) -> str:
+        """Which scenarios: split, variants, which halves where not both, and whether signs were masked."""
+        effective = self.runs[0].manifest["effective"]
+        half = effective.get("half", BOTH)
+        halves = "" if half == BOTH else f", {half} halves"
+        masked = ", signs masked" if effective["mask_signs"] else ""
+        eyes = f", perception {effective['perception']['name']}" if "perception" in effective else ""
+        city = f"{effective['city']}, " if "city" in effective else ""
+        return f"{city}{effective['split']} split, variants {effective['variants']}{halves}{masked}{eyes}"
+
+    def title(self, what: str) -> str:
+        """What is shown, of what; where records are missing that comes first."""
+        warning, _, rest = self.summary.title.rpartition(": ")
+        text = f"{what}: {rest}, {self.selection}"
+        return f"{warning}: {text}" if warning else text
+
+    @property
+    def _episodes(self) -> pa.Table:
+        return pa.concat_tables([run.episodes for run in self.runs])
+
+
+def read_pool(paths: Sequence[Path], allow_partial: bool, *, under_way: bool = False) -> RunPool:
+    """Read and check runs. Raises InputError: unreadable runs, and all that `make_pool` refuses.
+
+    under_way: as for `read_run`.
+    """
+    return make_pool([read_run(path, under_way=under_way) for path in paths], allow_partial)
+
+
+def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> RunPool:
+    """Put runs together.
+
+    Raises InputError: different contracts or selections, signs masked in some only, a planner twice, and without
+    `allow_partial` scenarios that have no record.
+    """
+    first = runs[0]
+    home: dict[str, StoredRun] = {}
+    for run in runs:
+        check_contract(first, run)
+        _check_selection(first, run)
+        for name in run.asked:
+            if name in home:
+                raise InputError(
+                    f"planner {name} is in {home[name].path} and in {run.path}: give it once only"
+                )
+            home[name] = run
+    holes = {name: k for name, run in home.items() if (k := run.holes(name))}
+    name_holes(holes, {name: run.asked[name] for name, run in home.items()}, allow_partial)
+    pool = RunPool(tuple(runs), home, holes)
+    if not pool.planners:
+        raise InputError(f"{', '.join(str(run.path) for run in runs)}: no episode is finished yet")
+    return pool
+
+
+def check_contract(a: StoredRun, b: StoredRun) -> None:
+    if a.contract != b.contract:
+        raise InputError(
+            f"{a.path} has contract {a.contract}, {b.path} has {b.contract}: rules, scenes or versions differ, "
+            "so their scores do not belong into one table"
+        )
+
+
+def _check_selection(a: StoredRun, b: StoredRun) -> None:
+    for key, (x, y) in differing(a, b, SELECTION).items():
+        told = f"{x}, {y}" if key != "types" else "some, others"
+        raise InputError(
+            f"{a.path} and {b.path} have different scenarios ({key}: {told}): "
+            "analyse runs of the same selection together"
+        )
+    if len({bool(run.manifest["effective"].get("mask_signs")) for run in (a, b)}) > 1:
+        raise InputError(
+            f"signs are masked in one of {a.path} and {b.path} only: tsbench analyse ablation compares such runs"
+        )
+    if a.manifest["effective"].get("perception") != b.manifest["effective"].get("perception"):
+        raise InputError(
+            f"{a.path} and {b.path} are of different perception levels: tsbench analyse perception compares such runs"
+        )
+
+
+# Which halves of a pair were passed, by whether the signed and the contrast half was.
+PASSES = {
+    (True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none",
+}  # fmt: skip
+Key = tuple[str, str]
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class EpisodeIndex:
+    """Episodes of a pool. rows: records, by planner and scenario; traces: by row number; notes: what is odd.
+
+    stories: of the first event that counts against SCD, with its unit. partners: by row number that of the other half;
+    passes: by row number which halves of its pair were passed, one of PASSES.
+    """
+
+    rows: Sequence[Row]
+    stories: Mapping[Key, Row]
+    traces: Mapping[int, Path]
+    notes: tuple[str, ...]
+    partners: Mapping[int, int]
+    passes: Mapping[int, str]
+
+    def key(self, row: int) -> Key:
+        return self.rows[row]["planner"], self.rows[row]["scenario_id"]
+
+
+def index_episodes(pool: RunPool) -> EpisodeIndex:
+    """Look for the traces of a pool's episodes. Raises InputError for a table that cannot be read."""
+    rows: list[Row] = [row for run in pool.runs for row in run.episodes.to_pylist()]
+    place = {name: k for k, name in enumerate(pool.planners)}
+    rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
+    stories: dict[Key, Row] = {}
+    for run in pool.runs:
+        for event in run.violations.to_pylist():
+            if event["target"]:
+                stories.setdefault((event["planner"], event["scenario_id"]), event)
+    expected = {
+        trace_path(pool.home[row["planner"]].path, row["planner"], row["scenario_id"]): k
+        for k, row in enumerate(rows)
+    }
+    there: dict[int, Path] = {}
+    notes = []
+    for run in pool.runs:
+        found = [p for p in sorted((run.path / "traces").rglob("*.parquet")) if not p.name.startswith(".")]
+        there |= {expected[path]: path for path in found if path in expected}
+        strays = [path for path in found if path not in expected]
+        if strays:
+            names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
+            more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
+            notes.append(f"{run.path}: {len(strays)} traces without their episode, not shown: {names}{more}")
+    return EpisodeIndex(rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows))
+
+
+def _pairs(rows: Sequence[Row]) -> tuple[dict[int, int], dict[int, str]]:
+    """Partners and passes of the rows whose other half is there too."""
+    found: dict[tuple[str, str], dict[str, int]] = {}
+    for k, row in enumerate(rows):
+        if row["pair_id"]:
+            found.setdefault((row["planner"], row["pair_id"]), {})[row["half"]] = k
+    partners: dict[int, int] = {}
+    passes: dict[int, str] = {}
+    for pair in (pair for pair in found.values() if len(pair) == len(HALVES)):
+        signed, contrast = (pair[half] for half in HALVES)
+        partners |= {signed: contrast, contrast: signed}
+        passes |= dict.fromkeys((signed, contrast), PASSES[rows[signed]["scd"], rows[contrast]["scd"]])
+    return partners, passes
+
+
+def by_interest(index: EpisodeIndex) -> list[int]:
+    """Rows with a trace: violations first, then other failures, then the rest; planners and types in turn in each.
+
+    The other half of a pair follows at once, for the two are played together.
+    """
+    classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
+    for row in index.traces:
+        record = index.rows[row]
+        rank = 0 if record["violation_clause"] else 1 if not record["scd"] else 2
+        classes[rank].setdefault((record["scenario_type"], record["planner"]), []).append(row)
+    alone = [row for queues in classes.values() for row in _in_turn(queues)]
+    halves = (half for row in alone for half in (row, index.partners.get(row, row)))
+    return [row for row in dict.fromkeys(halves) if row in index.traces]
+
+
+def _in_turn(queues: Mapping[tuple[str, str], list[int]]) -> Iterator[int]:
+    for places in zip_longest(*(queues[name] for name in sorted(queues))):
+        yield from (row for row in places if row is not None)

@@ -1,0 +1,243 @@
+"""The road surface, its markings and the ground around it (buildings, greenery, water) as shapes. Units: m, rad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import shapely
+
+from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_table
+from tsbench.core.paths import dataset_file, mirrored_in_use
+from tsbench.geometry.overlap import strip
+from tsbench.geometry.polyline import Polyline
+from tsbench.report.drawing import main_road
+from tsbench.report.drawing.canvas import STYLE
+from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
+from tsbench.roads.network import Edge, Lane, RoadNetwork
+from tsbench.roads.road_map import Crossing
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.plate_params import CrosswalkParams, ReservedLaneParams
+
+_ROUND_M = 0.15
+_KERB_M, _LINES_M = 0.25, 0.25
+_STOP, _GIVE_WAY, _NO_LINE = "stop", "give_way", "none"
+_ASKS = ((main_road.MAIN, _NO_LINE), (main_road.GIVE_WAY, _GIVE_WAY), (main_road.STOP, _STOP))
+# A lane beside another one: so far from where it would touch it, in widths; and its direction against the other's.
+_BESIDE, _BACK_COS = 0.6, -0.9
+_SOLID_STATES = frozenset("swoOrRyYuUgG")
+_GIVE_WAY_STATES = frozenset("m=")
+_TOOTH_M = (0.35, 0.75)
+_ZEBRA_M = (0.5, 0.5)
+# Where people wait, beyond the kerb: as deep as netconvert makes it, and wider than the crossing.
+_APRON_M = (3.0, 1.6)
+
+
+def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
+    walks = [lane_area(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
+    aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
+    area = _carriageway(network)
+    yield Area("walk", shapely.union_all([*walks, area.intersection(aprons)]))
+    road = area.difference(aprons)
+    yield Area("kerb", road.buffer(_KERB_M))
+    yield Area("asphalt", road)
+    two_way = _two_way(network)
+    for edge in network.edges.values():
+        lanes = _drivable(network, edge)
+        if edge.internal or not lanes:
+            continue
+        yield from _edge_marks(lanes, edge.id in two_way, network.to_kerb)
+        for lane in lanes:
+            yield from _arrows(network, lane, one_way=edge.id not in two_way)
+
+
+def _two_way(network: RoadNetwork) -> set[str]:
+    """Edges beside whose inner lane another one leads back; where a crop was cut, they end at nodes of their own."""
+    inner = [lanes[-1] for e in network.edges.values() if not e.internal and (lanes := _drivable(network, e))]
+    tree = shapely.STRtree([shapely.LineString(lane.line.points) for lane in inner])
+    found = set()
+    for lane in inner:
+        middle, heading = 0.5 * lane.line.length, lane.line.heading_at(0.5 * lane.line.length)
+        beyond = shapely.Point(lane.line.point_at(middle, -network.to_kerb * lane.width))
+        for k in tree.query(beyond, predicate="dwithin", distance=_BESIDE * lane.width).tolist():
+            s, _ = inner[k].line.project(beyond.x, beyond.y)
+            if math.cos(inner[k].line.heading_at(s) - heading) < _BACK_COS:
+                found.add(lane.edge)
+    return found
+
+
+def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Iterator[Area | Line]:
+    """What plates have painted: reserved lanes, stop and give-way lines, the stripes of a crossing with its plate.
+
+    An arm without a plate of priority has the line that the network's rights of way ask for.
+    """
+    reserved = {name for s in signs if isinstance(s.params, ReservedLaneParams) for name in s.params.lanes}
+    for name in sorted(reserved):
+        lane = network.lane(name)
+        # Between the lines at its sides.
+        yield Area("reserved", lane_area(lane.line, lane.width - 2.0 * _LINES_M))
+    for index, line in stop_lines(network, signs).items():
+        yield from _end_marks(network.lanes[index], line)
+    striped = {sign.params.crossing for sign in signs if isinstance(sign.params, CrosswalkParams)}
+    for crossing in network.crossings.values():
+        for dash in dashes(crossing.line.points, *_ZEBRA_M) if crossing.id in striped else ():
+            yield Area("marking", strip(Polyline(dash), crossing.width))
+
+
+def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
+    deep, wider = _APRON_M
+    line, width = crossing.line, crossing.width + 2.0 * wider
+    return [strip(line.slice(-deep, 0.0), width), strip(line.slice(line.length, line.length + deep), width)]
+
+
+def _carriageway(network: RoadNetwork) -> shapely.Geometry:
+    """All lanes for wheels and all junction areas, as one area."""
+    parts = [lane_area(lane.line, lane.width) for lane in network.lanes if not _is_walk(lane)]
+    parts += [
+        shapely.Polygon(j.polygon).buffer(0)
+        for j in network.junctions.values()
+        if len(j.polygon) >= 3 and j.type != "dead_end"
+    ]
+    # Closing with a small radius hides the hairlines between strips that only touch.
+    return shapely.union_all(parts).buffer(_ROUND_M).buffer(-_ROUND_M)
+
+
+def _is_walk(lane: Lane) -> bool:
+    return lane.permits("pedestrian") and not any(lane.permits(c) for c in ("passenger", "bus", "bicycle"))
+
+
+def _drivable(network: RoadNetwork, edge: Edge) -> list[Lane]:
+    return [network.lanes[i] for i in edge.lanes if not _is_walk(network.lanes[i])]
+
+
+def _edge_marks(lanes: list[Lane], two_way: bool, kerb: float) -> Iterator[Line]:
+    width, inset = STYLE.marking_m, 0.15
+    outer, inner = lanes[0], lanes[-1]
+    yield Line("marking", rounded(outer.line).beside(kerb * (outer.width / 2 - inset)), width)
+    # On a two-way road both directions draw their own half of the centre line.
+    shift = inset * 0.8 if two_way else inset
+    yield Line("marking", rounded(inner.line).beside(-kerb * (inner.width / 2 - shift)), width)
+    for lane in lanes[:-1]:
+        for dash in dashes(rounded(lane.line).beside(-kerb * lane.width / 2), *STYLE.dash_m):
+            yield Line("marking", dash, width)
+
+
+def stop_lines(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> dict[int, str]:
+    """By lane index: the line across its end, `stop` or `give_way`; lanes without one are left out."""
+    asked = {sign.edge: line for sign in signs for codes, line in _ASKS if sign.code in codes}
+    lanes = [lane for e in network.edges.values() if not e.internal for lane in _drivable(network, e)]
+    found = {lane.index: asked.get(lane.edge) or _line_by_rights(network, lane) for lane in lanes}
+    return {index: line for index, line in found.items() if line in (_STOP, _GIVE_WAY)}
+
+
+def _line_by_rights(network: RoadNetwork, lane: Lane) -> str:
+    """The line that the strictest of the lane's connections asks for."""
+    links = [c for c in network.outgoing[lane.index] if c.direction not in _BACK]
+    states = {c.state for c in links}
+    if "M" in states or (states <= _GIVE_WAY_STATES and not any(c.yields_to for c in links)):
+        # A main road: only its left turns give way, and nobody paints a line for them; nor before a zebra.
+        return _NO_LINE
+    if states & _SOLID_STATES:
+        return _STOP
+    return _GIVE_WAY if states & _GIVE_WAY_STATES else _NO_LINE
+
+
+def _end_marks(lane: Lane, line: str) -> Iterator[Line]:
+    """Solid for `stop`, of teeth for `give_way`."""
+    end = lane.line.length - STYLE.stop_line_m / 2
+    across = [lane.line.point_at(end, lane.width / 2 - 0.2), lane.line.point_at(end, -lane.width / 2 + 0.2)]
+    if line == _STOP:
+        yield Line("marking", np.array(across), STYLE.stop_line_m)
+    else:
+        for tooth in dashes(np.array(across), *_TOOTH_M):
+            yield Line("marking", tooth, STYLE.stop_line_m)
+
+
+# Arrows in the frame of the lane (m ahead, m to the left) of 3.2 m: the shaft behind, and of each way its line from the
+# shaft on with the direction in which its head points.
+_SHAFT_M, _HEAD_M, _ARROW_M, _FITS_M = 3.0, (1.0, 0.42), 0.2, 3.2
+_POINT_M = 2.6  # from the end of the shaft to the point of an arrow straight on
+_WAYS_M = MappingProxyType(
+    {
+        "s": (((0.0, 0.0), (1.6, 0.0)), (1.0, 0.0)),
+        "l": (((-0.6, 0.0), (0.1, 0.1), (0.5, 0.35), (0.6, 0.55)), (0.0, 1.0)),
+        "t": (((-0.6, 0.0), (0.1, 0.1), (0.3, 0.45), (0.1, 0.8), (-0.3, 0.9)), (-1.0, 0.0)),
+    }
+)
+_MIRRORED = MappingProxyType({"r": "l", "T": "t"})
+_BACK = frozenset("tT")
+_LEANS = MappingProxyType({"L": "l", "R": "r"})
+# So far before the end of its lane the front of a turn's arrow stands, in the middle of a short one; one-way arrows
+# are so far apart. A lane shorter than the last has none.
+_BEFORE_END_M, _APART_M, _LEAST_LANE_M = 12.0, 35.0, 9.0
+_LENGTH_M = 5.6  # of an arrow straight on
+
+
+def _arrows(network: RoadNetwork, lane: Lane, one_way: bool) -> Iterator[Area | Line]:
+    """Where a lane leads, painted before a fork; on a one-way road again and again which way it goes."""
+    if not lane.permits("passenger") or lane.line.length < _LEAST_LANE_M:
+        return
+    turns = {_LEANS.get(c.direction, c.direction) for c in network.outgoing[lane.index]}
+    turns &= {*_WAYS_M, *_MIRRORED}
+    forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - _BACK) > 1
+    length, plain = lane.line.length, 0.0
+    if forks and turns - _BACK:
+        middle = 0.5 * (length + _LENGTH_M)
+        yield from _arrow(lane, max(length - _BEFORE_END_M, middle) - _POINT_M, turns)
+        plain = _BEFORE_END_M + _APART_M / 2
+    if one_way and length - plain >= _LEAST_LANE_M:
+        count = max(round((length - plain) / _APART_M), 1)
+        apart = (length - plain) / count
+        for k in range(count):
+            yield from _arrow(lane, (k + 0.5) * apart + 0.5 * _LENGTH_M - _POINT_M, {"s"})
+
+
+def _beside(network: RoadNetwork, lane: Lane) -> tuple[int, ...]:
+    return network.edges[lane.edge].lanes
+
+
+def _arrow(lane: Lane, front: float, turns: set[str]) -> Iterator[Area | Line]:
+    """front: where the shaft ends, m along the lane."""
+    line = rounded(lane.line)
+    (x, y), heading = line.point_at(front), line.heading_at(front)
+    turned = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+    small = min(lane.width / _FITS_M, 1.0)
+    for turn in sorted(turns):
+        points, way = _WAYS_M[_MIRRORED.get(turn, turn)]
+        side = np.array([1.0, -1.0 if turn in _MIRRORED else 1.0]) * small
+        length, half = _HEAD_M
+        root, ahead = np.array(points[-1]), np.array(way)
+        aside = half * np.array([-ahead[1], ahead[0]])
+        shaft = np.array([(-_SHAFT_M, 0.0), *points])
+        yield Line("marking", shaft * side @ turned + (x, y), _ARROW_M)
+        head = np.array([root + length * ahead, root + aside, root - aside])
+        yield Area("marking", shapely.Polygon(head * side @ turned + (x, y)))
+
+
+_MIRROR = np.array((-1.0, 1.0))
+
+
+def ground_shapes(map_id: str) -> tuple[Area, ...]:
+    """Of a map of the data set in use, lowest first; () where nothing is known. Raises InputError: a broken file."""
+    path = dataset_file(GROUND_FILE)
+    if not path.is_file():
+        return ()
+    shapes = _ground_of_maps(path).get(map_id, ())
+    if not mirrored_in_use():
+        return shapes
+    return tuple(
+        Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes
+    )
+
+
+@lru_cache(maxsize=4)
+def _ground_of_maps(path: Path) -> MappingProxyType[str, tuple[Area, ...]]:
+    found: dict[str, list[Area]] = {}
+    for row in open_table(path, GROUND_SCHEMA, "tsbench city ground NAME --osm DIR").to_pylist():
+        if row["kind"] in GROUND_KINDS:
+            found.setdefault(row["map_id"], []).append(Area(row["kind"], shapely.from_wkb(row["shape"])))
+    return MappingProxyType({name: tuple(shapes) for name, shapes in found.items()})

@@ -1,0 +1,288 @@
+"""The data set as one page: types with their plates, maps on a map, every scene with its picture and certificate."""
+
+from __future__ import annotations
+
+import io
+import math
+from base64 import b64encode
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image as PilImage
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.parallel import worker_processes
+from tsbench.core.parquet import open_table
+from tsbench.dataset.scenes.overview import TypeStats, type_stats
+from tsbench.report.drawing.canvas import STYLE, PageSize
+from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
+from tsbench.report.drawing.scene_shapes import scene_shapes
+from tsbench.report.page.page_format import drawing, pack, pack_table, plate_keys, plate_of, render_page
+from tsbench.report.scene_pictures import scene_picture
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
+from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
+from tsbench.scenarios.scene_loader import SceneLoader, load_scene
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.model import ScenarioType, Sign
+from tsbench.signs.plates import plate_svg
+
+_COLUMNS = ("map_id", "source", "east", "north", "lat", "lon", "road_class")
+
+
+def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
+    """Header: unit (m), east0, north0 (UTM 37 north), sources [name, x, y], used maps; arrays x, y of the whole pool.
+
+    A used map: id, x, y, lat, lon, road class, source, split, types.
+    """
+    table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", _COLUMNS)
+    column: dict[str, list[Any]] = {name: table[name].to_pylist() for name in _COLUMNS}
+    east, north = np.array(column["east"]), np.array(column["north"])
+    middle = (float(np.median(east)), float(np.median(north)))
+    reach = max(float(np.abs(east - middle[0]).max()), float(np.abs(north - middle[1]).max()))
+    unit = max(round(reach / 32_000 + 0.5), 1)
+    x, y = (np.rint((a - m) / unit).astype(np.int16) for a, m in zip((east, north), middle, strict=True))
+    place = {name: k for k, name in enumerate(column["map_id"])}
+    types: dict[str, set[str]] = defaultdict(set)
+    splits: dict[str, str] = {}
+    for row in rows:
+        types[row.map_id].add(row.scenario_type)
+        splits[row.map_id] = row.split
+    used = [
+        {
+            "id": name, "x": int(x[k]), "y": int(y[k]), "lat": round(column["lat"][k], 5),
+            "lon": round(column["lon"][k], 5), "road": column["road_class"][k], "source": column["source"][k],
+            "split": splits[name], "types": sorted(types[name]),
+        }
+        for name, k in ((name, place[name]) for name in sorted(types))
+    ]  # fmt: skip
+    header = {"unit": unit, "sources": _sources(column["source"], x, y), "used": used}
+    order = np.lexsort((y, x))
+    return pack(header, {"x": x[order], "y": y[order]})
+
+
+def _sources(names: Sequence[str], x: Any, y: Any) -> list[list[Any]]:
+    by_name = defaultdict(list)
+    for k, name in enumerate(names):
+        by_name[name].append(k)
+    ordered = sorted(by_name.items(), key=lambda item: (-len(item[1]), item[0]))
+    return [[name, int(np.median(x[ks])), int(np.median(y[ks])), len(ks)] for name, ks in ordered]
+
+
+# Scenario type and map.
+Group = tuple[str, str]
+# Code and value.
+
+
+def scene_blob(type_id: str, map_id: str) -> str:
+    return f"scene/{type_id}/{map_id}"
+
+
+def pack_scenes(
+    groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
+) -> Iterator[tuple[Group, bytes, set[str]]]:
+    """Blobs in the groups' order (`roads` by network, `scenes` by id, each with its `net`), and the plates in them."""
+    with worker_processes(min(workers, len(groups)), "packing scenes") as pool:
+        packed = pool.ordered(_pack, ((rows,) for rows in groups.values()))
+        for done, (key, (content, plates)) in enumerate(zip(groups, packed, strict=True), start=1):
+            progress(done, len(groups))
+            yield key, content, plates
+
+
+@cache
+def _loader() -> SceneLoader:
+    return SceneLoader()
+
+
+def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
+    scenes, nets = {}, {}
+    plates: set[str] = set()
+    for row in rows:
+        scene, roads = _loader().load(row)
+        # The halves of a pair are of one variant, and may have networks of their own.
+        shown = drawing(scene_shapes(scene, roads.graph, start=True))
+        scenes[row.scenario_id] = {**shown, "net": row.net_sha256}
+        if row.net_sha256 not in nets:
+            nets[row.net_sha256] = drawing((*ground_shapes(row.map_id), *road_shapes(scene.network)))
+        plates |= set(plate_keys(shown))
+    return pack({"roads": nets, "scenes": scenes}), plates
+
+
+_YES = ["no", "yes", "–"]
+_GOOD, _BAD = {"yes": "good", "no": "bad"}, {"no": "bad"}
+COLUMNS: tuple[dict[str, Any], ...] = (
+    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
+    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "split", "label": "split", "kind": "text", "filter": "choice"},
+    {"name": "map_id", "label": "map", "kind": "text", "filter": "text"},
+    {"name": "variant", "label": "variant", "kind": "number", "digits": 0},
+    {"name": "half", "label": "half", "kind": "text", "filter": "choice"},
+    {"name": "expert", "label": "solved by", "kind": "text", "filter": "choice", "marks": {"nobody": "bad"},
+     "title": "the expert that obeyed the sign and arrived"},
+    {"name": "expert_time_s", "label": "after", "kind": "number", "unit": "s", "minor": True},
+    {"name": "tempting", "label": "tempting", "kind": "flag", "words": _YES, "filter": "choice", "marks": _GOOD,
+     "title": "a driver who does not see signs failed"},
+    {"name": "blind_outcome", "label": "blind baseline", "kind": "text", "filter": "choice", "minor": True},
+    {"name": "engaged", "label": "engaged", "kind": "flag", "words": _YES, "minor": True,
+     "title": "the rule bound the blind baseline"},
+    {"name": "sane", "label": "sane", "kind": "flag", "words": _YES, "filter": "choice", "marks": _BAD,
+     "title": "traffic as asked, nobody inside another, both episodes came to an end"},
+    {"name": "reproduced", "label": "again", "kind": "flag", "words": _YES, "minor": True, "marks": _BAD,
+     "title": "a second process drove it to the same bytes"},
+    {"name": "asked_density", "label": "asked", "kind": "number", "unit": "cars/lane-km",
+     "title": "density of moving cars that the scene asks for"},
+    {"name": "realised_density", "label": "realised", "kind": "number", "unit": "cars/lane-km"},
+    {"name": "arrival_gap_s", "label": "gap", "kind": "number", "unit": "s", "minor": True,
+     "title": "the convoy's unhindered arrival at the conflict zone less the ego's"},
+    {"name": "scenario_id", "label": "scenario", "kind": "text", "minor": True},
+)  # fmt: skip
+_DETAILS = (
+    ("sign_code", "text"), ("sign_value", "number"), ("initial_speed", "number"), ("route_length", "number"),
+    ("horizon", "number"), ("density", "number"), ("drivers", "number"), ("layout", "number"), ("seed", "text"),
+    ("shape", "text"), ("family", "text"), ("attempt", "number"), ("road_users", "number"), ("blind_baseline", "text"),
+)  # fmt: skip
+
+
+def pack_rows(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> bytes:
+    values = {column["name"]: _column(column["name"], rows, proofs) for column in COLUMNS}
+    values["expert"] = [name or "nobody" for name in values["expert"]]
+    return pack_table(COLUMNS, values)
+
+
+def pack_details(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> bytes:
+    columns = [{"name": name, "label": name.replace("_", " "), "kind": kind} for name, kind in _DETAILS]
+    values = {name: _column(name, rows, proofs) for name, _ in _DETAILS}
+    values["seed"] = [str(seed) for seed in values["seed"]]
+    return pack_table(columns, values)
+
+
+def _column(name: str, rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> list[Any]:
+    source: Sequence[Any] = rows if hasattr(rows[0], name) else proofs
+    return [_plain(getattr(item, name)) for item in source]
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN; two digits are enough to look at."""
+    if isinstance(value, float):
+        return round(value, 2) if math.isfinite(value) else None
+    return value
+
+
+LARGEST_BYTES = 20_000_000
+_PICTURE = PageSize(440, 260 + STYLE.header_px + STYLE.compact_footer_px)
+_QUALITY = 82
+Progress = Callable[[int, int], None]
+
+
+def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, progress: Progress) -> int:
+    """Write the page of `rows`; returns its size in bytes. progress(done, of): scenes of maps packed.
+
+    Raises InputError: no rows, a scene file or certificate that is missing or changed, a page over 20 MB.
+    """
+    if not rows:
+        raise InputError("no scenario is selected (tsbench scenarios list names them)")
+    catalog = load_catalog()
+    rows = sorted(rows, key=lambda row: (catalog.type(row.scenario_type).row, row.map_id, row.variant))
+    proofs = _certificates(rows)
+    groups: dict[Group, list[ScenarioSpec]] = defaultdict(list)
+    for row in rows:
+        groups[(row.scenario_type, row.map_id)].append(row)
+    blobs = {
+        "places": pack_places(rows),
+        "scenarios": pack_rows(rows, proofs),
+        "details": pack_details(rows, proofs),
+    }
+    plates: set[str] = set()
+    for key, packed, shown in pack_scenes(groups, workers, progress):
+        blobs[scene_blob(*key)] = packed
+        plates |= shown
+    pictures = {key: plate_of(key) for key in sorted(plates)}
+    text = render_page(
+        "dataset.html", title="tsbench scenarios", data={"plates": pictures}, blobs=blobs,
+        scripts=("dataset_map.js", "dataset.js"), cards=_cards(rows, catalog), facts=_facts(rows, proofs),
+    )  # fmt: skip
+    content = text.encode()
+    if len(content) > LARGEST_BYTES:
+        raise InputError(f"{out}: the page would have {len(content) / 1e6:.0f} MB; give --types or --split")
+    with io_errors_as_input_errors(out):
+        write_atomic(out, content)
+    return len(content)
+
+
+def _certificates(rows: Sequence[ScenarioSpec]) -> list[Certificate]:
+    path = certificates_path()
+    known = {c.scenario_id: c for c in read_certificates(path)}
+    missing = [row.scenario_id for row in rows if row.scenario_id not in known]
+    if missing:
+        raise InputError(f"{path}: no certificate for {missing[0]} (tsbench scenarios build makes it)")
+    return [known[row.scenario_id] for row in rows]
+
+
+def _cards(rows: Sequence[ScenarioSpec], catalog: Catalog) -> list[dict[str, Any]]:
+    stats: dict[str, list[TypeStats]] = defaultdict(list)
+    for entry in type_stats(rows):
+        stats[entry.type_id].append(entry)
+    first: dict[str, ScenarioSpec] = {}
+    for row in rows:
+        first.setdefault(row.scenario_type, row)
+    return [
+        _card(kind, catalog, stats[kind.id], first[kind.id]) for kind in catalog.types if kind.id in first
+    ]
+
+
+def _card(
+    kind: ScenarioType, catalog: Catalog, stats: Sequence[TypeStats], example: ScenarioSpec
+) -> dict[str, Any]:
+    signs = [catalog.sign(code) for code in kind.codes]
+    n = sum(entry.rows for entry in stats)
+    shares = {
+        name: f"{100 * sum(getattr(entry, name) * entry.rows for entry in stats) / n:.0f} %"
+        for name in ("solvable", "tempting", "engaged", "sane")
+    }
+    return {
+        "id": kind.id, "group": kind.group, "family": kind.family.replace("_", " "),
+        "names": list(dict.fromkeys(sign.name_en for sign in signs)),
+        "codes": [sign.code for sign in signs],
+        "plates": [(sign.code, _svg_uri(sign, example)) for sign in signs],
+        "counts": [f"{entry.split} {entry.rows:,} on {entry.maps} maps" for entry in stats],
+        "shares": shares,
+        "example": example.scenario_id,
+        "picture": _picture(example),
+    }  # fmt: skip
+
+
+def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:
+    """The plate with the number that the example has, or the smallest that it may have."""
+    value = sign.value.allowed[0] if sign.value is not None else None
+    if sign.code == example.sign_code:
+        value = example.sign_value
+    return f"data:image/svg+xml;base64,{b64encode(plate_svg(sign.code, value).encode()).decode()}"
+
+
+def _picture(example: ScenarioSpec) -> str:
+    page = scene_picture(load_scene(example), example.scenario_id, _PICTURE, map_id=example.map_id)
+    view = np.ascontiguousarray(page[_PICTURE.header_px : -_PICTURE.footer_px])
+    file = io.BytesIO()
+    PilImage.fromarray(view).save(file, format="WEBP", quality=_QUALITY, method=6)
+    return f"data:image/webp;base64,{b64encode(file.getvalue()).decode()}"
+
+
+def _facts(rows: Sequence[ScenarioSpec], proofs: Sequence[Certificate]) -> Mapping[str, str]:
+    n = len(rows)
+    splits = {split: sum(row.split == split for row in rows) for split in sorted({r.split for r in rows})}
+    checked = [proof.reproduced for proof in proofs if proof.reproduced is not None]
+    return {
+        "scenarios": f"{n:,} ({', '.join(f'{name} {count:,}' for name, count in splits.items())})",
+        "types": str(len({row.scenario_type for row in rows})),
+        "maps": f"{len({row.map_id for row in rows}):,}",
+        "solvable": f"{sum(p.solvable for p in proofs) / n:.1%}: an expert obeyed the sign and arrived",
+        "tempting": f"{sum(p.tempting for p in proofs) / n:.1%}: a driver who does not see signs failed",
+        "engaged": f"{sum(p.engaged for p in proofs) / n:.1%}: the rule bound that driver",
+        "sane": f"{sum(p.sane for p in proofs) / n:.1%}: traffic as asked, nobody inside another",
+        "reproduced": f"{sum(checked):,} of {len(checked):,} that a second process drove came out the same",
+    }

@@ -1,0 +1,212 @@
+"""`tsbench report`: one HTML file about runs, with as many players as its size allows; and the same page served."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pyarrow.compute as pc
+
+from tsbench.core.errors import InputError
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.parallel import worker_processes
+from tsbench.report.analyses.run_pool import (
+    EpisodeIndex,
+    Key,
+    RunPool,
+    by_interest,
+    index_episodes,
+    make_pool,
+    read_pool,
+)
+from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
+from tsbench.report.page.page_format import render_page
+from tsbench.report.page.report_sections import about, episodes_table, heading, sections
+from tsbench.run.log.read import StoredRun
+
+# Fewer are packed sooner than processes have started.
+_FEW = 64
+# Around a blob in the page: its element and name.
+_WRAP = 80
+
+
+@dataclass
+class Embedded:
+    """What goes into the file. blobs: by name; rows: that can be played; notes: on what is not; size: in the page."""
+
+    blobs: dict[str, bytes] = field(default_factory=dict)
+    rows: set[int] = field(default_factory=set)
+    notes: list[str] = field(default_factory=list)
+    size: int = 0
+
+    def take(self, row: int, packed: Packed, room: int) -> bool:
+        """Put one episode in, with its roads and plates where they are not there yet; False where there is no room."""
+        blobs = {f"episode/{row}": packed.episode}
+        if (name := f"roads/{packed.net}") not in self.blobs:
+            blobs[name] = packed.roads
+        for key in packed.plates:
+            if (name := f"plate/{key}") not in self.blobs:
+                blobs[name] = pack_plate(key)
+        size = sum(_WRAP + len(name) + 4 * ((len(b) + 2) // 3) for name, b in blobs.items())
+        if self.size + size > room:
+            return False
+        self.blobs |= blobs
+        self.rows.add(row)
+        self.size += size
+        return True
+
+
+def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int, int], None]) -> Embedded:
+    """Pack episodes in the order of their interest until `room` bytes of the page are used.
+
+    progress(done, of): is told now and then.
+    """
+    chosen, broken = Embedded(), list[str]()
+    order = by_interest(index)
+    left_out = 0
+    for k, (row, packed) in enumerate(_packed(index, order, workers)):
+        if isinstance(packed, str):
+            broken.append(packed)
+            continue
+        if not chosen.take(row, packed, room):
+            left_out = len(order) - k
+            break
+        progress(k + 1, len(order))
+    if left_out:
+        chosen.notes.append(
+            f"{len(chosen.rows):,} of {len(order):,} traced episodes can be played here (violations first, types and "
+            "planners in turn): the others would make the file too large; tsbench view plays all of them"
+        )
+    if broken:
+        more = "; …" if len(broken) > 3 else ""
+        chosen.notes.append(f"{len(broken)} traces cannot be played: {'; '.join(broken[:3])}{more}")
+    return chosen
+
+
+def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
+    jobs = [(index.traces[row], index.key(row)) for row in order]
+    if workers <= 1 or len(jobs) < _FEW:
+        yield from ((row, _pack(*job)) for row, job in zip(order, jobs, strict=True))
+        return
+    with worker_processes(workers, "packing episodes") as pool:
+        yield from zip(order, pool.ordered(_pack, jobs), strict=True)
+
+
+def _pack(trace: Path, key: Key) -> Packed | str:
+    """An episode, or in one line why not: one bad trace is no reason to have no report."""
+    try:
+        return _packer().pack(trace, key)
+    except InputError as problem:
+        return str(problem)
+
+
+@cache
+def _packer() -> EpisodePacker:
+    """One for each process."""
+    return EpisodePacker()
+
+
+MEGABYTE = 1_000_000
+NAME = "report.html"
+PLAYER_SCRIPTS = ("curves.js", "half.js", "player.js", "report.js")
+
+
+@dataclass(frozen=True)
+class Written:
+    """A report on disk. size: bytes; players, traced, episodes: how many; player_bytes: what the players take."""
+
+    path: Path
+    size: int
+    players: int
+    traced: int
+    episodes: int
+    player_bytes: int
+    notes: tuple[str, ...]
+
+
+def write_report(
+    runs: Sequence[Path], out: Path | None, *, allow_partial: bool, max_mb: float, workers: int,
+    progress: Callable[[int, int], None],
+) -> Written:  # fmt: skip
+    """Write the report of `runs` to `out` (default: report.html in the run, or here for several).
+
+    max_mb: bound of the file's size in 10^6 bytes; players are left out until it is kept.
+
+    Raises InputError as `read_pool` does, where the file cannot be written, and where even a page without players is
+    larger than `max_mb`.
+    """
+    pool = read_pool(runs, allow_partial)
+    index = index_episodes(pool)
+    path = out if out is not None else (runs[0] if len(runs) == 1 else Path()) / NAME
+    bound = int(max_mb * MEGABYTE)
+    fixed = Fixed(pool, index)
+    bare = len(fixed.page(Embedded()).encode())
+    if bare > bound:
+        raise InputError(
+            f"{path}: without any player the page has {bare / MEGABYTE:.1f} MB: raise --max-mb {max_mb:g}"
+        )
+    # The flags of what can be played change by a few bytes in the table.
+    players = embed(index, bound - bare - len(index.rows) - 4096, workers, progress)
+    text = fixed.page(players).encode()
+    with io_errors_as_input_errors(path):
+        write_atomic(path, text)
+    return Written(
+        path, len(text), len(players.rows), len(index.traces), len(index.rows), players.size,
+        (*index.notes, *players.notes),
+    )  # fmt: skip
+
+
+def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:
+    """The page of a run that is served: every traced episode is fetched from below `source` when it is played."""
+    return Fixed(pool, index).page(Embedded(rows=set(index.traces)), source)
+
+
+def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
+    """A page that plays one traced episode, and beside it the other half of its pair where that has a trace too.
+
+    Raises InputError where there is no such trace, or it cannot be shown.
+    """
+    rows = run.of(planner)
+    row = next((r for r in rows.to_pylist() if r["scenario_id"] == scenario_id), None)
+    if row is None:
+        raise InputError(f"{run.path}: no episode of {planner} on {scenario_id}")
+    alike = (
+        pc.equal(rows["pair_id"], row["pair_id"])
+        if row["pair_id"]
+        else pc.equal(rows["scenario_id"], scenario_id)
+    )
+    pool = make_pool([replace(run, episodes=rows.filter(alike))], allow_partial=True)
+    # The traces of all other episodes are no strays.
+    index = replace(index_episodes(pool), notes=())
+    players = embed(index, sys.maxsize, 1, lambda _done, _of: None)
+    if (planner, scenario_id) not in map(index.key, players.rows):
+        why = "; ".join(players.notes) or "it has no trace (trace='all' keeps all)"
+        raise InputError(f"{run.path}: {planner}/{scenario_id} cannot be played: {why}")
+    return render_page(
+        "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=PLAYER_SCRIPTS,
+        title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
+        runs=[], notes=players.notes, players=len(players.rows), episodes=len(index.rows),
+    )  # fmt: skip
+
+
+class Fixed:
+    """What a report shows whatever players it has, made once."""
+
+    def __init__(self, pool: RunPool, index: EpisodeIndex) -> None:
+        self._index = index
+        self._heading = heading(pool)
+        self._sections = list(sections(pool, index))
+        self._about = about(pool)
+
+    def page(self, players: Embedded, source: str | None = None) -> str:
+        data: dict[str, Any] = {} if source is None else {"source": source}
+        blobs = {"episodes": episodes_table(self._index, players.rows), **players.blobs}
+        return render_page(
+            "report.html", data=data, blobs=blobs, scripts=PLAYER_SCRIPTS, served=source is not None,
+            sections=self._sections, runs=self._about, notes=[*self._index.notes, *players.notes],
+            players=len(players.rows), episodes=len(self._index.rows), **self._heading,
+        )  # fmt: skip

@@ -1,0 +1,147 @@
+"""The data set in tables: rows by type and split, in what they differ, tagging, and the quotas and maps behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isnan
+from typing import Any
+
+from tsbench.dataset.scenes.axes import TypeAxes
+from tsbench.dataset.scenes.overview import TypeStats, shown_reason
+from tsbench.dataset.scenes.tagging import GOAL, Tagging
+from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, to_markdown
+from tsbench.report.analyses.columns import text_columns
+
+_SHARES = {
+    "tagged": "tagged_share", "solvable": "solvable", "tempting": "tempting", "engaged": "engaged", "sane": "sane",
+    "again": "reproduced",
+}  # fmt: skip
+
+
+def dataset_tables(
+    stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]
+) -> tuple[Analysis, Analysis]:
+    """Rows, and maps. report: what the last build wrote down (overview.build_report)."""
+    splits = dict.fromkeys(t.split for t in stats)
+    counts = {split: sum(t.rows for t in stats if t.split == split) for split in splits}
+    by_split = ", ".join(f"{split} {count:,}" for split, count in counts.items())
+    rows = tuple(
+        Row((
+            t.type_id, t.split, t.rows, t.pairs, t.maps, t.places,
+            *(_percent(getattr(t, name)) for name in _SHARES.values()), None if isnan(t.gap_s) else t.gap_s,
+            "" if isnan(t.seen) else _percent(t.seen),
+        ))
+        for t in stats
+    )  # fmt: skip
+    columns = (
+        *text_columns("type", "split"), *(Column(k, k, Kind.COUNT) for k in ("rows", "pairs", "maps", "places")),
+        *text_columns(*_SHARES), Column("gap_s", "gap s", Kind.NUMBER), *text_columns("seen"),
+    )  # fmt: skip
+    notes = (
+        "Shares are of signed rows, in %, by their certificates. places: maps of the split within 300 m of each other, "
+        "of one ring or one OSM way are one. "
+        "tagged: maps from extracts with full tags. again: driven to the same bytes by a second process. gap s: median "
+        "of |arrival gap| between the ego and the road users that it has to watch, where there are any. "
+        "seen: pairs whose others "
+        "betray the half before the ego is at its line, though too late to stop",
+    )
+    title = f"The data set: {sum(counts.values()):,} rows ({by_split})"
+    strata = {(t.type_id, t.split): t.strata for t in stats}
+    maps = tuple(
+        Row(
+            (
+                kind,
+                split,
+                _counts(strata.get((kind, split), {})),
+                _counts(e["missed"]),
+                _reasons(e["reasons"]),
+                _reasons(e.get("draws", {})),
+            )
+        )
+        for e in report
+        for kind, split in [(str(e["type_id"]), str(e["split"]))]
+    )
+    heads = text_columns(
+        "type", "split", "maps by stratum", "quota missed", "maps passed over, by reason", "draws passed over"
+    )
+    quotas = "Quotas, and why maps were passed over while they were filled"
+    return (
+        Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
+        Analysis("dataset-maps", quotas, "", Table(heads, maps, 2), ()),
+    )
+
+
+def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
+    """In what a type's rows differ."""
+    counts = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
+    means = {
+        "distractors": "sets of distractors", "lanes": "start lanes", "destinations": "destinations",
+        "approaches": "approaches", "lengths": "route lengths",
+    }  # fmt: skip
+    shares = {"apart": "apart", "apart_bare": "apart without distractors"}
+    columns = (
+        *text_columns("type", "split"),
+        *(Column(key, head, Kind.COUNT) for key, head in counts.items()),
+        *(Column(key, head, Kind.NUMBER) for key, head in means.items()),
+        *text_columns(*shares.values()),
+    )
+    rows = tuple(
+        Row((
+            a.type_id, a.split, *(getattr(a, key) for key in (*counts, *means)),
+            *(_percent(getattr(a, key)) for key in shares),
+        ))
+        for a in axes
+    )  # fmt: skip
+    notes = (
+        "Signed rows. Plates and values, initial speeds and densities: distinct ones in the type. The next five: "
+        "distinct ones on a map, mean over maps. apart: % of rows that differ from every other row of their map in "
+        "plate, value, distractors, start lane, approach or destination",
+    )
+    return Analysis("dataset-axes", "In what the rows of a map differ", "", Table(columns, rows, 2), notes)
+
+
+def tagging_table(found: Sequence[Tagging]) -> Analysis:
+    """Maps from the generalised extract, by type and split."""
+    columns = (
+        *text_columns("type", "split"),
+        *(Column(key, key, Kind.COUNT) for key in ("maps", "tagged")),
+        Column("there", "tagged in the pool", Kind.COUNT),
+        *text_columns("generalised"),
+    )
+    rows = tuple(Row((t.type_id, t.split, t.maps, t.tagged, t.there, _percent(t.share))) for t in found)
+    return Analysis("dataset-tagging", "Tagging", "", Table(columns, rows, 2), (_tagging_note(found),))
+
+
+def _tagging_note(found: Sequence[Tagging]) -> str:
+    """Whether routing types keep the goal for generalised maps, split by split."""
+    parts = []
+    for split in dict.fromkeys(t.split for t in found if t.routing):
+        of = [t for t in found if t.routing and t.split == split]
+        over = [t for t in of if t.share > GOAL]
+        share = _percent(sum(t.plain for t in of) / sum(t.maps for t in of))
+        parts.append(f"{split}: {share} % generalised, {len(over)} of {len(of)} types above the goal")
+    goal = f"At most {GOAL:.0%} of a routing type's test maps are to be from the generalised extract. "
+    reason = (
+        ". A build tries the tagged maps of a stratum first and takes a generalised one where no more of them pass. "
+        "Most of those passed over have an obedient way that takes too long; the table of quotas counts the reasons"
+    )
+    return goal + "Routing types, " + "; ".join(parts) + reason if parts else ""
+
+
+def dataset_page(tables: Sequence[Analysis]) -> str:
+    """The page docs/dataset.md."""
+    head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
+    return "\n".join([head, *map(to_markdown, tables)])
+
+
+def _percent(share: float) -> str:
+    """Whole only where it is whole: 99.96 % is not 100 %."""
+    return f"{100 * share:.0f}" if share in (0.0, 1.0) else f"{min(100 * share, 99.9):.1f}"
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
+
+
+def _reasons(reasons: Mapping[str, int]) -> str:
+    return "; ".join(f"{n} {shown_reason(why)}" for why, n in reasons.items()) or "none"

@@ -1,1 +1,0 @@
-"""Pictures and films of episodes, one or many."""
