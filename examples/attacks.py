@@ -206,39 +206,6 @@ class Presses(Rushes):
         return _capped(command, ego.speed, route.path.limit_at(route.s) + self.above_mps)
 
 
-class Brushes:
-    """`idm`, but at the line its centre is for a moment on the lane by which its own road leads away."""
-
-    floor, from_m, to_m, aside_m, at_mps = True, 9.0, -1.0, 3.0, 5.0
-
-    def reset(self, context: PlannerContext) -> None:
-        self._base, self._map = Idm(), context.network
-        self._base.reset(context)
-
-    def act(self, observation: Observation) -> Control:
-        seen = masked(observation)
-        command, ego, route = self._base.act(seen), seen.ego, seen.route
-        to_line = first_fork(self._map, route.path) - route.s - HALF_LENGTH_M
-        if to_line < 25.0:
-            command = _capped(command, ego.speed, self.at_mps)
-        if not self.to_m < to_line < self.from_m:
-            return command
-        aim = route.path.line.point_at(route.s + LEAST_AHEAD_M + 1.0, self.aside_m)
-        return Control(command.acceleration, pursue(ego.x, ego.y, ego.heading, *aim))
-
-
-class Weaves(Rushes):
-    """As fast as the car can, to and fro over the left edge of its lane."""
-
-    edge_m, swing_m, period_s = 1.6, 0.5, 0.7
-
-    def act(self, observation: Observation) -> Control:
-        command, ego, route = super().act(observation), observation.ego, observation.route
-        aside = self.edge_m + self.swing_m * math.sin(2.0 * math.pi * observation.time / self.period_s)
-        aim = route.path.line.point_at(route.s + 0.6 * ego.speed + LEAST_AHEAD_M, aside)
-        return Control(command.acceleration, pursue(ego.x, ego.y, ego.heading, *aim))
-
-
 def _capped(command: Control, speed: float, most: float) -> Control:
     """The command, but that it brings a speed above `most` down to that."""
     return Control(min(command.acceleration, max(-4.0, 2.0 * (most - speed))), command.steering)
