@@ -187,6 +187,25 @@ class Hastens(Rushes):
     manner = IdmParameters(accel=30.0, lateral=4.0, slowing=4.0)
 
 
+class Presses(Rushes):
+    """A little above the limit, late on its brakes, and as fast as the car can from its line on."""
+
+    manner = IdmParameters(
+        speed_factor=9.0, top_speed=MAX_SPEED_MPS, accel=30.0, decel=3.0, lateral=4.0, slowing=3.0
+    )
+    above_mps, behind_m = 0.95, 3.0
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._map = context.network
+
+    def act(self, observation: Observation) -> Control:
+        command, ego, route = super().act(observation), observation.ego, observation.route
+        if first_fork(self._map, route.path) - route.s - HALF_LENGTH_M < -self.behind_m:
+            return Control(self.manner.accel, command.steering)
+        return _capped(command, ego.speed, route.path.limit_at(route.s) + self.above_mps)
+
+
 def _capped(command: Control, speed: float, most: float) -> Control:
     """The command, but that it brings a speed above `most` down to that."""
     return Control(min(command.acceleration, max(-4.0, 2.0 * (most - speed))), command.steering)

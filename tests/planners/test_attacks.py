@@ -78,5 +78,5 @@ def test_who_rushes_is_let_through_where_no_convoy_hurries(monkeypatch: pytest.M
         return {pair for pair, _ in driven} - {pair for pair, d in driven if not (d.record or {})["scd"]}
 
     assert passed() == set()
-    monkeypatch.setattr(JunctionTraffic, "_hurry", lambda *_: None)
+    monkeypatch.setattr(JunctionTraffic, "_late_for", lambda *_: False)
     assert len(passed()) >= 3

@@ -12,7 +12,7 @@ from tsbench.roads.destination import Destination
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
-from tsbench.sim.convoy import SHOWS_AT_M, Approach
+from tsbench.sim.convoy import SHOWS_AT_M, Approach, earliest_arrival
 from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, JunctionTraffic, exchangeable
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene
 from tsbench.sim.scene_file import late_entries
@@ -127,24 +127,30 @@ def led(stage: Stage, speed: float, seconds: float) -> list[float]:
     return [fleet["convoy_0"][1] for fleet in there]
 
 
-def test_the_convoy_hurries_for_who_rushes_and_for_nobody_else(sim: Simulation, on_cross: SceneMaker) -> None:
-    """As long as plates are not shown to any of them."""
-    places = [led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (8.0, 13.0, 22.0)]
+def test_the_convoy_hurries_where_the_ego_could_be_through_before_it(
+    sim: Simulation, on_cross: SceneMaker
+) -> None:
+    """As long as plates are not shown."""
+    places = [led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (4.0, 6.0, 22.0)]
     assert places[0] == places[1]
     assert places[2][-1] > places[1][-1] + 1.0
 
 
-def test_the_convoy_sets_off_sooner_for_who_rushes(sim: Simulation, on_cross: SceneMaker) -> None:
+def test_the_convoy_sets_off_where_it_could_otherwise_not_be_there(
+    sim: Simulation, on_cross: SceneMaker
+) -> None:
+    """Both do their utmost: 3 m/s2, up to 22.2 m/s."""
     made = scene(on_cross, "sooner")
     assert made.convoy is not None
     made = replace(made, convoy=replace(made.convoy, lead_time_s=5.0))
-    moved = {}
-    for speed in (13.0, 20.0, 22.0):
+    moved, needed = {}, {}
+    for speed in (0.5, 3.0, 6.0, 13.0, 22.0):
         stage = Stage(sim, made)
         before = stage.stand(60.0, DT_S, 0.0)["convoy_0"][1]
         moved[speed] = stage.stand(60.0, 3 * DT_S, speed)["convoy_0"][1] > before
-    # By 64 m of braking with 3 m/s2, 20.2 m/s come down to the turn's 5 m/s.
-    assert moved == {13.0: False, 20.0: False, 22.0: True}
+        lead = earliest_arrival(stage.network.lane("w_in_0").length - before, 0.0, 3.0, 22.2)
+        needed[speed] = lead + DT_S > earliest_arrival(60.0 + made.convoy.ego_zone_m, speed, 3.0, 22.2)
+    assert moved == needed == {0.5: False, 3.0: False, 6.0: True, 13.0: True, 22.0: True}
 
 
 def test_who_rushed_and_brakes_is_told_no_sooner(sim: Simulation, on_cross: SceneMaker) -> None:

@@ -11,6 +11,7 @@ import pytest
 from command_line import in_process
 
 from tsbench.planners.check import Finding, Level
+from tsbench.run.contract import SCORING
 from tsbench.run.edition import LOCAL, editions
 from tsbench.run.isolation.loading import SandboxedPlanner
 from tsbench.run.planner_info import PlannerInfo
@@ -121,7 +122,7 @@ INFO = PlannerInfo(
             {"namespaces": "bubblewrap 0.8.0"},
             "code",
             Level.OK,
-            "of tsbench, scoring 1",
+            f"of tsbench, scoring {SCORING}",
         ),
         (
             replace(INFO, name="m\u0456ne"),

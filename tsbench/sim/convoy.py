@@ -30,11 +30,8 @@ _ACCEL_MPS2 = 1.5
 _BRAKE_MPS2 = 2.0
 _STEP_S = 0.2
 _LONG_S = 60.0
-# An ego rushes that is so much above the limit of its road, or so much too fast to be down at its turn's speed in the
-# zone, if it brakes so hard.
-_RUSHES_MPS, _RUSHES_BRAKE_MPS2 = 1.0, 3.0
-# A convoy is at its own line no later than that after such an ego is in the zone.
-RUSHED_AFTER_S = 1.5
+# A convoy can be at its own line no later than that after the ego can be in the zone.
+REACHED_AFTER_S = 1.0
 
 
 def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: float, turn: float) -> float:
@@ -52,27 +49,12 @@ def predicted_arrival(to_line: float, to_zone: float, speed: float, cruise: floa
     return time - (gone - to_zone) / max(v, 0.5)
 
 
-def rushed_arrival(plan: ReleasePlan, to_line: float, speed: float) -> float | None:
-    """Seconds until the front of an ego that rushes is at the zone; None for one that does not rush.
-
-    One that is too fast for its turn is taken to brake no more, one above the limit as in `predicted_arrival`.
-    """
-    to_zone = to_line + plan.ego_zone_m
-    in_turn = math.sqrt(plan.ego_turn_mps**2 + 2.0 * _RUSHES_BRAKE_MPS2 * max(to_zone, 0.0))
-    if speed > in_turn + _RUSHES_MPS:
-        return max(to_zone, 0.0) / speed
-    if speed > plan.ego_cruise_mps + _RUSHES_MPS:
-        return predicted_arrival(to_line, to_zone, speed, speed, plan.ego_turn_mps)
-    return None
-
-
-def speed_to_meet(room: float, time: float, speed: float, accel: float) -> float:
-    """The least speed (m/s) with which a car has gone `room` metres within `time` seconds.
-
-    It has `speed` now and speeds up with `accel` (m/s2). Where even that is too late: the speed that it has then.
-    """
-    fastest = speed + accel * time
-    return fastest - math.sqrt(max(fastest**2 - speed**2 - 2.0 * accel * room, 0.0))
+def earliest_arrival(way: float, speed: float, accel: float, top: float) -> float:
+    """Least seconds in which a vehicle goes `way` metres from `speed` (m/s), with `accel` (m/s2) up to `top` (m/s)."""
+    speeding_m = max(top**2 - speed**2, 0.0) / (2.0 * accel)
+    if way <= speeding_m:
+        return (math.sqrt(speed**2 + 2.0 * accel * max(way, 0.0)) - speed) / accel
+    return max(top - speed, 0.0) / accel + (way - speeding_m) / max(top, speed)
 
 
 @dataclass(frozen=True, slots=True)

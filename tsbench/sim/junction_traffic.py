@@ -2,8 +2,8 @@
 
 Who has priority is seen in what others do. So until the ego waits at its line, or could no longer stop before it meets
 the convoy, however late that is, SUMO's right of way moves nobody: the convoy comes as the release says and stops
-before its own line, who waits on another arm waits on, and who would enter the scene enters later. An ego that rushes,
-to be through before the convoy comes, meets it all the same: the convoy hurries.
+before its own line, who waits on another arm waits on, and who would enter the scene enters later. An ego that could
+be through before the convoy comes, if it did its utmost from now, meets it all the same: the convoy hurries.
 Source: docs/spec/scenes.md, "Junction". Units: m, s.
 """
 
@@ -12,12 +12,11 @@ from __future__ import annotations
 from tsbench.signs.contrast import PassageParams
 from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
 from tsbench.sim.convoy import (
-    RUSHED_AFTER_S,
+    REACHED_AFTER_S,
     Approach,
     ConvoyRelease,
     Showing,
-    rushed_arrival,
-    speed_to_meet,
+    earliest_arrival,
 )
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_SPEED_MPS
 from tsbench.sim.scene import ConvoyPlan, Scene
@@ -56,8 +55,7 @@ class JunctionTraffic:
         self._showing = self._release.showing if self._release else Showing()
         self._silent = exchangeable(scene)
         self._waits = self._release is not None
-        # What the convoy speeds up to.
-        self._pace = 0.0
+        self._hurried = False
         self._late: tuple[LateEntry, ...] = ()
         content = scene.additional.content
         if self._silent:
@@ -78,7 +76,6 @@ class JunctionTraffic:
         to_line = self._approach.to_line(ego)
         if self._is_time(to_line, ego.speed):
             self._waits = False
-            self._pace = self._sim.top_speed(self._convoy[0])
             for vehicle in self._convoy:
                 self._sim.release(vehicle, heeds_priority=not self._silent)
         if not self._silent:
@@ -86,29 +83,31 @@ class JunctionTraffic:
         if self._showing.may(to_line, ego.speed):
             self._speak()
         elif self._plan is not None and not self._waits:
-            self._hurry(self._plan, to_line, ego.speed)
+            if self._late_for(self._plan, to_line, ego.speed):
+                for vehicle in self._convoy:
+                    self._sim.hurry(vehicle, MAX_SPEED_MPS, MAX_ACCEL_MPS2)
+                self._hurried = True
+            elif self._hurried:
+                for vehicle in self._convoy:
+                    self._sim.hurry(vehicle, max(self._sim.speed(vehicle), 1.0), MAX_ACCEL_MPS2)
             self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
 
     def _is_time(self, to_line: float, speed: float) -> bool:
-        """Is the convoy released at this tick? For an ego that rushes where plates could be exchanged it is sooner."""
+        """Is the convoy released at this tick?"""
         if self._release is None or self._plan is None or not self._waits:
             return False
-        if self._release.update_at(to_line, speed):
-            return True
-        arrival = rushed_arrival(self._plan, to_line, speed) if self._silent else None
-        return arrival is not None and arrival + _behind_s(self._plan) <= self._plan.lead_time_s
+        return self._release.update_at(to_line, speed) or (
+            self._silent and self._late_for(self._plan, to_line, speed)
+        )
 
-    def _hurry(self, plan: ConvoyPlan, to_line: float, speed: float) -> None:
-        """The convoy is no farther behind an ego that rushes than behind one that does not."""
-        arrival = rushed_arrival(plan, to_line, speed)
-        if arrival is None:
-            return
-        room, own = self._sim.to_lane_end(self._convoy[0]), self._sim.speed(self._convoy[0])
-        pace = min(speed_to_meet(room, arrival + _behind_s(plan), own, MAX_ACCEL_MPS2), MAX_SPEED_MPS)
-        if pace > self._pace:
-            self._pace = pace
-            for vehicle in self._convoy:
-                self._sim.hurry(vehicle, pace, MAX_ACCEL_MPS2)
+    def _late_for(self, plan: ConvoyPlan, to_line: float, speed: float) -> bool:
+        """Is the convoy too late for the ego, if both do their utmost, unless it hurries from this tick on?"""
+        lead = self._convoy[0]
+        own = earliest_arrival(
+            self._sim.to_lane_end(lead), self._sim.speed(lead), MAX_ACCEL_MPS2, MAX_SPEED_MPS
+        )
+        ego = earliest_arrival(to_line + plan.ego_zone_m, speed, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
+        return own + DT_S > ego + min(plan.after_s, REACHED_AFTER_S)
 
     def _speak(self) -> None:
         """From now everybody does what the plates say; who would have entered by now enters from now on."""
@@ -121,8 +120,3 @@ class JunctionTraffic:
             delay = max(self._sim.time() + DT_S - self._late[0].depart, 0.0)
             for car in self._late:
                 self._sim.add_car(car.name, car.vtype, car.edges, car.lane, round(car.depart + delay, 1))
-
-
-def _behind_s(plan: ConvoyPlan) -> float:
-    """So long after an ego that rushes is in the zone the convoy is to be at its own line."""
-    return min(plan.after_s, RUSHED_AFTER_S)

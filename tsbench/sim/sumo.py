@@ -219,10 +219,6 @@ class Simulation:
         """A vehicle's speed, m/s."""
         return float(libsumo.vehicle.getSpeed(vehicle))
 
-    def top_speed(self, vehicle: str) -> float:
-        """What a vehicle speeds up to on its own (m/s), where it is now."""
-        return float(min(libsumo.vehicle.getMaxSpeed(vehicle), libsumo.vehicle.getAllowedSpeed(vehicle)))
-
     def hurry(self, vehicle: str, speed: float, accel: float) -> None:
         """From now a vehicle speeds up to this (m/s) on any road, with this acceleration (m/s2)."""
         v = libsumo.vehicle

@@ -135,9 +135,9 @@ def test_the_same_row_gives_the_same_certificate(maker: SceneMaker) -> None:
     assert prove(maker, replace(spec, horizon=40)).digest != first.digest
     (again,) = prover(maker).again([(spec, first)])
     assert again == replace(first, reproduced=True, arrival_gap_s=again.arrival_gap_s)
-    # Other code, or another processor, may have made it, and it holds; what it found has to be found again.
+    # Another scoring, or another processor, may have made it, and it holds; what it found has to be found again.
     made = [
-        {"code": "older", "digest": "0"},
+        {"scoring": 1, "digest": "0"},
         {"expert_time_s": first.expert_time_s + 0.1},
         {"arrival_gap_s": 2.0},
     ]
