@@ -55,7 +55,9 @@ class JunctionTraffic:
         self._showing = self._release.showing if self._release else Showing()
         self._silent = exchangeable(scene)
         self._waits = self._release is not None
-        self._hurried = False
+        self._hurries = False
+        # Of each of the convoy, its own top speed and acceleration.
+        self._paces: dict[str, tuple[float, float]] = {}
         self._late: tuple[LateEntry, ...] = ()
         content = scene.additional.content
         if self._silent:
@@ -76,6 +78,7 @@ class JunctionTraffic:
         to_line = self._approach.to_line(ego)
         if self._is_time(to_line, ego.speed):
             self._waits = False
+            self._paces = {vehicle: self._sim.pace(vehicle) for vehicle in self._convoy}
             for vehicle in self._convoy:
                 self._sim.release(vehicle, heeds_priority=not self._silent)
         if not self._silent:
@@ -83,13 +86,13 @@ class JunctionTraffic:
         if self._showing.may(to_line, ego.speed):
             self._speak()
         elif self._plan is not None and not self._waits:
-            if self._late_for(self._plan, to_line, ego.speed):
-                for vehicle in self._convoy:
-                    self._sim.hurry(vehicle, MAX_SPEED_MPS, MAX_ACCEL_MPS2)
-                self._hurried = True
-            elif self._hurried:
-                for vehicle in self._convoy:
-                    self._sim.hurry(vehicle, max(self._sim.speed(vehicle), 1.0), MAX_ACCEL_MPS2)
+            late = self._late_for(self._plan, to_line, ego.speed)
+            if late or self._hurries:
+                for vehicle, (speed, accel) in self._paces.items():
+                    # One that has hurried does not brake for that.
+                    own = max(speed, self._sim.speed(vehicle)), accel
+                    self._sim.set_pace(vehicle, *((MAX_SPEED_MPS, MAX_ACCEL_MPS2) if late else own))
+            self._hurries = late
             self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
 
     def _is_time(self, to_line: float, speed: float) -> bool:

@@ -219,7 +219,12 @@ class Simulation:
         """A vehicle's speed, m/s."""
         return float(libsumo.vehicle.getSpeed(vehicle))
 
-    def hurry(self, vehicle: str, speed: float, accel: float) -> None:
+    def pace(self, vehicle: str) -> tuple[float, float]:
+        """What a vehicle speeds up to on its own where it is now (m/s), and with what acceleration (m/s2)."""
+        v = libsumo.vehicle
+        return float(min(v.getMaxSpeed(vehicle), v.getAllowedSpeed(vehicle))), float(v.getAccel(vehicle))
+
+    def set_pace(self, vehicle: str, speed: float, accel: float) -> None:
         """From now a vehicle speeds up to this (m/s) on any road, with this acceleration (m/s2)."""
         v = libsumo.vehicle
         v.setMaxSpeed(vehicle, speed)
