@@ -9,6 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 
@@ -21,12 +22,16 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
     require,
 )
+from tsbench.dataset.scenes.driven_plates import broken_plates
+from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.geometry.polyline import Polyline
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import ScenarioType, load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
 
 # Room before an arm's line and behind its start, and from post to post.
 _CLEAR_M = 15.0
+_AT_LINE_M = 2.0
 _APART_M = 8.0
 _OFF_M = 0.5
 # So far from the height of a zone's end the other direction's may stand.
@@ -100,58 +105,113 @@ def _on_posts(
     return replace(signed, signs=(*signed.signs, *ours)), replace(contrast, signs=(*contrast.signs, *theirs))
 
 
-def distractors(task: SceneTask, arrangement: Arrangement) -> tuple[SignInstance, ...]:
-    """As many as the variant asks for and the map has room for, of codes that are not the scene's.
+def distractors(
+    task: SceneTask, arrangement: Arrangement, halves: Sequence[PlacedPlates]
+) -> tuple[SignInstance, ...]:
+    """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
     They face who comes towards the ego, or on roads that lead to its way from the side; the ego drives none of these.
-    On a one-way road they stand behind the ego, and are over: a limit and its end, an obstacle that is passed.
+    On a one-way road they stand behind the ego, and are over: an end, or a limit with its end.
+
+    halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
     """
     wanted, taken = task.variant.distractors, {s.code for s in arrangement.signs}
     kinds = [
         kind for kind in load_catalog().types if kind.group != "priority" and taken.isdisjoint(kind.codes)
     ]
-    posts = _posts(task, arrangement, _leading_to(task, arrangement), wanted, math.inf)
-    if posts or task.row.family != "corridor":
-        codes = [code for kind in kinds for code in kind.codes]
-        return tuple(_bearing(post, _drawn(codes, task), task) for post in posts)
-    return _over(task, kinds, _behind(task, arrangement, wanted))
-
-
-def _over(
-    task: SceneTask, kinds: Sequence[ScenarioType], posts: Sequence[SignInstance]
-) -> tuple[SignInstance, ...]:
-    """The posts with plates that no longer hold behind them: limits with their ends, ends alone, obstacles' plates."""
-    limits = [(kind.codes[0], kind.end_codes[0]) for kind in kinds if kind.end_codes]
-    passed = [code for kind in kinds for code in (*kind.codes, *kind.end_codes) if _may_be_over(code)]
+    edges = _leading_to(task, arrangement)
+    if not edges and task.row.family == "corridor":
+        return _over(task, kinds, _behind(task, arrangement, wanted), halves)
+    codes = [code for kind in kinds for code in kind.codes]
     found: list[SignInstance] = []
-    for post in posts:
-        if found and found[-1].code in dict(limits):
-            found.append(replace(post, code=dict(limits)[found[-1].code], value=found[-1].value))
-        elif limits and post is not posts[-1] and task.rng.random() < _LIMITS_SHARE:
-            found.append(_bearing(post, _drawn([code for code, _ in limits], task), task))
-        elif passed:
-            found.append(_bearing(post, _drawn(passed, task), task))
+    while len(found) < wanted:
+        plate = _fitting(task, arrangement, edges, codes, tuple(found), halves)
+        if plate is None:
+            break
+        found.append(plate)
     return tuple(found)
 
 
-def _drawn(codes: Sequence[str], task: SceneTask) -> str:
-    return codes[int(task.rng.integers(len(codes)))]
+def _fitting(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], codes: Sequence[str],
+    found: tuple[SignInstance, ...], halves: Sequence[PlacedPlates],
+) -> SignInstance | None:  # fmt: skip
+    """A plate of the first of the codes, in a drawn order, that can stand on one of the edges; None: there is none."""
+    for code in _shuffled(codes, task):
+        for edge in _shuffled(edges, task):
+            line = task.network.edge_lanes(edge)[0].line
+            post = _post(task, arrangement, edge, _place(code, line.length, task), len(found))
+            if _on_its_place(post, line) and _is_apart(post, (*arrangement.signs, *found)):
+                for plate in _bearings(post, code, task):
+                    if _can_stand((*found, plate), halves):
+                        return plate
+    return None
 
 
-def _bearing(post: SignInstance, code: str, task: SceneTask) -> SignInstance:
-    """The post with a plate, whose value is drawn from those that the sign may post."""
+def _place(code: str, length: float, task: SceneTask) -> float:
+    """Where along an edge a plate stands: as far from the line or the junction as the sign may, else anywhere."""
+    placement = load_catalog().sign(code).placement
+    if placement.reference == "line":
+        return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
+    if placement.reference == "exit_start":
+        return float(task.rng.uniform(*placement.distance_m))
+    return float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
+
+
+def _can_stand(plates: tuple[SignInstance, ...], halves: Sequence[PlacedPlates]) -> bool:
+    """Can all of these stand in both halves, and does no vehicle break one?"""
+    for half in halves:
+        scene = replace(half, plates=(*half.plates, *plates))
+        if any(scene.refused(plate) for plate in plates):
+            return False
+        if any(p in plates for v in scene.vehicles for p, _ in broken_plates(scene, v)):
+            return False
+    return True
+
+
+def _over(
+    task: SceneTask,
+    kinds: Sequence[ScenarioType],
+    posts: Sequence[SignInstance],
+    halves: Sequence[PlacedPlates],
+) -> tuple[SignInstance, ...]:
+    """The posts with plates that no longer hold behind them: limits with their ends, and ends alone."""
+    limits = {kind.codes[0]: kind.end_codes[0] for kind in kinds if kind.end_codes}
+    found: tuple[SignInstance, ...] = ()
+    for post, after in zip_longest(posts, posts[1:]):
+        if found and found[-1].code in limits:
+            found = (*found, replace(post, code=limits[found[-1].code], value=found[-1].value))
+            continue
+        paired = after is not None and task.rng.random() < _LIMITS_SHARE
+        for code in _shuffled(tuple(limits), task):
+            # A limit is tried with its end, which the next post then bears.
+            plates = _bearings(post, code if paired else limits[code], task)
+            ends = [
+                (replace(after, code=limits[code], value=p.value),) if paired and after else ()
+                for p in plates
+            ]
+            fit = [p for p, end in zip(plates, ends, strict=True) if _can_stand((*found, p, *end), halves)]
+            if fit:
+                found = (*found, fit[0])
+                break
+    return found
+
+
+def _shuffled(words: Sequence[str], task: SceneTask) -> list[str]:
+    return [words[int(k)] for k in task.rng.permutation(len(words))]
+
+
+def _bearings(post: SignInstance, code: str, task: SceneTask) -> list[SignInstance]:
+    """The post with a plate, once for each value that the sign may post, in a drawn order."""
     value = load_catalog().sign(code).value
-    posted = None if value is None else float(value.allowed[int(task.rng.integers(len(value.allowed)))])
-    return replace(post, code=code, value=posted)
+    if value is None:
+        return [replace(post, code=code, value=None)]
+    order = task.rng.permutation(len(value.allowed)).tolist()
+    return [replace(post, code=code, value=float(value.allowed[k])) for k in order]
 
 
 def _ends(code: str) -> bool:
     return load_catalog().sign(code).is_end
-
-
-def _may_be_over(code: str) -> bool:
-    """Does the plate end another, or hold for the place where it stands and no farther?"""
-    return _ends(code) or _at_obstacle(code)
 
 
 def _at_obstacle(code: str) -> bool:
@@ -181,12 +241,15 @@ def _posts(
         post = _post(
             task, arrangement, edge, float(task.rng.uniform(_CLEAR_M, line.length - _CLEAR_M)), len(found)
         )
-        # In a bend the post may stand beside another place of its road than it is meant for.
-        on_its_place = abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
         near = all(math.dist(place, (post.x, post.y)) < within_m for place in seen_from)
-        if on_its_place and near and _is_apart(post, (*arrangement.signs, *found)):
+        if _on_its_place(post, line) and near and _is_apart(post, (*arrangement.signs, *found)):
             found.append(post)
     return found
+
+
+def _on_its_place(post: SignInstance, line: Polyline) -> bool:
+    """In a bend a post may stand beside another place of its road than it is meant for."""
+    return abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
 
 
 def _is_apart(post: SignInstance, others: Sequence[SignInstance]) -> bool:

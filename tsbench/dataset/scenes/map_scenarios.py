@@ -181,29 +181,31 @@ class SiteBuilder:
             rng = rng_of("arrange", draw)
             return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
 
-        def write(
-            half: str, a: Arrangement, others: OtherTraffic | None
-        ) -> tuple[ScenarioSpec, OtherTraffic]:
+        def files(half: str, a: Arrangement) -> SceneFileWriter:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            files = SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
-            if others is None:
-                others = files.measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
-            files.write(others)
-            return self._row(row, roads[half], variant, split, seed, a, files), others
+            return SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+
+        def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
+            writer = files(half, a)
+            writer.write(others)
+            return self._row(row, roads[half], variant, split, seed, a, writer)
 
         there = task(SIGNED)
-        signed, contrast = self.placement.place(there), None
+        halves = {SIGNED: self.placement.place(there)}
         if recipe.paired:
-            contrast = self.placement.contrast(task(CONTRAST), signed)
+            contrast = self.placement.contrast(task(CONTRAST), halves[SIGNED])
             if contrast is None:
                 raise UnfitMapError("there is no contrast half")
-            signed, contrast = with_same_plates(there, signed, contrast)
-        more = distractors(there, signed)
-        spec, others = write(SIGNED, _with_plates(signed, more), None)
-        if contrast is None:
+            halves[SIGNED], halves[CONTRAST] = with_same_plates(there, halves[SIGNED], contrast)
+        # Plates are drawn last: no vehicle of either half may break one.
+        others = files(SIGNED, halves[SIGNED]).measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
+        placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
+        more = distractors(there, halves[SIGNED], placed)
+        spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
+        if CONTRAST not in halves:
             return _Drawn((spec,), others.density)
         spec = replace(spec, pair_id=spec.scenario_id)
-        other, _ = write(CONTRAST, _with_plates(contrast, more), others)
+        other = written(CONTRAST, _with_plates(halves[CONTRAST], more), others)
         other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
         return _Drawn((spec, other), others.density)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 from lxml import etree
 
+from tsbench.roads.network import RoadNetwork
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 
@@ -27,28 +27,31 @@ class RoutedVehicle:
 
 
 def scene_vehicles(scene: Scene) -> tuple[RoutedVehicle, ...]:
-    """All vehicles, in the order of the file, stand-ins of obstacles left out; the ego on its lawful way."""
+    """All vehicles of a scene, in the order of the file, the ego on its lawful way."""
     root = read_additional(scene.additional.path, scene.additional.content)
+    return routed_vehicles(root=root, network=scene.network, lawful=scene.compliant_hint or scene.route_hint)
+
+
+def routed_vehicles(
+    *, root: etree._Element, network: RoadNetwork, lawful: tuple[str, ...]
+) -> tuple[RoutedVehicle, ...]:
+    """The vehicles of an additional file, stand-ins of obstacles left out. lawful: the ego's way."""
     types = {str(t.get("id")): t for t in root.iterfind("vType")}
-    still = {o.id for o in scene.obstacles}
-    return tuple(_vehicles(scene, root, types, still))
-
-
-def _vehicles(
-    scene: Scene, root: etree._Element, types: dict[str, etree._Element], still: set[str]
-) -> Iterator[RoutedVehicle]:
+    still = {p.get("id") for p in root.iterfind("poly") if p.get("type") == "obstacle"}
+    found = []
     for element in root.iterfind("vehicle"):
         name, route = str(element.get("id")), element.find("route")
         if name in still or route is None:
             continue
-        edges = tuple(str(route.get("edges")).split())
-        if name == EGO_ID:
-            edges = scene.compliant_hint or scene.route_hint
+        edges = lawful if name == EGO_ID else tuple(str(route.get("edges")).split())
         kind = types[str(element.get("type"))]
-        lane = scene.network.edge_lanes(edges[0])[0]
+        lane = network.edge_lanes(edges[0])[0]
         place = element.get("departPos", "base")
         first = 0.0 if place == "base" else float(place) * lane.line.length / lane.length
-        yield RoutedVehicle(
-            id=name, vclass=kind.get("vClass", "passenger"), edges=edges, first_s=first,
-            speed=float(kind.get("maxSpeed", "inf")),
+        found.append(
+            RoutedVehicle(
+                id=name, vclass=kind.get("vClass", "passenger"), edges=edges, first_s=first,
+                speed=float(kind.get("maxSpeed", "inf")),
+            )
         )  # fmt: skip
+    return tuple(found)
