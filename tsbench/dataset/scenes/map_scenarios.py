@@ -14,7 +14,8 @@ from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.placements.by_name import placement_of
-from tsbench.dataset.placements.distractors import distractors, with_same_plates
+from tsbench.dataset.placements.counterparts import with_same_plates
+from tsbench.dataset.placements.distractors import distractors
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
@@ -196,9 +197,12 @@ class SiteBuilder:
             contrast = self.placement.contrast(task(CONTRAST), halves[SIGNED])
             if contrast is None:
                 raise UnfitMapError("there is no contrast half")
-            halves[SIGNED], halves[CONTRAST] = with_same_plates(there, halves[SIGNED], contrast)
-        # Plates are drawn last: no vehicle of either half may break one.
+            halves[CONTRAST] = contrast
+            alone = [files(half, a).placed_plates(None) for half, a in halves.items()]
+            both = with_same_plates(there, halves[SIGNED], contrast, alone)
+            halves = dict(zip(halves, both, strict=True))
         others = files(SIGNED, halves[SIGNED]).measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
+        # Plates that need not be there are drawn last: no vehicle of either half may break one.
         placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
         more = distractors(there, halves[SIGNED], placed)
         spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)

@@ -81,11 +81,11 @@ class SceneFileWriter:
         self.sha256 = sha256(write_additional(self._elements(others), self.path))
         self._check_start()
 
-    def placed_plates(self, others: OtherTraffic) -> PlacedPlates:
-        """What decides where further plates can stand: the scene as it would be written."""
+    def placed_plates(self, others: OtherTraffic | None) -> PlacedPlates:
+        """What decides where further plates can stand: the scene as it would be written; None: before it has others."""
         a, network = self.a, self.roads.network
         root = etree.Element("additional")
-        root.extend(self._elements(others))
+        root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
         table = load_places()
         roads = PlateRoads(network=network, graph=self.roads.graph, distances=table.distances)
