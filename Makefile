@@ -32,12 +32,12 @@ test-slow: setup
 	$(PYTEST) -m "slow and not torture and not whole and not submissions" $(TEST_ARGS)
 
 # All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
-# masked, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
+# masked, lawful styles, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
 # figures of PAGES, and the report. Goes on where it was stopped. The tables of the runs in `results` come with the repository:
 # where they are complete, nothing is driven; RESULTS=runs/mine drives everything anew. VARIANTS=all: on all test scenes, with
 # no page; only plant2-ft's failures are traced then: docs/cluster.md says what all traces would take.
 # A trial of all its steps on a few scenes: TYPES=stop,speed LIMIT=4 RESULTS=/tmp/trial PAGES="copies of pages", and fewer planners;
-# an empty EXPERT, NETWORKS, SECOND, ENTRANTS, PROPOSALS or REACTIVE leaves out that run.
+# an empty EXPERT, NETWORKS, SECOND, ENTRANTS, PROPOSALS, LAWFUL or REACTIVE leaves out that run.
 VARIANTS ?= one-per-map
 TYPES :=
 LIMIT :=
@@ -55,6 +55,7 @@ ENTRANTS := metadrive-ppo
 PROPOSALS := pdm
 REACTIVE := commonroad-reactive
 READERS := reader careful
+LAWFUL := cautious elderly assertive
 MIRRORED := idm idm-e plant2-ft blind
 # Scenes for a planner that takes some ten seconds for each. Others drive the same ones, for comparison.
 SUBSET := 58
@@ -63,7 +64,7 @@ LEVELS := good production poor
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
 SEEING := plant2-ft readers $(foreach level,$(LEVELS),ft-$(level) readers-$(level))
 TRACE := $(if $(filter all,$(VARIANTS)),none,violations)
-RUNS := $(addprefix $(RESULTS)/,styles $(if $(NETWORKS),networks) plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm))
+RUNS := $(addprefix $(RESULTS)/,styles $(if $(NETWORKS),networks) plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm) $(if $(LAWFUL),lawful))
 DRIVE = $(BIN)/tsbench run --split test --variants $(VARIANTS) --workers $(WORKERS)$(if $(TYPES), --types $(TYPES))$(if $(LIMIT), --limit $(LIMIT))
 ANALYSE = $(BIN)/tsbench analyse
 asked = $(addprefix --planner ,$(1))
@@ -81,6 +82,7 @@ results: setup $(if $(ENTRANTS),$(METADRIVE))
 	$(call drive,$(BARE),bare,--trace none)
 	$(if $(ENTRANTS),TSBENCH_METADRIVE=$(METADRIVE) $(call drive,$(ENTRANTS),entrants,--trace none))
 	$(call drive,$(PROPOSALS),pdm,--trace none)
+	$(call drive,$(LAWFUL),lawful,--trace $(TRACE))
 	$(if $(REACTIVE),$(WITH_COMMONROAD) $(call drive,$(REACTIVE) $(COMPARED),commonroad,--trace none --limit $(or $(LIMIT),$(SUBSET))))
 	$(call drive,plant2-ft,masked,--trace none --mask-signs)
 	$(call drive,$(READERS),readers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 
 import pytest
-from import_graph import LAYER, PICTURE, ROOT, draw, imports, modules, package_of
+from import_graph import LAYER, ROOT, imports, modules, package_of
 
 # What is left out of an installation without the extra `make`: only who makes or shows data may ask for it.
 MAY_IMPORT_DATASET = {"dataset", "cli", "learn", "report", "tools"}
@@ -16,10 +16,6 @@ def test_every_package_has_a_floor() -> None:
     assert folders == set(LAYER)
     alone = {path.name for path in ROOT.glob("*.py")} - {"__init__.py", "__main__.py"}
     assert not alone, f"files beside the packages: {alone}"
-
-
-def test_the_picture_is_what_is_drawn_now() -> None:
-    assert PICTURE.read_text(encoding="utf-8") == draw(), "make picture"
 
 
 def test_imports_go_down_only() -> None:

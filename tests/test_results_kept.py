@@ -13,15 +13,16 @@ from pathlib import Path
 import pytest
 
 import tsbench
-from tsbench.core.paths import OWN_CITY, city_in_use, using_city
+from tsbench.core.paths import OWN_CITY, city_in_use, mirrored_in_use, using_city
 from tsbench.report.analyses.perceived import CAUSES
-from tsbench.run.edition import contract_now, edition_now, edition_of, standing_contract
+from tsbench.run.contract import mirrored_contract
+from tsbench.run.edition import built_editions, edition_now, edition_of, editions, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
 
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
 # What goes into the tables of all planners.
-TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm")
+TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm", "lawful")
 # By the name of a block on a page: the analysis, and its runs. Left out are those that need traces, and long ones.
 MADE = {
     "floor": ("floor", TABLES),
@@ -44,9 +45,13 @@ def runs() -> list[StoredRun]:
 
 @cache
 def contract_of_test(city: str) -> str:
-    """Today's, under which results are compared."""
+    """That of the edition's results."""
     with using_city(city):
-        return standing_contract(contract_now("test"))
+        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now()] or editions()[
+            -1:
+        ]
+        kept = edition.kept("test")
+        return mirrored_contract(kept) if mirrored_in_use() else kept
 
 
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:

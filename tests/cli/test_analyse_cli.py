@@ -188,7 +188,7 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
         "48",
         "12",
     )
-    assert (first["method"], first["published"]) == ("cluster bootstrap", "")
+    assert (first["method"], first["published"]) == ("effective sample size", "")
     assert float(first["scd_low"]) < float(first["scd"]) < float(first["scd_high"])
 
 

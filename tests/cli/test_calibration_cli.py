@@ -29,7 +29,7 @@ def certificate(scenario_id: str, asked: float) -> Certificate:
     return Certificate(
         scenario_id=scenario_id, scenario_type="yield", split="test", attempt=0, expert="idm-e", expert_time_s=9.0,
         blind_baseline="idm", blind_outcome="arrived", tempting=True, engaged=True, asked_density=asked,
-        realised_density=asked, road_users=3, overlaps=0, arrival_gap_s=0.0, error="", digest="", basis="", code="",
+        realised_density=asked, road_users=3, overlaps=0, arrival_gap_s=0.0, error="", digest="", basis="", scoring=1,
         reproduced=None,
     )  # fmt: skip
 

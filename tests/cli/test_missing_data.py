@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 from command_line import in_process, refused
 
@@ -18,13 +20,27 @@ SCENES = "no such scene files (tsbench data fetch --from DIR|URL train)"
 ORACLE = "oracle.parquet: no such table (tsbench data fetch --from DIR|URL oracle brings"
 
 
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tables of the train split with the rows of one type, which are read in no time."""
+    folder = tmp_path_factory.mktemp("tables")
+    for name in ("train", "certificates"):
+        found = pq.read_table(ROOT / "scenarios" / f"{name}.parquet")
+        of_type = pc.starts_with(found["scenario_id"], "yield-j-")
+        in_split = pc.equal(found["split"], "train")
+        pq.write_table(found.filter(pc.and_(of_type, in_split)), folder / f"{name}.parquet")
+    return folder
+
+
 @pytest.fixture
-def lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A data folder with all tables of scenarios, and a folder to work in."""
+def lacking(tables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A data folder with tables of scenarios, and a folder to work in."""
     root = tmp_path / "data"
     (root / "scenarios").mkdir(parents=True)
-    for name in ("sign_catalog", "sumo_nets", "scenarios/train.parquet", "scenarios/certificates.parquet"):
+    for name in ("sign_catalog", "sumo_nets"):
         (root / name).symlink_to(ROOT / name)
+    for path in tables.iterdir():
+        (root / "scenarios" / path.name).symlink_to(path)
     monkeypatch.setenv("TSBENCH_DATA", str(root))
     monkeypatch.chdir(tmp_path)
     paths.data_root.cache_clear()

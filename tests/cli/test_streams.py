@@ -14,8 +14,8 @@ import pytest
 from tsbench.core.streams import progress_console, standard_streams
 
 COMMAND = f"{sys.executable} -c 'from tsbench.cli import main; main()'"
-# A table by rich, lines and a help by click, and one that fails.
-COMMANDS = ["signs list", "data list", "planners list", "--help", "scenarios list --split dev"]
+# A table by rich, lines and a help by click.
+COMMANDS = ["signs list", "data list", "--help"]
 
 
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:

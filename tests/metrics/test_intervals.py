@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis.strategies import DataObject, data, integers, sampled_from
-from scipy.stats import binomtest
+from hypothesis import assume, given
+from hypothesis.strategies import DataObject, DrawFn, booleans, composite, data, integers, sampled_from
+from scipy.stats import binom
 
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.intervals import MIN_CLUSTERS, ClusterBootstrap, wilson
-
-
-# Newcombe (1998), Statistics in Medicine 17, 857-872, table I, method 3 (Wilson score).
-@pytest.mark.parametrize(
-    ("successes", "n", "low", "high"),
-    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0000, 0.1611), (1, 29, 0.0061, 0.1718)],
+from tsbench.metrics.intervals import (
+    MIN_CLUSTERS,
+    ClusterBootstrap,
+    share_ends,
+    share_interval,
 )
-def test_wilson_as_published(successes: int, n: int, low: float, high: float) -> None:
-    assert wilson(successes, n) == (pytest.approx(low, abs=5e-5), pytest.approx(high, abs=5e-5))
 
 
-@given(data())
-def test_wilson_as_scipy_has_it(draw: DataObject) -> None:
-    n = draw.draw(integers(1, 20_000))
-    successes = draw.draw(integers(0, n) | sampled_from([0, n]))
-    theirs = binomtest(successes, n).proportion_ci(confidence_level=0.95, method="wilson")
-    assert wilson(successes, n) == (
-        pytest.approx(theirs.low, abs=1e-12),
-        pytest.approx(theirs.high, abs=1e-12),
-    )
+@given(n=integers(1, 2_000), passed=data())
+def test_the_ends_of_a_share_leave_a_fortieth_beyond_each(n: int, passed: DataObject) -> None:
+    """Lancaster's mid-P form: of as many passes as were seen, half counts as beyond."""
+    x = passed.draw(integers(0, n) | sampled_from([0, n]))
+    (low,), (high,) = share_ends(np.array([x / n]), np.array([float(n)]))
+    if x > 0:
+        assert binom.sf(x, n, low) + binom.pmf(x, n, low) / 2 == pytest.approx(0.025, abs=1e-9)
+    if x < n:
+        assert binom.cdf(x, n, high) - binom.pmf(x, n, high) / 2 == pytest.approx(0.025, abs=1e-9)
+    assert (low == 0.0, high == 1.0) == (x == 0, x == n)
 
 
 def binary(rates: list[float], n: int = 10) -> tuple[np.ndarray, np.ndarray]:
@@ -45,16 +42,6 @@ def test_draws_are_those_of_the_seed_and_the_label() -> None:
     assert weights.shape == (10_000, 20)
     assert (weights.sum(axis=1) == 20).all()
     assert weights.mean() == 1.0
-
-
-def test_a_bootstrap_of_means_is_near_the_normal_interval() -> None:
-    rates = np.random.default_rng(0).integers(0, 11, 200) / 10
-    estimate = ClusterBootstrap("hash").estimate("x", *binary(rates.tolist()), 1.0, True)
-    error = rates.std() / np.sqrt(len(rates))
-    assert estimate.value == pytest.approx(rates.mean())
-    assert estimate.low == pytest.approx(rates.mean() - 1.96 * error, abs=0.15 * error)
-    assert estimate.high == pytest.approx(rates.mean() + 1.96 * error, abs=0.15 * error)
-    assert (estimate.method, estimate.n, estimate.clusters) == ("cluster bootstrap", 2000, 200)
 
 
 def test_a_bootstrap_of_clusters_as_published() -> None:
@@ -80,65 +67,79 @@ def test_a_bootstrap_of_a_mean_as_published() -> None:
     assert draws.std(ddof=1) == pytest.approx(23.36, rel=0.025)
 
 
-def test_clusters_count_not_episodes() -> None:
-    few = ClusterBootstrap("h").estimate("x", *binary([0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 5), 1.0, True)
-    more = ClusterBootstrap("h").estimate("x", *binary([0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 500), 1.0, True)
-    assert (few.low, few.high) == (more.low, more.high)
-
-
 def test_fewer_than_five_clusters_have_no_interval() -> None:
     estimate = ClusterBootstrap("h").estimate("x", *binary([0.1, 0.5, 0.5, 0.9]), 100.0, True)
     assert (estimate.value, estimate.low, estimate.high) == (50.0, None, None)
     assert estimate.reason == f"only 4 places, fewer than {MIN_CLUSTERS}"
 
 
-def test_one_episode_on_each_map_is_wilson() -> None:
-    total = np.array([[1.0]] * 81 + [[0.0]] * 182)
-    estimate = ClusterBootstrap("h").estimate("x", total, np.ones((263, 1)), 1.0, True)
-    assert estimate.method == "wilson"
-    assert (estimate.low, estimate.high) == (pytest.approx(0.2553, abs=5e-5), pytest.approx(0.3662, abs=5e-5))
-
-
-def test_maps_that_are_all_alike_claim_no_certainty() -> None:
-    estimate = ClusterBootstrap("h").estimate("x", *binary([0.0] * 20), 1.0, True)
-    assert (estimate.method, estimate.low, estimate.high) == ("wilson", 0.0, pytest.approx(0.1611, abs=5e-5))
+def test_means_that_are_alike_at_all_places_have_no_interval() -> None:
     plain = ClusterBootstrap("h").estimate("x", np.full((20, 1), 7.0), np.ones((20, 1)), 1.0, False)
     assert (plain.value, plain.low, plain.reason) == (7.0, None, "all places alike")
 
 
-def one_type_passed(places: int = 40, types: int = 4) -> tuple[Array, Array]:
-    """Each place has episodes of two types; the first type is passed everywhere, the others nowhere."""
-    count = np.zeros((places, types))
-    for k in range(places):
-        count[k, [k % types, (k + 1) % types]] = 10
-    total = np.zeros_like(count)
-    total[:, 0] = count[:, 0]
-    return total, count
+Table = tuple[Array, Array]
 
 
-def test_types_that_are_wholly_passed_or_failed_claim_no_certainty() -> None:
-    """Places differ, as they have different types, but the macro mean is the same in every draw."""
-    total, count = one_type_passed()
-    estimate = ClusterBootstrap("h").estimate("x", total, count, 100.0, True)
-    # Wilson of 10 in 40.
-    assert (estimate.value, estimate.method) == (25.0, "wilson")
-    assert (estimate.low, estimate.high) == (pytest.approx(14.19, abs=0.01), pytest.approx(40.19, abs=0.01))
-    plain = ClusterBootstrap("h").estimate("x", total, count, 1.0, False)
-    assert (plain.low, plain.high, plain.reason) == (None, None, "places of a type alike")
+@composite
+def tables(draw: DrawFn) -> Table:
+    """Passes and episodes of 5 to 40 places in 1 to 5 types."""
+    rng = np.random.default_rng(draw(integers(0, 2**32)))
+    places, parts = draw(integers(5, 40)), draw(integers(1, 5))
+    count = rng.integers(0, draw(sampled_from([3, 5, 12])), size=(places, parts)).astype(float)
+    count[0] = np.maximum(count[0], 1.0)
+    count = count[count.sum(axis=1) > 0.0]
+    rate = draw(sampled_from([0.0, 0.02, 0.3, 0.7, 0.98, 1.0]))
+    rates = rng.beta(rate + 0.02, 1.02 - rate, size=count.shape) if draw(booleans()) else rate
+    return rng.binomial(count.astype(int), rates).astype(float), count
 
 
-def test_a_type_that_few_draws_lack_gives_no_interval_without_width() -> None:
-    total, count = one_type_passed(16, 2)
-    # Of the second type at four places alone: some draws lack it, fewer than one in forty.
-    count[4:, 1] = 0
-    count[4:, 0] = total[4:, 0] = 10
-    count[:4, 0] = total[:4, 0] = 0
-    draws = ClusterBootstrap("h").draws("x", total, count)
-    assert np.ptp(draws) > 0.0
-    estimate = ClusterBootstrap("h").estimate("x", total, count, 100.0, True)
-    assert estimate.low is not None
-    assert estimate.high is not None
-    assert estimate.low < 50.0 < estimate.high
+@given(tables(), integers(0, 2**32))
+def test_one_more_pass_lowers_no_end(table: Table, seed: int) -> None:
+    total, count = table
+    failed = np.argwhere(total < count)
+    assume(len(failed))
+    before = share_interval(total, count)
+    total[tuple(failed[seed % len(failed)])] += 1.0
+    after = share_interval(total, count)
+    assert after[0] >= before[0] - 1e-12
+    assert after[1] >= before[1] - 1e-12
+
+
+@given(tables())
+def test_a_mean_is_no_surer_than_any_of_its_types(table: Table) -> None:
+    total, count = table
+    parts = count.shape[1]
+    low, high = share_interval(total, count)
+    mean = float((total.sum(axis=0) / count.sum(axis=0)).mean())
+    assert low <= mean <= high
+    for k in range(parts):
+        held = count[:, k] > 0.0
+        one, its = total[held][:, [k]], count[held][:, [k]]
+        share, (below, above) = one.sum() / its.sum(), share_interval(one, its)
+        assert mean - low >= (share - below) / parts - 1e-12
+        assert high - mean >= (above - share) / parts - 1e-12
+
+
+def test_as_many_episodes_at_fewer_places_are_less_sure() -> None:
+    everywhere = share_interval(np.tile([[1.0], [0.0]], (30, 1)), np.ones((60, 1)))
+    alike = share_interval(np.tile([[6.0], [0.0]], (5, 1)), np.full((10, 1), 6.0))
+    assert alike[0] < everywhere[0] < 0.5 < everywhere[1] < alike[1]
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize("rate", [0.2, 0.5])
+def test_intervals_hold_the_rate_in_95_of_100_tables(rate: float, correlation: float) -> None:
+    """packaging/interval_coverage.py does it for the table in docs/spec/metrics.md."""
+    rng = np.random.default_rng(0)
+    count = np.tile([[1.0], [2.0], [3.0]], (7, 1))
+    held = 0
+    for _ in range(400):
+        odds = 1.0 / correlation - 1.0 if correlation else 0.0
+        at = rng.beta(rate * odds, (1.0 - rate) * odds, size=count.shape) if odds else rate
+        low, high = share_interval(rng.binomial(count.astype(int), at).astype(float), count)
+        held += low <= rate <= high
+    assert 0.93 <= held / 400 <= 0.99
 
 
 def test_macro_mean_weighs_parts_alike() -> None:

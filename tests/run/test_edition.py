@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ import pytest
 import tsbench
 from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, using_city
 from tsbench.run import edition
+from tsbench.run.contract import SCORING
 from tsbench.run.edition import (
     Edition,
     contract_now,
@@ -20,10 +23,13 @@ from tsbench.run.edition import (
     editions,
     release,
 )
+from tsbench.scenarios import table
+from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.tools.doctor.data import check_edition
 from tsbench.tools.doctor.finding import Status
 
+FEW = ("dev", "holdout")
 RELEASED = [split for split in splits_there() if split not in earlier_splits()]
 
 
@@ -33,11 +39,17 @@ def _unedited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edition, "code_is_local", lambda: False)
 
 
+@cache
+def found(split: str) -> str:
+    """The contract of a split as it is on disk; reading its rows takes seconds."""
+    return contract_now(split)
+
+
 @pytest.mark.parametrize("split", RELEASED)
 def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
-    assert contract_now(split) == editions()[-1].released[tsbench.__version__][split]
-    assert edition_of(contract_now(split)) == editions()[-1].name
+    assert found(split) == editions()[-1].released[tsbench.__version__][split]
+    assert edition_of(found(split)) == editions()[-1].name
 
 
 @pytest.mark.parametrize("city", SHIPPED_CITIES)
@@ -75,9 +87,10 @@ def test_a_changed_contract_does_not_pass_under_the_name() -> None:
     assert edition_of("f" * 64, name) == f"{name}+local"
     assert edition_of("f" * 64, "2031.1+local") == "2031.1+local"
     assert edition_of("f" * 64, ["no", "name"]) == f"{name}+local"
-    assert edition_of(contract_now(RELEASED[0]), "2031.1") == name
+    released = editions()[-1].now()[RELEASED[0]]
+    assert edition_of(released, "2031.1") == name
     # Changed code stays marked, whatever the contract.
-    assert edition_of(contract_now(RELEASED[0]), "2031.1+local") == f"{name}+local"
+    assert edition_of(released, "2031.1+local") == f"{name}+local"
 
 
 def test_a_release_writes_its_version_and_keeps_the_others(
@@ -86,6 +99,7 @@ def test_a_release_writes_its_version_and_keeps_the_others(
     path = tmp_path / "editions.yaml"
     path.write_bytes(edition.PATH.read_bytes())
     monkeypatch.setattr(edition, "PATH", path)
+    monkeypatch.setattr(edition, "contract_now", found)
     editions.cache_clear()
     assert release() == editions()[-1].released[tsbench.__version__]
     assert path.read_bytes() == edition.PATH.read_bytes()
@@ -94,8 +108,12 @@ def test_a_release_writes_its_version_and_keeps_the_others(
     monkeypatch.setattr(edition, "contract_now", lambda split: split * 16)
     release()
     editions.cache_clear()
+    # Results of another scoring stay known; of the same one, other contracts have other results.
+    other = before.scoring not in (None, SCORING)
     assert editions()[-1] == replace(
-        before, released={**before.released, "9.9.9": {split: split * 16 for split in RELEASED}}, earlier={}
+        before,
+        released={**before.released, "9.9.9": {split: split * 16 for split in RELEASED}},
+        earlier=before.earlier if other else {},
     )
     assert edition_of(RELEASED[0] * 16) == before.name
     monkeypatch.undo()
@@ -103,20 +121,28 @@ def test_a_release_writes_its_version_and_keeps_the_others(
 
 
 def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edition, "contract_now", found)
+    # Those of all rows are looked at in tests/dataset/certify/test_certificates_hold.py.
+    monkeypatch.setattr(table, "splits_there", lambda root=None: FEW)
     *splits, certificates = check_edition()
-    assert [finding.status for finding in splits] == [Status.OK] * len(RELEASED)
-    assert sum(f.text.startswith(f"{editions()[-1].name}, contract of the ") for f in splits) == len(RELEASED)
-    rows = sum(len(read_table(table_path(split))) for split in RELEASED)
-    told = f"{rows} rows, each with a certificate of what it is"
-    assert (certificates.status, certificates.text) == (Status.OK, told)
+    assert [finding.status for finding in splits] == [Status.OK] * len(FEW)
+    assert sum(f.text.startswith(f"{editions()[-1].name}, contract of the ") for f in splits) == len(FEW)
+    rows = sum(len(read_table(table_path(split))) for split in FEW)
+    assert certificates.text.startswith(f"{rows} rows, each with a certificate of what it is")
+    judged = {certificate.scoring for certificate in read_certificates(certificates_path())}
+    assert (certificates.status is Status.OK) == (judged == {SCORING})
     monkeypatch.setattr(edition, "contract_now", lambda split: "f" * 64)
-    changed = [f for f in check_edition() if f"{editions()[-1].name}+local" in f.text]
-    assert [f.status for f in changed] == [Status.NOTE] * len(RELEASED)
+    changed = islice(check_edition(), len(FEW))
+    assert [(f.status, f"{editions()[-1].name}+local" in f.text) for f in changed] == [
+        (Status.NOTE, True)
+    ] * len(FEW)
 
 
 def test_the_doctor_says_which_scenes_are_of_an_earlier_edition(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edition, "earlier_splits", lambda: {"train": "2026.2"})
-    notes = [finding.text for finding in check_edition() if finding.status is Status.NOTE]
+    monkeypatch.setattr(edition, "contract_now", lambda split: editions()[-1].now()[split])
+    told = islice(check_edition(), len(RELEASED))
+    notes = [finding.text for finding in told if finding.status is Status.NOTE]
     assert notes == ["the scenes of the train split are of 2026.2"]
 
 

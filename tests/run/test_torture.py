@@ -1,7 +1,7 @@
 """Kills at random moments: continued, the run has the same bytes, and nothing of it is left behind.
 
-Three seeds run always, fifty with `pytest -m torture` (`make torture`), which prints them; TSBENCH_TORTURE_SEED=N
-starts the fifty at N. What is killed and when comes from the seed alone, as far as clocks allow.
+Three seeds run with `make test-slow`, fifty with `pytest -m torture` (`make torture`), which prints them;
+TSBENCH_TORTURE_SEED=N starts the fifty at N. What is killed and when comes from the seed alone, as far as clocks allow.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from run_helpers import ROOT, Bench, assert_gone, workers_of
 from tsbench.run.log.tables import read_table
 
 FIRST = int(os.environ.get("TSBENCH_TORTURE_SEED", "1000"))
+THREE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3)]
 FIFTY = [pytest.param(seed, marks=pytest.mark.torture) for seed in range(FIRST, FIRST + 50)]
 FAKE = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Raises", "--split", "test"]
 FAKE += ["--types", "speed_limit", "--trace", "all", "--workers", "2"]
@@ -146,7 +147,7 @@ def target(tmp_path_factory: pytest.TempPathFactory, make_data) -> Target:
     return Target(Bench(make_data(folder / "data"), folder), FAKE, 1)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, *FIFTY])
+@pytest.mark.parametrize("seed", [*THREE, *FIFTY])
 def test_attacked_and_continued(target: Target, seed: int) -> None:
     attack(target, seed)
 

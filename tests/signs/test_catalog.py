@@ -112,6 +112,10 @@ def test_sentences_name_sign_time_and_measure(catalog: Catalog) -> None:
         "From 4.2 s the ego drove up to 57.3 km/h in the zone of sign 3.24 "
         "(at most 41 km/h with the tolerance)."
     )
+    blocked = catalog.rule("give_way").clause("entered_while_blocked")
+    for value, words in ((3.44, "with 3.4 s"), (3.96, "with 3.96 s"), (3.99996, "with 4.000 s")):
+        said = blocked.sentence(sign_code="2.4", time_s=1, value=value, threshold=4.0, margin=4.0 - value)
+        assert words in said
     contact = catalog.rule("give_way").clause("contact")
     assert "touched lead" in contact.sentence(
         sign_code="2.4", time_s=1, value=0, threshold=0, margin=0, other="lead"

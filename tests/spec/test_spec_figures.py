@@ -86,7 +86,7 @@ def test_scores_and_intervals() -> None:
     factors = progress.CONTACT_FACTOR, progress.OFF_ROAD_FACTOR, progress.VIOLATION_FACTOR
     said("metrics.md", "route completion x {} (contact) x {} (off road) x {}^n".format(*factors))
     assert (intervals.RESAMPLES, intervals.LEVEL, intervals.MIN_CLUSTERS) == (10_000, 0.95, 5)
-    said("metrics.md", "95 %, cluster bootstrap over maps (10 000 resamples", "Fewer than five clusters")
+    said("metrics.md", "cluster bootstrap (10 000 resamples", "Fewer than five places")
 
 
 def test_the_planners_are_those_that_are_registered() -> None:

@@ -249,12 +249,13 @@ def measure(
     seed: int, workers: int,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
+    import numpy as np
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     from tsbench.learn.imitation.recipe import validation_rows
     from tsbench.learn.imitation.skill import drive, skill_of
-    from tsbench.metrics.intervals import wilson
+    from tsbench.metrics.intervals import share_ends
     from tsbench.planners.plant2.planner_ft import StopPolicy
     from tsbench.planners.weights import network
 
@@ -278,10 +279,8 @@ def measure(
         shares = (f"{100.0 * getattr(skill, share):.1f}" for share in _SHARES)
         table.add_row(name, str(skill.episodes), *shares)
     table_console().print(table)
-    low, high = wilson(round(whole.scd * whole.episodes), whole.episodes)
-    click.echo(
-        f"SCD {100.0 * whole.scd:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}, 95 % interval of Wilson)"
-    )
+    (low,), (high,) = share_ends(np.array([whole.scd]), np.array([float(whole.episodes)]))
+    click.echo(f"SCD {100.0 * whole.scd:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}, 95 % interval)")
 
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:

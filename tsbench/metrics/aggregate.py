@@ -153,9 +153,10 @@ def _planner(
     def measure(
         metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
     ) -> Estimate:
-        part, parts = (records.kind[use], len(records.kinds)) if macro else (0, 1)
-        total, count = sums_by_cluster(values[0][use], records.place[use], part, parts)
-        return bootstrap.estimate(label, total, count, metric.scale, metric.binary)
+        total, count = sums_by_cluster(
+            values[0][use], records.place[use], records.kind[use], len(records.kinds)
+        )
+        return bootstrap.estimate(label, total, count, metric.scale, metric.binary, macro)
 
     outcomes = {outcome.value: records.outcomes.count(outcome.value) for outcome in Outcome}
     whole = int(np.count_nonzero(~records.error))

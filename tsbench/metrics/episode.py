@@ -177,7 +177,7 @@ EPISODE_METRICS = (
     ),
     Metric(
         "wrong_way", bool, lambda e: bool(e.facts.wrong_way),
-        "for more than 0.5 s in all on ordinary lanes whose direction is against its heading (more than 90 degrees "
+        "for more than 3 m in all on ordinary lanes whose direction is against its heading (more than 90 degrees "
         "off), with no obstacle near: no pass, in either half",
     ),
     Metric("all_violations", int, lambda e: e.events, "events of all signs of the scene"),

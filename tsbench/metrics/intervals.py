@@ -1,14 +1,14 @@
-"""95 % intervals: cluster bootstrap over places, Wilson where nothing clusters. Source: docs/spec/metrics.md.
+"""95 % intervals of figures over clusters. Source: docs/spec/metrics.md.
 
-Variants on one map are alike, and so are maps of one place, so places are drawn, not episodes. All planners of a
-summary see the same draws.
+Variants on one map are alike, and so are maps of one place: a place is a cluster. A share (of pairs passed, of types'
+macro mean) has the interval of a binomial share of its effective sample size; other means have a cluster bootstrap,
+in which all planners of a summary see the same draws.
 """
 
 from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from math import sqrt
 from statistics import NormalDist
 
 import numpy as np
@@ -22,6 +22,13 @@ MIN_CLUSTERS = 5
 _DIGITS = 9
 _ALIKE = 1e-12
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
+
+# Chosen by the coverage that docs/spec/metrics.md shows: the intra-place correlation before any place is seen, how many
+# places that counts for, and by how many episodes at the whole mean the share of a type is smoothed.
+_PRIOR_CORRELATION = 0.3
+_PRIOR_PLACES = 20.0
+_PRIOR_EPISODES = 20.0
+_HALVINGS = 50
 
 _Codes = npt.NDArray[np.intp]
 
@@ -45,15 +52,108 @@ class Estimate:
     reason: str
 
 
-def wilson(successes: int, n: int) -> tuple[float, float]:
-    """Wilson's score interval of a share. Source: Wilson 1927, JASA 22, 209-212; the ends of 0 and n are exact.
+def share_ends(share: Array, n: Array) -> tuple[Array, Array]:
+    """Ends of the interval of a binomial share: Clopper and Pearson's in mid-P form (Lancaster 1961, JASA 56, 223-234).
 
-    SciPy has it too, in a module that takes longer to import than a whole run's tables to compute.
+    share: (k,) 0-1; n: (k,) sample sizes, not necessarily whole. The ends of 0 and 1 are exact. SciPy and statsmodels
+    have no mid-P form.
     """
-    share, spread = successes / n, _Z**2 / n
-    centre = (share + spread / 2) / (1 + spread)
-    half = _Z / (1 + spread) * sqrt(share * (1 - share) / n + spread / (4 * n))
-    return 0.0 if successes == 0 else centre - half, 1.0 if successes == n else centre + half
+    from scipy.special import betainc
+
+    passed = share * n
+    none, all_ = passed <= 0.0, share >= 1.0
+
+    def beyond(p: Array) -> Array:
+        """Probability of more passes at rate p, and half of that of as many."""
+        at_least = np.where(none, 1.0, betainc(np.where(none, 1.0, passed), n - passed + 1.0, p))
+        more = np.where(all_, 0.0, betainc(passed + 1.0, np.where(all_, 1.0, n - passed), p))
+        return np.asarray((at_least + more) / 2)
+
+    def solve(level: float) -> Array:
+        low, high = np.zeros_like(n), np.ones_like(n)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            below = beyond(middle) < level
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return (low + high) / 2
+
+    tail = (1 - LEVEL) / 2
+    return np.where(none, 0.0, solve(tail)), np.where(all_, 1.0, solve(1.0 - tail))
+
+
+def share_interval(total: Array, count: Array, macro: bool = True) -> tuple[float, float]:
+    """Ends of the interval of a mean over parts of the share of passes within each part.
+
+    total, count: (clusters, parts) passes and episodes, no row or column of `count` empty. macro: parts weigh alike,
+    else by their episodes, so that the mean is the share of all. The mean is read as a
+    binomial share of its effective sample size (Korn and Graubard 1998, Survey Methodology 24, 193-201; Dean and
+    Pagano 2015, Journal of Survey Statistics and Methodology 3, 484-503). Its ends are nowhere nearer than the ends of
+    any part alone allow.
+    """
+    weights = part_weights(count, macro)
+    value, size = _effective(total, count, weights)
+    alone = []
+    if len(weights) > 1:
+        held = (np.flatnonzero(column) for column in count.T)
+        alone = [
+            _effective(total[rows][:, [k]], count[rows][:, [k]], np.ones(1)) for k, rows in enumerate(held)
+        ]
+    shares, sizes = (np.array(column) for column in zip((value, size), *alone, strict=True))
+    low, high = share_ends(shares, sizes)
+    weighed = np.concatenate(([1.0], weights[: len(alone)]))
+    below, above = weighed * (shares - low), weighed * (high - shares)
+    return (
+        min(float(low[0]), value - float(below[1:].max(initial=0.0))),
+        max(float(high[0]), value + float(above[1:].max(initial=0.0))),
+    )
+
+
+def part_weights(count: Array, macro: bool) -> Array:
+    """(parts,) what each part counts for in a mean. count: (clusters, parts) episodes."""
+    n = count.sum(axis=0)
+    return np.full(len(n), 1.0 / len(n)) if macro else n / n.sum()
+
+
+def _effective(total: Array, count: Array, weights: Array) -> tuple[float, float]:
+    """A weighted mean of shares, and its effective sample size: as many independent episodes would tell as much."""
+    n = count.sum(axis=0)
+    shares = total.sum(axis=0) / n
+    # At most 1, which the sum of weights may miss by a rounding.
+    value = min(float(weights @ shares), 1.0) if (shares < 1.0).any() else 1.0
+    # A part of which all or none passed is not known to be so; where all parts are, they count alike.
+    smoothed = (total.sum(axis=0) + _PRIOR_EPISODES * value) / (n + _PRIOR_EPISODES)
+    known = 0.0 < value < 1.0
+    spread = smoothed * (1.0 - smoothed) if known else np.ones(len(n))
+    alike = 1.0 + _intraplace_correlation(total, count, shares) * ((count**2).sum(axis=0) / n - 1.0)
+    size = (value * (1.0 - value) if known else 1.0) / float((weights**2 * spread * alike / n).sum())
+    places = 1.0 / float((((count / n) @ weights) ** 2).sum())
+    return value, size * (_Z / _student(places - 1.0 + _PRIOR_PLACES)) ** 2
+
+
+def _student(freedom: float) -> float:
+    from scipy.special import stdtrit
+
+    return float(stdtrit(freedom, (1 + LEVEL) / 2))
+
+
+def _intraplace_correlation(total: Array, count: Array, shares: Array) -> float:
+    """Correlation of two episodes of one part at one place, 0-1: of the residuals from each part's share.
+
+    Drawn to the prior, against which it counts as much as there are cells (a place in a part) of several episodes with
+    a pass, or with a failure, whichever are fewer.
+    """
+    n, spread = count.sum(axis=0), shares * (1.0 - shares)
+    several = (count >= 2.0) & (spread > 0.0)
+    told = float(min((several & (total > 0.0)).sum(), (several & (total < count)).sum()))
+    if not told:
+        return _PRIOR_CORRELATION
+    residual = total - shares * count
+    own = total * (1.0 - shares) ** 2 + (count - total) * shares**2
+    pairs = spread * count * (count - 1.0)
+    found = ((residual**2 - own).sum() + (pairs / n).sum()) / pairs.sum()
+    return (_PRIOR_PLACES * _PRIOR_CORRELATION + told * float(np.clip(found, 0.0, 1.0))) / (
+        _PRIOR_PLACES + told
+    )
 
 
 class ClusterBootstrap:
@@ -76,11 +176,14 @@ class ClusterBootstrap:
             self._drawn[key] = counts.reshape(self.resamples, clusters).astype(np.float64)
         return self._drawn[key]
 
-    def estimate(self, label: str, total: Array, count: Array, scale: float, binary: bool) -> Estimate:
-        """Macro mean over parts of the mean within each part.
+    def estimate(
+        self, label: str, total: Array, count: Array, scale: float, binary: bool, macro: bool = True
+    ) -> Estimate:
+        """Mean over parts of the mean within each part.
 
         total, count: (clusters, parts) sum of values and number of episodes of each cluster in each part; a
-        part without an episode is left out, in the value and in each draw. binary: values are 0 or 1.
+        part without an episode is left out, in the value and in each draw. binary: values are 0 or 1. macro: parts
+        weigh alike, else by their episodes.
         """
         held = count.sum(axis=1) > 0
         total, count = total[held][:, count.sum(axis=0) > 0], count[held][:, count.sum(axis=0) > 0]
@@ -88,33 +191,25 @@ class ClusterBootstrap:
         n = int(count.sum())
         if not n:
             return Estimate(None, None, None, 0, 0, 0, "none", "no episode")
-        value = float((total.sum(axis=0) / count.sum(axis=0)).mean())
-        low, high, method, reason = self._interval(label, total, count, value, binary)
+        value = float(part_weights(count, macro) @ (total.sum(axis=0) / count.sum(axis=0)))
+        low, high, method, reason = self._interval(label, total, count, binary, macro)
         ends = [None if end is None else round(scale * end, _DIGITS) for end in (low, high)]
+        parts = parts if macro else 1
         return Estimate(round(scale * value, _DIGITS), ends[0], ends[1], n, clusters, parts, method, reason)
 
     def _interval(
-        self, label: str, total: Array, count: Array, value: float, binary: bool
+        self, label: str, total: Array, count: Array, binary: bool, macro: bool
     ) -> tuple[float | None, float | None, str, str]:
-        clusters, parts = count.shape
-        if clusters < MIN_CLUSTERS:
-            return None, None, "none", f"only {clusters} places, fewer than {MIN_CLUSTERS}"
-        alone = parts == 1 and bool((count == 1).all())
-        if binary and alone:
-            return *wilson(round(float(total.sum())), clusters), "wilson", "one episode at each place"
-        rates = total.sum(axis=1) / count.sum(axis=1)
-        if np.ptp(rates) < _ALIKE:
-            if binary:
-                # All draws would be equal: an interval of no width would claim certainty.
-                return *wilson(round(value * clusters), clusters), "wilson", "all places alike: over places"
-            return None, None, "none", "all places alike"
-        low, high = percentiles(self.draws(label, total, count))
-        if high - low >= _ALIKE:
-            return low, high, "cluster bootstrap", ""
-        # Every type is wholly passed or wholly failed, so the macro mean of nearly all draws is the same.
+        if len(count) < MIN_CLUSTERS:
+            return None, None, "none", f"only {len(count)} places, fewer than {MIN_CLUSTERS}"
         if binary:
-            return *wilson(round(value * clusters), clusters), "wilson", "places of a type alike: over places"
-        return None, None, "none", "places of a type alike"
+            return *share_interval(total, count, macro), "effective sample size", ""
+        if not macro:
+            total, count = (sums.sum(axis=1, keepdims=True) for sums in (total, count))
+        low, high = percentiles(self.draws(label, total, count))
+        if high - low < _ALIKE:
+            return None, None, "none", "all places alike"
+        return low, high, "cluster bootstrap", ""
 
     def draws(self, label: str, total: Array, count: Array) -> Array:
         """(resamples,) the macro mean in each draw. total, count: as for `estimate`, no row or column of them empty."""

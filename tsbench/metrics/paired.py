@@ -1,6 +1,7 @@
 """Differences between two planners on the same scenarios. Source: docs/spec/metrics.md, "Aggregation".
 
-Yes/no outcomes: exact McNemar. Everything: 95 % interval from a cluster bootstrap over places, drawn once for both.
+Yes/no outcomes: exact McNemar, and a 95 % interval from those of the shares of pairs that either side alone passed
+(Newcombe 1998, Statistics in Medicine 17, 2635-2650). Others: a cluster bootstrap over places, drawn once for both.
 What is not significant says how large a difference it would have shown (minimum detectable effect).
 """
 
@@ -15,7 +16,15 @@ import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode import Metric
-from tsbench.metrics.intervals import LEVEL, MIN_CLUSTERS, ClusterBootstrap, percentiles, sums_by_cluster
+from tsbench.metrics.intervals import (
+    LEVEL,
+    MIN_CLUSTERS,
+    ClusterBootstrap,
+    part_weights,
+    percentiles,
+    share_interval,
+    sums_by_cluster,
+)
 
 ALPHA = 1 - LEVEL
 POWER = 0.8
@@ -78,24 +87,39 @@ def difference(
     n, scale = len(pairs.a), metric.scale
     if not n:
         return Difference()
-    part, parts = (pairs.part, pairs.parts) if macro else (0, 1)
     delta = pairs.b - pairs.a
-    total, count = sums_by_cluster(delta, pairs.cluster, part, parts)
+    count = sums_by_cluster(delta, pairs.cluster, pairs.part, pairs.parts)[1]
     filled = count.sum(axis=0) > 0
-    total, count = total[:, filled], count[:, filled]
+    count = count[:, filled]
+    weights = part_weights(count, macro)
+
+    def sums(values: Array) -> Array:
+        return sums_by_cluster(values, pairs.cluster, pairs.part, pairs.parts)[0][:, filled]
 
     def mean(values: Array) -> float:
-        sums = sums_by_cluster(values, pairs.cluster, part, parts)[0][:, filled]
-        return round(scale * float((sums.sum(axis=0) / count.sum(axis=0)).mean()), _DIGITS)
+        return round(scale * float(weights @ (sums(values).sum(axis=0) / count.sum(axis=0))), _DIGITS)
 
     won, lost = int(np.count_nonzero(delta > 0)), int(np.count_nonzero(delta < 0))
-    rates = (won / n, lost / n) if metric.binary else None
-    low, high, error, method, reason = _interval(bootstrap, label, total, count, rates)
+    error = None
+    if len(count) < MIN_CLUSTERS:
+        low, high, method, reason = None, None, "none", f"only {len(count)} places, fewer than {MIN_CLUSTERS}"
+    elif metric.binary:
+        low, high = _flips_interval(sums(np.maximum(delta, 0.0)), sums(np.maximum(-delta, 0.0)), count, macro)
+        method, reason = "effective sample size", ""
+    else:
+        total = sums(delta)
+        if not macro:
+            total, count = (sums_.sum(axis=1, keepdims=True) for sums_ in (total, count))
+        draws = bootstrap.draws(label, total, count)
+        low, high = percentiles(draws)
+        method, reason, error = "cluster bootstrap", "", float(draws.std(ddof=1))
+        if high - low <= _ALIKE:
+            low, high, method, reason, error = None, None, "none", "all places alike", None
     found = Difference(
         a=mean(pairs.a), b=mean(pairs.b), value=mean(delta),
         low=None if low is None else round(scale * low, _DIGITS),
         high=None if high is None else round(scale * high, _DIGITS),
-        n=n, clusters=count.shape[0], parts=count.shape[1], method=method, reason=reason,
+        n=n, clusters=count.shape[0], parts=count.shape[1] if macro else 1, method=method, reason=reason,
     )  # fmt: skip
     if metric.binary:
         found = replace(found, won=won, lost=lost, p=mcnemar_p(won, lost))
@@ -199,22 +223,21 @@ def _noise_multiple() -> float:
     return float(norm.ppf(1 - ALPHA / 2) + norm.ppf(POWER))
 
 
-def _interval(
-    bootstrap: ClusterBootstrap, label: str, total: Array, count: Array, flips: tuple[float, float] | None
-) -> tuple[float | None, float | None, float | None, str, str]:
-    """(low, high, standard error, method, reason). flips: rates of won and lost pairs of a yes/no metric."""
-    clusters = len(total)
-    if clusters < MIN_CLUSTERS:
-        return None, None, None, "none", f"only {clusters} places, fewer than {MIN_CLUSTERS}"
-    draws = bootstrap.draws(label, total, count)
-    low, high = percentiles(draws)
-    if high - low > _ALIKE:
-        return low, high, float(draws.std(ddof=1)), "cluster bootstrap", ""
-    if flips is None:
-        return None, None, None, "none", "all places alike"
-    from statsmodels.stats.proportion import confint_proportions_2indep
+def _flips_interval(won: Array, lost: Array, count: Array, macro: bool) -> tuple[float, float]:
+    """Ends of the interval of won - lost, means over parts of shares. won, lost, count: (clusters, parts)."""
+    n, weights = count.sum(axis=0), part_weights(count, macro)
+    gain, loss = (float(weights @ (flips.sum(axis=0) / n)) for flips in (won, lost))
+    (gain_low, gain_high), (loss_low, loss_high) = (
+        share_interval(flips, count, macro) for flips in (won, lost)
+    )
+    # A pair is not both: where more are won, fewer can be lost.
+    room = (1.0 - gain) * (1.0 - loss)
+    opposed = 2.0 * np.sqrt(gain * loss / room) if room > 0.0 else 0.0
 
-    # Nearly all draws are equal: an interval of no width would claim certainty.
-    won, lost = (rate * clusters for rate in flips)
-    low, high = confint_proportions_2indep(won, clusters, lost, clusters, method="newcomb", alpha=ALPHA)
-    return float(low), float(high), None, "newcombe", "all places alike: over places"
+    def reach(up: float, down: float) -> float:
+        return float(np.sqrt(up**2 + down**2 + opposed * up * down))
+
+    return (
+        max(gain - loss - reach(gain - gain_low, loss_high - loss), -1.0),
+        min(gain - loss + reach(gain_high - gain, loss - loss_low), 1.0),
+    )

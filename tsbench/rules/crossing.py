@@ -64,8 +64,8 @@ class CrossingJudge:
             zone = self._zones[vehicle.path]
             if zone is not None:
                 self._judge_entry(snapshot, vehicle, zone)
-                self._judge_meeting(snapshot, vehicle, zone)
-                self._braking.watch(snapshot, vehicle)
+                halts = self._braking.watch(snapshot, vehicle, zone)
+                self._judge_meeting(snapshot, vehicle, zone, halts)
             if not left:
                 self._judge_contact(snapshot, vehicle)
         if left:
@@ -76,7 +76,7 @@ class CrossingJudge:
 
     def close(self) -> None:
         """Clause forced_braking, for all ticks; then enter what was found."""
-        for one in self._braking.for_ego(self._in, self._first):
+        for one in self._braking.for_ego(self._in, self._out, self._first):
             self._found.note(one.row, "forced_braking", one.snapshot, one.hardness, self._braking.most)
         self._found.close()
 
@@ -91,20 +91,25 @@ class CrossingJudge:
         if found is not None:
             self._found.note(vehicle.row, "entered_while_blocked", snapshot, found.gap, found.asked)
 
-    def _judge_meeting(self, snapshot: WorldSnapshot, vehicle: PriorityVehicle, zone: ConflictZone) -> None:
-        """Clause encroached, judged once per vehicle, at the tick when its front reaches the zone."""
+    def _judge_meeting(
+        self, snapshot: WorldSnapshot, vehicle: PriorityVehicle, zone: ConflictZone, halts: bool
+    ) -> None:
+        """Clause encroached, at the tick when a vehicle's front reaches the zone, or when it halts before it."""
         if vehicle.row in self._met:
             return
+        step, asked = snapshot.step, self._asked.after
         if vehicle.s < zone.b_in:
             self._coming.add((vehicle.row, vehicle.path))
+            entry, out = self._in.get(vehicle.path, step), self._out.get(vehicle.path, step + 1)
+            if halts and entry < step < out:
+                self._found.note(vehicle.row, "encroached", snapshot, 0.0, asked)
             return
         self._met.add(vehicle.row)
         if (vehicle.row, vehicle.path) not in self._coming:
             return  # it was past the zone, or comes onto this path behind it, from the lane beside
-        step = snapshot.step
         if self._in.get(vehicle.path, step) >= step:
             return  # the other one is first, or both come at once
-        after, asked = (step - self._out.get(vehicle.path, step)) * DT_S, self._asked.after
+        after = (step - self._out.get(vehicle.path, step)) * DT_S
         if after < asked:
             self._found.note(vehicle.row, "encroached", snapshot, after, asked)
 

@@ -30,7 +30,8 @@ class Leaders:
         """The ego's lane and those that it leads into: where each starts, m from the first one's start."""
         found = self._next.get(lane)
         if found is None:
-            found = self._next[lane] = {lane: 0.0}
+            # Pedestrians, too, are on no lane.
+            found = self._next[lane] = {lane: 0.0} if lane >= 0 else {}
             network = self._network
             for connection in network.outgoing[lane] if lane >= 0 else ():
                 at = network.lanes[lane].length

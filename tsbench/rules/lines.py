@@ -53,6 +53,12 @@ def reverse_edges(network: RoadNetwork, edge_id: str) -> tuple[tuple[str, ...], 
     return (), (edge_id,)
 
 
+def is_out(ego: EgoState, lane: Lane, at_start: bool) -> bool:
+    """Has the whole ego left the junction at an ordinary lane's start (or end)? Its lane may be shorter than it."""
+    way = ego.s if at_start else lane.line.length - ego.s
+    return way > min(EGO_LENGTH_M, lane.line.length) / 2
+
+
 class Station:
     """How arc length on one lane becomes metres along the road: start + rate * s.
 

@@ -7,6 +7,7 @@ import math
 from tsbench.geometry.angles import U_TURN, turn_class, wrap
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
+from tsbench.rules.lines import is_out
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
@@ -16,7 +17,7 @@ from tsbench.sim.world import EgoState, WorldSnapshot
 
 
 class Manoeuvre(Monitor):
-    """Armed on the approach, resolved on the first ordinary edge after the junction, at each pass.
+    """Armed on the approach, resolved where the ego has left the junction, at each pass; for each edge that it enters.
 
     One that was not completed when the episode ends is no manoeuvre.
     """
@@ -32,6 +33,8 @@ class Manoeuvre(Monitor):
         self._u_turn = rule.thresholds["u_turn_deg"]
         self._allowed = rule.options["allowed"]
         self._armed = self._passed = False
+        # Of this pass: edges entered, and kinds of manoeuvre that were told.
+        self._entered: set[str] = set()
 
     def step(self, snapshot: WorldSnapshot) -> None:
         ego = snapshot.ego
@@ -39,6 +42,8 @@ class Manoeuvre(Monitor):
             self._armed = self.engaged = True
             to_go = self._line.to_go(ego)
             self._passed = to_go is not None and to_go < 0.0
+            if not self._passed:
+                self._entered.clear()
         elif self._armed and ego.lane >= 0:
             self._behind(snapshot)
 
@@ -51,23 +56,36 @@ class Manoeuvre(Monitor):
             return
         if not self._passed:
             # Beside the approach on the other side of its road, or turned round before the junction.
-            to_go = self._line.to_go(ego) if ego.lane in self._line.opposite else None
-            self._armed = to_go is not None
-            self._passed = to_go is not None and to_go < 0.0
+            self._begin(ego)
             return
         found = self._exits.get(lane.edge)
         if found is None:
             self._armed = self._passed = False
-        elif found[1] * math.cos(ego.heading - lane.line.heading_at(ego.s)) > 0.0:
-            # Against this test: a corner of another arm's strip brushed in passing.
-            self._armed = self._passed = False
-            self._judge(snapshot, math.degrees(found[0]), ego)
+            return
+        change, direction = found
+        # Against these tests: a corner of another arm's strip, or its first metres, brushed in passing.
+        if not is_out(ego, lane, at_start=direction > 0.0):
+            return
+        if direction * math.cos(ego.heading - lane.line.heading_at(ego.s)) <= 0.0:
+            # Turned round behind the junction.
+            self._begin(ego)
+        elif lane.edge not in self._entered:
+            self._entered.add(lane.edge)
+            self._judge(snapshot, math.degrees(change), ego)
+
+    def _begin(self, ego: EgoState) -> None:
+        """A new pass, if the ego drives towards the junction on the other side of its own road."""
+        to_go = self._line.to_go(ego) if ego.lane in self._line.opposite else None
+        self._armed = to_go is not None
+        self._passed = to_go is not None and to_go < 0.0
+        self._entered.clear()
 
     def _judge(self, snapshot: WorldSnapshot, change: float, ego: EgoState) -> None:
         kind = turn_class(change, self._straight, self._u_turn)
         self.resolved(snapshot, ego)
-        if kind in self._allowed:
+        if kind in self._allowed or kind in self._entered:
             return
+        self._entered.add(kind)
         # The bound of the class that the change lies beyond.
         bound = self._u_turn if kind == U_TURN else self._straight
         threshold = -bound if change < 0.0 else bound

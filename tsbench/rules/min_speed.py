@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from tsbench.rules.leaders import Leaders
-from tsbench.rules.monitor import Monitor
+from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import WorldSnapshot
+from tsbench.sim.world import DT_S, WorldSnapshot
 
 
 class MinSpeed(Monitor):
-    """Not slower than posted, less the tolerance, for longer than a moment, where the lane ahead is free.
+    """Not slower than posted, less the tolerance, for longer than a moment, or on the whole, on a free lane.
 
     The excursion begins with the first slow tick; it becomes an event once it has lasted.
     """
@@ -25,6 +25,8 @@ class MinSpeed(Monitor):
         self._under = self.excursion("under_minimum", smaller_is_worse=True)
         self._leaders = Leaders(scene.network)
         self._slow: list[WorldSnapshot] = []
+        self._free, self._late, self._sum = 0, 0, 0.0
+        self._last: WorldSnapshot | None = None
 
     def step(self, snapshot: WorldSnapshot) -> None:
         t = self.rule.thresholds
@@ -34,13 +36,34 @@ class MinSpeed(Monitor):
             return
         self.engaged = True
         threshold = self._minimum - t["tolerance_kmh"]
-        if snapshot.ego.speed * KMH_PER_MPS >= threshold or self._held_up(snapshot):
+        speed = snapshot.ego.speed * KMH_PER_MPS
+        if self._held_up(snapshot):
+            self._end()
+            return
+        self._free, self._sum, self._last = self._free + 1, self._sum + speed, snapshot
+        if speed >= threshold:
             self._end()
             return
         self._slow.append(snapshot)
+        self._late += 1
         if snapshot.time - self._slow[0].time > t["duration_s"] + 1e-9:
             for tick in self._slow if not self._under.open else self._slow[-1:]:
                 self._under.broken(tick, tick.ego.speed * KMH_PER_MPS, threshold)
+
+    def finish(self) -> Verdict:
+        """Who was never slow for long may have been slow on the whole."""
+        self._end()
+        t = self.rule.thresholds
+        if (
+            self._last is not None
+            and not self.log.clauses()
+            and self._late * DT_S > t["duration_s"] + DT_S / 2
+        ):
+            mean, threshold = self._sum / self._free, self._minimum - t["tolerance_kmh"]
+            if mean < threshold:
+                self.log.event("under_minimum", self._last, self._last.time, mean, threshold)
+                self.log.mark(self._last.step)
+        return super().finish()
 
     def _end(self) -> None:
         self._under.close()

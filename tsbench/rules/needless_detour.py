@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from tsbench.rules.in_all import InAll
+from tsbench.rules.lines import is_out
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
@@ -17,43 +19,40 @@ class NeedlessDetour(Monitor):
 
     In all: who swings from lane to lane, each for a moment, would keep to both.
 
-    Armed on the approach, disarmed on the way's exit; off the way it stays off until it comes to the approach again.
+    Armed on the approach, disarmed once it has left the junction by the way's exit and goes on from there. Off the way
+    it stays off until it comes to the approach, or to the way's exit, again.
     """
 
     def __init__(self, params: WayParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)
-        network = scene.network
+        network = self._network = scene.network
         self._approach, self._exits = params.approach, frozenset(params.exits)
         self._lanes = frozenset(network.lane_index[name] for name in params.lanes)
         self._edges = {network.lane(name).edge for name in params.lanes}
-        self._armed = False
-        self._off: list[WorldSnapshot] = []
-        self._earlier = 0
-        self._event = self.excursion("needless_detour")
+        self._junction = network.edges[params.approach].target
+        self._armed = self._through = False
+        self._off = InAll(self.excursion("needless_detour"), self.rule.thresholds["lane_s"])
 
     def step(self, snapshot: WorldSnapshot) -> None:
-        """One tick: the excursion begins with the first one off; it becomes an event once all have lasted."""
-        if not self._is_off(snapshot.ego):
-            self._earlier += len(self._off)
-            self._off.clear()
-            self._event.close()
-            return
-        self._off.append(snapshot)
-        most, whole = self.rule.thresholds["lane_s"], (self._earlier + len(self._off)) * DT_S
-        if whole > most + DT_S / 2:
-            for tick in self._off if not self._event.open else self._off[-1:]:
-                self._event.broken(tick, whole, most)
+        """One tick."""
+        if self._is_off(snapshot.ego):
+            self._off.add(snapshot, DT_S)
+        else:
+            self._off.keep()
 
     def _is_off(self, ego: EgoState) -> bool:
         """Of a tick. In a junction, and beside all lanes, it is off as long as it has been."""
-        lane = self.scene.network.lanes[ego.lane] if ego.lane >= 0 else None
+        lane = self._network.lanes[ego.lane] if ego.lane >= 0 else None
         if lane is None or lane.internal:
-            return self._event.open
+            return self._off.open
         if lane.edge == self._approach:
-            self._armed = True
+            self._armed, self._through = True, False
         elif lane.edge in self._exits:
-            self._armed = False
+            self._through = self._through or is_out(ego, lane, at_start=True)
         # Against it drives who passes something on the oncoming lane, or brushes the strip of another arm.
         elif self._armed and self._exits and math.cos(ego.heading - lane.line.heading_at(ego.s)) > 0.0:
-            return True
+            self._armed = not self._through or self._network.edges[lane.edge].source == self._junction
+            self._through = False
+            if self._armed:
+                return True
         return lane.edge in self._edges and ego.lane not in self._lanes

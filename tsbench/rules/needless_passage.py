@@ -60,7 +60,7 @@ class Passage:
         self._zones = path_zones(paths, other_paths, least_overlap=give_way["least_overlap_m"])
         self._first = frozenset(j for j, path in enumerate(other_paths) if path.source.edge in params.main_in)
         self._vehicles = PriorityVehicles(network, other_paths, RULE_FOLLOWING)
-        self._leaders, self._stands = Leaders(network), t["standing_mps"]
+        self._leaders, self._stands, self._near_m = Leaders(network), t["standing_mps"], t["leader_least_m"]
         self._react_s, self._free_from = t["react_s"] + _TICK_SHARE_S, -math.inf
         self._people: CrossingPeople | None = None
         for name in params.crossing:
@@ -116,8 +116,8 @@ class Passage:
         return self._people.anyone_in_the_way(*self._crosses, snapshot.actors, people)
 
     def _jam(self, snapshot: WorldSnapshot, front: float) -> bool:
-        """Does a leader stand so that the ego could not leave the passage behind it?"""
-        reach = self.end - front + EGO_LENGTH_M
+        """Does a leader stand so that the ego could not leave the passage behind it, or right ahead?"""
+        reach = max(self.end - front + EGO_LENGTH_M, self._near_m)
         return any(speed < self._stands for _, speed in self._leaders.within(snapshot, reach))
 
 

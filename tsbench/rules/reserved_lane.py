@@ -7,28 +7,26 @@ import math
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap, share_in_band
-from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.in_all import InAll
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
 
 _KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
-_TICK_SHARE_S = 1e-9
 
 
 class ReservedLane(Monitor):
-    """The ego is in a reserved lane of the zone for longer than is tolerated, or it touches a user.
+    """The ego is in a reserved lane of the zone for longer in all than is tolerated, or it touches a user.
 
-    Two measures of one clause: its centre, and a share of its footprint. One stay is one event.
+    Two measures of one clause: its centre, and a share of its footprint. One stay is one event at most.
     """
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         params = sign.params_as(ReservedLaneParams)
         reserved = [scene.network.lane(lane) for lane in params.lanes]
         self._lanes = {lane.index: lane for lane in reserved}
@@ -38,22 +36,30 @@ class ReservedLane(Monitor):
         self._kind = int(_KINDS[rule.option("users")])
         t = rule.thresholds
         self._share = t["share_ratio"]
-        self._by_centre = _Stay(Excursion(self._log, "in_reserved_lane"), t["duration_s"])
-        self._by_share = _Stay(Excursion(self._log, "in_reserved_lane"), t["share_s"])
-        self._contact = Excursion(self._log, "contact")
-        self._engaged = False
+        self._by_centre = InAll(self.excursion("in_reserved_lane"), t["duration_s"])
+        self._by_share = InAll(self.excursion("in_reserved_lane"), t["share_s"])
+        self._is_told = False
+        self._contact = self.excursion("contact")
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick."""
         t, ego = self.rule.thresholds, snapshot.ego
-        if not self._engaged:
+        if not self.engaged:
             front = self._road.front(ego)
-            self._engaged = (
+            self.engaged = (
                 front is not None and -t["engage_distance_m"] <= front - self._plate <= self._length
             )
         past = self._past_plate(ego)
-        self._by_centre.judge(snapshot, past and ego.lane in self._lanes, self._by_share.is_event)
-        self._by_share.judge(snapshot, past and self._is_partly_in(ego), self._by_centre.is_event)
+        if past and ego.lane in self._lanes:
+            self._by_centre.add(snapshot, DT_S, self._by_share.open)
+        else:
+            self._by_centre.keep()
+        if past and self._is_partly_in(ego):
+            self._is_told = self._is_told or self._by_centre.open
+            self._by_share.add(snapshot, DT_S, self._is_told)
+        else:
+            self._is_told = False
+            self._by_share.keep()
         touched = self._touched(ego, snapshot.actors)
         if touched is None:
             self._contact.close()
@@ -93,42 +99,3 @@ class ReservedLane(Monitor):
             ):  # fmt: skip
                 return table.ids[row]
         return None
-
-    def finish(self) -> Verdict:
-        """Excursions that are still open end with the episode."""
-        self._by_share.leave()
-        self._by_centre.leave()
-        self._contact.close()
-        return self._log.verdict(self._engaged)
-
-
-class _Stay:
-    """The stays in the lane by one measure, one at a time; longer than `tolerated_s`, a stay is an event."""
-
-    def __init__(self, excursion: Excursion, tolerated_s: float) -> None:
-        self._excursion, self._tolerated_s = excursion, tolerated_s
-        self._run: list[WorldSnapshot] = []
-        self._is_told = False
-
-    @property
-    def is_event(self) -> bool:
-        """Is this stay an event?"""
-        return self._excursion.open
-
-    def judge(self, snapshot: WorldSnapshot, inside: bool, is_told: bool) -> None:
-        """One tick. is_told: the stay is an event by the other measure."""
-        if not inside:
-            self.leave()
-            return
-        self._run.append(snapshot)
-        self._is_told = self._is_told or is_told
-        began = self._run[0].time
-        if not self._is_told and snapshot.time - began > self._tolerated_s + _TICK_SHARE_S:
-            for tick in self._run[-1:] if self.is_event else self._run:
-                self._excursion.broken(tick, tick.time - began, self._tolerated_s)
-
-    def leave(self) -> None:
-        """The stay is over."""
-        self._excursion.close()
-        self._run.clear()
-        self._is_told = False

@@ -14,12 +14,15 @@ from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.rules.events import Excursion
 from tsbench.rules.give_way import GiveWay
+from tsbench.rules.in_all import InAll
 from tsbench.rules.monitor import Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
+
+_NOISE_M = 1e-6
 
 
 class Roundabout(GiveWay):
@@ -29,10 +32,8 @@ class Roundabout(GiveWay):
         self._ring_edges = sign.params_as(RoundaboutParams).ring
         super().__init__(sign, rule, scene)
         self._ring = Circulation(scene.network, self._ring_edges)
-        self._most = rule.thresholds["wrong_way_m"]
-        self._against = 0.0
         self._last: tuple[float, float] | None = None
-        self._wrong = Excursion(self.log, "wrong_direction")
+        self._wrong = InAll(Excursion(self.log, "wrong_direction"), rule.thresholds["wrong_way_m"])
 
     def lanes_with_priority(self) -> frozenset[int]:
         """Those of the ring and its junctions, entries' ways in among them, and of where the paths lead."""
@@ -48,18 +49,15 @@ class Roundabout(GiveWay):
         ego = snapshot.ego
         last, self._last = self._last, (ego.x, ego.y)
         along = None if last is None else self._ring.along(ego.lane, last, self._last)
-        if along is None or along > 0.0:
+        if along is None or along > _NOISE_M:
             # It has left the ring, or turned round: what it does next is another excursion.
-            self._against = 0.0
-            self._wrong.close()
-            return
-        self._against -= along
-        if self._against > self._most:
-            self._wrong.broken(snapshot, self._against, self._most)
+            self._wrong.keep()
+        elif along < -_NOISE_M:
+            self._wrong.add(snapshot, -along)
 
     def finish(self) -> Verdict:
         """As give_way's, with the open excursion closed."""
-        self._wrong.close()
+        self._wrong.keep()
         return super().finish()
 
 

@@ -31,5 +31,9 @@ class Speed(Monitor):
         self.engaged = self.engaged or inside
         if inside and over:
             self._over.broken(snapshot, speed, self._threshold)
-        else:
+        elif not self._on_a_path(snapshot.ego.lane):
             self._over.close()
+
+    def _on_a_path(self, lane: int) -> bool:
+        """Inside a junction: paths cross there, and the ego may be on one of another road for a moment."""
+        return lane >= 0 and self.scene.network.lanes[lane].internal

@@ -1,9 +1,10 @@
-"""Against the direction of a lane, in every scene. Source: docs/spec/rules.md, "Wrong way". Units: m, s."""
+"""Against the direction of a lane, in every scene. Source: docs/spec/rules.md, "Wrong way". Units: m."""
 
 from __future__ import annotations
 
 import math
 
+from tsbench.rules.in_all import InAll
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog
@@ -12,7 +13,7 @@ from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
 
 class WrongWay(Monitor):
-    """Was the ego against the direction of ordinary lanes for longer than a moment in all, with no obstacle near?
+    """Was the ego against the direction of ordinary lanes for farther than a moment in all, with no obstacle near?
 
     sign: the scene's target, under which events are entered; it does not matter what it asks.
     """
@@ -20,19 +21,16 @@ class WrongWay(Monitor):
     def __init__(self, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.wrong_way, scene)
         self._lanes, self._obstacles = scene.network.lanes, [(o.x, o.y) for o in scene.obstacles]
-        self._near, self._most = self.rule.thresholds["near_obstacle_m"], self.rule.thresholds["longest_s"]
-        self._ticks = 0
-        self._event = self.excursion("wrong_way")
+        self._near = self.rule.thresholds["near_obstacle_m"]
+        self._against = InAll(self.excursion("wrong_way"), self.rule.thresholds["longest_m"])
 
     def step(self, snapshot: WorldSnapshot) -> None:
         """One tick. What is between two stretches does not begin the count anew."""
-        if not self._is_against(snapshot.ego):
-            self._event.close()
-            return
-        self._ticks += 1
-        whole = self._ticks * DT_S
-        if whole > self._most + DT_S / 2:
-            self._event.broken(snapshot, whole, self._most)
+        ego = snapshot.ego
+        if self._is_against(ego):
+            self._against.add(snapshot, ego.speed * DT_S)
+        else:
+            self._against.keep()
 
     def _is_against(self, ego: EgoState) -> bool:
         """At a tick. Paths inside a junction cross, and have no direction for who is on another one."""

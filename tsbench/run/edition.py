@@ -24,7 +24,7 @@ from tsbench.core.paths import (
     dataset_root,
     using_city,
 )
-from tsbench.run.contract import code_is_local, contract_hash, mirrored_contract
+from tsbench.run.contract import SCORING, code_is_local, contract_hash, mirrored_contract
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
@@ -34,8 +34,9 @@ LOCAL = "+local"
 _OF_CITY = "edition.yaml"  # beside the data of a city
 _HEAD = (
     "# Editions, oldest first: docs/editions.md says what each is. released: contract hash of each split, by version\n"
-    "# of tsbench. earlier: older contracts with the same results, of which the first is shown.\n"
-    "# Written by `make edition`; titles by hand.\n"
+    "# of tsbench. earlier: older contracts with the same results, of which the first is shown. scoring: the number\n"
+    "# that judged those, where it was raised since: they are known, and no other contract has their results.\n"
+    "# Written by `make edition`; titles and scoring by hand.\n"
 )
 
 
@@ -48,22 +49,32 @@ class Edition:
     released: contract by split, by version of tsbench.
     earlier: by split, contracts from before there were scoring numbers, oldest first; their results are those of the
     newest version.
+    scoring: None, or the scoring that judged the results under `earlier`: not those of the newest version then.
     """
 
     name: str
     title: str
     released: Mapping[str, Mapping[str, str]]
     earlier: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    scoring: int | None = None
 
     def now(self) -> Mapping[str, str]:
         """The contracts of the newest version, by split."""
         return list(self.released.values())[-1]
 
     def standing(self) -> dict[str, str]:
-        """For each contract with the results of the newest version: the contract that these were published under."""
-        now = self.now()
-        same = ([*known, now[split]] for split, known in self.earlier.items())
+        """For each contract that has results of others: the contract that these were published under."""
+        now = {} if self._judged_otherwise else self.now()
+        same = ([*known, now.get(split, known[0])] for split, known in self.earlier.items())
         return {contract: known[0] for known in same for contract in known}
+
+    def kept(self, split: str) -> str:
+        """The contract that the published results of a split are shown under."""
+        return self.earlier.get(split, [self.now()[split]])[0]
+
+    @property
+    def _judged_otherwise(self) -> bool:
+        return self.scoring not in (None, SCORING)
 
     def contracts(self) -> set[str]:
         """All contracts under this name."""
@@ -154,8 +165,10 @@ def release_city(title: str) -> Mapping[str, str]:
     write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(scenes).encode())
     path = dataset_root() / _OF_CITY
     (before,) = _read(path) if path.is_file() else (None,)
-    earlier = {} if before is None or before.name != edition_now() else _still_the_same(before, now)
-    _write((Edition(edition_now(), title, {tsbench.__version__: now}, earlier),), path)
+    if before is None or before.name != edition_now():
+        before = Edition(edition_now(), title, {})
+    earlier = _still_the_same(before, now) if before.released else {}
+    _write((replace(before, title=title, released={tsbench.__version__: now}, earlier=earlier),), path)
     return now
 
 
@@ -169,7 +182,9 @@ def release() -> Mapping[str, str]:
 
 
 def _still_the_same(before: Edition, now: Mapping[str, str]) -> dict[str, Sequence[str]]:
-    """Earlier contracts of the splits whose contract has not changed: another one has other results."""
+    """Earlier contracts, but of splits whose contract has changed: another one has other results."""
+    if before.scoring not in (None, SCORING):
+        return dict(before.earlier)
     kept = {split for split, contract in before.now().items() if now.get(split) == contract}
     return {split: known for split, known in before.earlier.items() if split in kept}
 

@@ -16,11 +16,10 @@ from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows,
 from tsbench.core.paths import dataset_file, mirrored_in_use
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_id
-from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.signs.catalog import Catalog
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 DENSITY_TOLERANCE = 0.25
 # Times are sums of ticks.
 _TIME_TOLERANCE_S = 1e-6
@@ -37,7 +36,7 @@ class Certificate:
     blind baseline met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
     agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
     broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`); one of another
-    basis says nothing. code: SHA-256 of the code that drove them last. Other code does not void a certificate, but may
+    basis says nothing. scoring: number of the scoring (`run.contract.SCORING`) that judged them last; a later one may
     be asked to prove it again. reproduced: another process, maybe with other code or on another machine, found the same
     (None = not tried).
     Of a pair, in both its rows, None where there is none: exclusive: neither half's certified commands pass in the
@@ -65,7 +64,7 @@ class Certificate:
     error: str
     digest: str
     basis: str
-    code: str
+    scoring: int
     reproduced: bool | None
     exclusive: bool | None = None
     passed_by: str | None = None
@@ -155,19 +154,10 @@ def read_certificates(path: Path) -> list[Certificate]:
     return sorted(renamed, key=lambda row: row.scenario_id)
 
 
-def bases(rows: Sequence[ScenarioSpec], catalog: Catalog) -> dict[str, str]:
-    """What a certificate of each row is about, by scenario id: 16 hex digits over the row, its signs' rules, and SUMO.
+def bases(rows: Sequence[ScenarioSpec]) -> dict[str, str]:
+    """What a certificate of each row is about, by scenario id: 16 hex digits over the row and SUMO's version.
 
     Not its place: that is a matter of the maps beside it in the table.
     """
     sumo = versions(["libsumo"])
-    signs = {
-        (code, half): data_hash((), catalog.contract_entries([code], half == CONTRAST))
-        for code, half in {(row.sign_code, row.half) for row in rows}
-    }
-
-    def basis(row: ScenarioSpec) -> str:
-        told = data_hash([replace(row, place="")], ())
-        return digest([told, signs[row.sign_code, row.half], sumo])[:16]
-
-    return {row.scenario_id: basis(row) for row in rows}
+    return {row.scenario_id: digest([data_hash([replace(row, place="")], ()), sumo])[:16] for row in rows}

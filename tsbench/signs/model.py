@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 Group = Literal["priority", "speed", "obstacles", "routing"]
 Family = Literal["junction", "roundabout", "dual_path", "corridor"]
@@ -10,6 +10,9 @@ Shape = Literal["T", "X", "ring", "straight", "curved"]
 Slot = Literal["s_l", "s_r", "l_s", "l_r", "r_s", "r_l"]
 
 GROUPS: tuple[str, ...] = get_args(Group)
+
+# Of a value in a sentence, behind the point.
+_MOST_DIGITS = 3
 
 # Words that may stand in `ended_by` beside the codes of end plates.
 END_PLACES = ("junction", "crossing", "obstacle", "marked_zone")
@@ -20,6 +23,27 @@ _SHAPES: Mapping[Family, tuple[Shape, ...]] = {
     "dual_path": ("T", "X"),
     "corridor": ("straight", "curved"),
 }
+
+
+class _Measured(float):
+    """A value that is written with as many digits as tell it from its threshold, up to three."""
+
+    _threshold: float
+
+    def __new__(cls, value: float, threshold: float) -> Self:
+        self = super().__new__(cls, value)
+        self._threshold = threshold
+        return self
+
+    def __format__(self, spec: str) -> str:
+        head, dot, digits = spec.removesuffix("f").rpartition(".")
+        told = super().__format__(spec)
+        for more in range(int(digits) + 1, _MOST_DIGITS + 1) if dot else ():
+            if told != format(self._threshold, spec):
+                break
+            spec = f"{head}.{more}f"
+            told = super().__format__(spec)
+        return told
 
 
 @dataclass(frozen=True)
@@ -56,7 +80,7 @@ class Clause:
             clause=self.id,
             sign_code=sign_code,
             time_s=time_s,
-            value=value,
+            value=_Measured(value, threshold),
             threshold=threshold,
             margin=margin,
             unit=self.unit,

@@ -55,7 +55,7 @@ class RuleKind:
 _ROAD = "beside_road_widths"
 _YIELD = (
     "engage_distance_m priority_distance_m gap_s min_foe_speed_mps post_clear_s least_overlap_m "
-    f"forced_brake_mps2 forced_within_s leader_gap_s {_ROAD}"
+    f"forced_brake_mps2 forced_within_s forced_s leader_gap_s {_ROAD}"
 )
 _YIELD_CLAUSES = "entered_while_blocked encroached forced_braking contact"
 _HOLD = "held_speed_mps held_s held_within_m"
@@ -103,7 +103,7 @@ NEEDLESS = RuleKind(
     "needless_stop needless_yield needless_slow needless_detour",
 )
 # Of no plate, in every scene: against the direction of a lane nobody is sent.
-WRONG_WAY = RuleKind("wrong_way", None, "longest_s near_obstacle_m", "wrong_way")
+WRONG_WAY = RuleKind("wrong_way", None, "longest_m near_obstacle_m", "wrong_way")
 OF_NO_PLATE: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in (NEEDLESS, WRONG_WAY)})
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})
 

@@ -36,6 +36,7 @@ def silent(what: str, done: int, total: int) -> None:
     assert 0 <= done <= total, what
 
 
+@pytest.mark.slow
 def test_harvest_is_deterministic_resumable_and_finds_no_place_twice(workplace: Path, tmp_path: Path) -> None:
     folder = tmp_path / "osm"
     folder.mkdir()
@@ -111,8 +112,9 @@ def test_an_extract_without_maps_is_said(workplace: Path, tmp_path: Path) -> Non
 
 
 def test_an_extract_with_dots_in_its_name_is_harvested_under_it(workplace: Path, tmp_path: Path) -> None:
-    file = tmp_path / "st.gallen.osm"
-    file.write_text(make_town().xml(), encoding="utf-8")
+    file, town = tmp_path / "st.gallen.osm", Town()
+    town.road([(0, 0), (800, 0)], "secondary", maxspeed="60")
+    file.write_text(town.xml(), encoding="utf-8")
     result = harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert {row.source for row in result.rows} == {"st.gallen"}
     assert json.loads((tmp_path / "harvest.json").read_text())["extracts_sha256"] == {

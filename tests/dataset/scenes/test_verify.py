@@ -30,7 +30,7 @@ def certificate(row: ScenarioSpec, **fields: object) -> Certificate:
         scenario_id=row.scenario_id, scenario_type=row.scenario_type, split=row.split, attempt=0, expert="idm-e",
         expert_time_s=9.0, blind_baseline="idm", blind_outcome="arrived", tempting=True, engaged=True,
         asked_density=0.0, realised_density=0.0, road_users=0, overlaps=0, arrival_gap_s=0.0, error="", digest="",
-        basis="", code="", reproduced=None,
+        basis="", scoring=1, reproduced=None,
     )  # fmt: skip
     return replace(told, **{**SOUND, **fields})  # type: ignore[arg-type]
 
@@ -94,7 +94,7 @@ def test_certificates_of_an_earlier_edition_are_not_asked_what_they_were_about(
 ) -> None:
     write_certificates([certificate(SIGNED)], certificates_path(tmp_path))
     ((_, said),) = verify_certificates([SIGNED], tmp_path)
-    assert "is of another row, rule or SUMO" in said
+    assert "is of another row or SUMO" in said
     monkeypatch.setattr(verify, "earlier_splits", lambda root: {"test": "2026.1"})
     assert verify_certificates([SIGNED], tmp_path) == []
     assert verify_certificates([OTHER], tmp_path) == [

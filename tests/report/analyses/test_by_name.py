@@ -7,10 +7,11 @@ import sys
 
 ASKED = """
 import sys
+import numpy as np
 import tsbench.run.log.tables
-from tsbench.metrics.intervals import wilson
+from tsbench.metrics.intervals import share_interval
 from tsbench.report.analyses.by_name import OF_POOL
-wilson(1, 2)
+share_interval(np.ones((6, 1)), np.full((6, 1), 2.0))
 print(sorted({"scipy.stats", "matplotlib"} & sys.modules.keys()), *OF_POOL)
 """
 

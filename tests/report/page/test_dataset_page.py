@@ -8,6 +8,7 @@ import re
 import shutil
 import struct
 from base64 import b64decode
+from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,21 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.report.page import dataset as module
 from tsbench.report.page.dataset import write_dataset_page
-from tsbench.scenarios.certificates import read_certificates
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
 TYPES = ("yield", "speed_limit", "detour_left")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def proofs() -> Iterator[list[Certificate]]:
+    """All certificates, read once."""
+    found = read_certificates(certificates_path())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "read_certificates", lambda _: found)
+        yield found
 
 
 @pytest.fixture(scope="module")
@@ -54,14 +64,16 @@ def unpacked(page: str, name: str) -> dict[str, Any]:
     return header
 
 
-def test_each_scene_is_there_with_its_certificate(page: Path, rows: list[ScenarioSpec]) -> None:
+def test_each_scene_is_there_with_its_certificate(
+    page: Path, rows: list[ScenarioSpec], proofs: list[Certificate]
+) -> None:
     text = page.read_text(encoding="utf-8")
     table = unpacked(text, "scenarios")
     assert table["rows"] == len(rows) == 9
     values = table["values"]
     names = [values["scenario_id"]["distinct"][k] for k in values["scenario_id"]["at"]]
     assert sorted(names) == sorted(row.scenario_id for row in rows)
-    proof = {c.scenario_id: c for c in read_certificates(module.certificates_path())}
+    proof = {c.scenario_id: c for c in proofs}
     for k, name in enumerate(names):
         assert values["tempting"][k] is proof[name].tempting
         assert values["sane"][k] is proof[name].sane

@@ -15,18 +15,11 @@ from run_helpers import Bench
 RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4"]
 
 
-def test_a_folder_with_other_things(bench: Bench) -> None:
+@pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
+def test_a_folder_with_other_things(bench: Bench, overwrite: list[str]) -> None:
     (bench.folder / "mine").mkdir()
     (bench.folder / "mine" / "thesis.txt").write_text("dear")
-    done = bench.run(*RUN, "--out", "mine", expect=2)
-    assert done.stderr == "error: mine: is neither empty nor a run folder; choose another with --out\n"
-    assert [p.name for p in (bench.folder / "mine").iterdir()] == ["thesis.txt"]
-
-
-def test_other_things_are_not_overwritten(bench: Bench) -> None:
-    (bench.folder / "mine").mkdir()
-    (bench.folder / "mine" / "thesis.txt").write_text("dear")
-    done = bench.run(*RUN, "--out", "mine", "--overwrite", expect=2)
+    done = bench.run(*RUN, "--out", "mine", *overwrite, expect=2)
     assert done.stderr == "error: mine: is neither empty nor a run folder; choose another with --out\n"
     assert [p.name for p in (bench.folder / "mine").iterdir()] == ["thesis.txt"]
 

@@ -26,7 +26,7 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode import is_scd
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.run.contract import code_hash
+from tsbench.run.contract import SCORING
 from tsbench.run.stepped_episode import Step, SteppedEpisode
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -90,7 +90,7 @@ class Certifier:
             overlaps=0 if calm is None else overlapping_pairs(calm),
             arrival_gap_s=math.nan if facts is None else arrival_gap(facts),
             error=solved.result.error or blind.result.error, digest=_digest(solved.result, blind.result),
-            basis=bases([spec], self._catalog)[spec.scenario_id], code=code_hash(), reproduced=None,
+            basis=bases([spec])[spec.scenario_id], scoring=SCORING, reproduced=None,
         )  # fmt: skip
 
     def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:

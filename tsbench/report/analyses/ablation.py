@@ -91,8 +91,8 @@ def _analysis(plain: RunPool, masked: RunPool, found: Mapping[str, Comparison]) 
     alone = [name for name in (*plain.planners, *masked.planners) if name not in found]
     notes = (
         f"{SCD_NOTE}; other metrics are means over episodes. Masked: plates are seen without code and value",
-        "masked - with: over the same n pairs (paired SCD) or scenes, 95 % interval (paired cluster bootstrap over "
-        "places); p: exact McNemar; MDE: what is not significant would have been found with 80 % power from this on; "
+        "masked - with: over the same n pairs (paired SCD) or scenes, 95 % interval (over places); "
+        "p: exact McNemar; MDE: what is not significant would have been found with 80 % power from this on; "
         "lost, gained: what only the run with signs, only the masked one has",
         f"{READINGS_NOTE}. By type: tsbench compare RUN:PLANNER MASKED:PLANNER",
         *([f"without a partner, left out: {', '.join(alone)}"] if alone else []),

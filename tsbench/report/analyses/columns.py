@@ -22,7 +22,9 @@ SCD_NOTE = (
 READINGS_NOTE = (
     "strict: error outcomes count as failures; completed: without an error outcome (in either half)"
 )
-INTERVAL_NOTE = "95 % interval (cluster bootstrap over places; Wilson where places do not differ)"
+INTERVAL_NOTE = (
+    "95 % interval (shares: effective sample size over places; other means: cluster bootstrap over places)"
+)
 
 
 def readings(p: PlannerSummary) -> tuple[str, ...]:

@@ -140,8 +140,9 @@ def _split(
     bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, classes: Mapping[str, Mask]
 ) -> Split:
     def share(inside: Mask) -> Estimate:
-        total, count = sums_by_cluster(inside[use].astype(np.float64), records.place[use], 0, 1)
-        return bootstrap.estimate(label, total, count, 100.0, binary=True)
+        passes = inside[use].astype(np.float64)
+        total, count = sums_by_cluster(passes, records.place[use], records.kind[use], len(records.kinds))
+        return bootstrap.estimate(label, total, count, 100.0, binary=True, macro=False)
 
     return Split(int(np.count_nonzero(use)), {name: share(inside) for name, inside in classes.items()})
 

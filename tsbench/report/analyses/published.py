@@ -11,7 +11,7 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.records import SIGNED_ONES
 from tsbench.planners.registry import EXPERT
 from tsbench.report.analyses.model import ALL
-from tsbench.run.edition import editions, standing_contract
+from tsbench.run.edition import editions
 from tsbench.signs.catalog import load_catalog
 
 NOTE = (
@@ -32,7 +32,8 @@ def published() -> Mapping[str, Mapping[str, float]]:
 
 def is_of_study(contract: str) -> bool:
     """Is a contract that of Moscow's test split, the scenes that stand for the study's?"""
-    return any(standing_contract(edition.now().get("test", "")) == contract for edition in editions())
+    tests = (edition for edition in editions() if "test" in edition.now())
+    return any(contract in (edition.now()["test"], edition.kept("test")) for edition in tests)
 
 
 def is_whole(p: PlannerSummary, panel: str, contract: str) -> bool:

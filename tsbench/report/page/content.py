@@ -214,7 +214,7 @@ def comparison(pool: RunPool) -> Analysis | None:
     )
     notes = (
         f"SCD (strict) of each planner minus that of {first}, percentage points, over the n pairs or scenarios that "
-        "both have; below the difference its 95 % interval (paired cluster bootstrap over places)",
+        "both have; below the difference its 95 % interval (over places)",
         "lost, won: those that only the first, only the other one has; p: exact McNemar; MDE: where the "
         "difference is not significant, how large one would have been found (80 % power). By type, and each flipped "
         "scenario: tsbench compare",

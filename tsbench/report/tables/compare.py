@@ -163,7 +163,7 @@ def differing(a: StoredRun, b: StoredRun, keys: Sequence[str]) -> dict[str, tupl
 
 
 _KEY = (
-    f"{SCD_NOTE}. B-A with its 95 % interval (paired cluster bootstrap over places) over n pairs (paired SCD) or "
+    f"{SCD_NOTE}. B-A with its 95 % interval (over places) over n pairs (paired SCD) or "
     "scenes. p: exact McNemar; of types after Holm over those compared, of all else as it is; metrics that are not "
     "yes/no go by their interval. *: significant (5 %). MDE: what is not significant would have been found with "
     "80 % power from this difference on (types: at Holm's strictest step); – there: no difference could have been",

@@ -120,7 +120,7 @@ def _forest(matched: Matched) -> Figure:
     draw_rows(axes, rows)
     axes.axvline(0.0, color=GREY, linewidth=0.8)
     axes.set_xlabel(
-        f"{named} of B minus that of A, percentage points (strict), 95 % paired cluster bootstrap over places\n"
+        f"{named} of B minus that of A, percentage points (strict), 95 % interval over places\n"
         "full: significant (exact McNemar, types after Holm); grey: minimum detectable effect; right: lost/won of n\n"
         "x: completed only, pairs without an error outcome; their n in brackets",
         fontsize=7.5,

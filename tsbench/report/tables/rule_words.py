@@ -19,6 +19,7 @@ THRESHOLDS: Mapping[str, str] = MappingProxyType(
         "engage_distance_m": "distance from which on the rule binds",
         "forced_brake_mps2": "hardest braking that the ego may cause",
         "forced_within_s": "time after the ego's entry in which braking counts",
+        "forced_s": "time of hard braking that is force however far away",
         "gap_s": "time that has to be left free",
         "held_s": "duration of a held stop",
         "held_speed_mps": "highest speed of a held stop",

@@ -71,10 +71,10 @@ def check_data() -> Iterator[Diagnosis]:
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
+    from tsbench.run.contract import SCORING
     from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_here, standing_contract
     from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
     from tsbench.scenarios.table import read_table, splits_there, table_path
-    from tsbench.signs.catalog import load_catalog
 
     earlier = earlier_splits()
     for split in splits_there():
@@ -98,13 +98,20 @@ def check_edition() -> Iterator[Diagnosis]:
         return
     there = [split for split in splits_there() if split not in earlier]
     rows = [row for split in there for row in read_table(table_path(split))]
-    known = {c.scenario_id: c.basis for c in read_certificates(path)}
-    void = [name for name, basis in bases(rows, load_catalog()).items() if known.get(name) != basis]
+    certificates = {c.scenario_id: c for c in read_certificates(path)}
+    known = {name: certificate.basis for name, certificate in certificates.items()}
+    void = [name for name, basis in bases(rows).items() if known.get(name) != basis]
+    judged = sorted({certificates[row.scenario_id].scoring for row in rows if row.scenario_id in known})
     if void:
         text = f"{path}: {len(void)} rows without a certificate of what they are, first {void[0]}"
         yield Diagnosis(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")
+        return
+    text = f"{len(rows)} rows, each with a certificate of what it is"
+    if judged in ([], [SCORING]):
+        yield Diagnosis(Status.OK, "edition", text)
     else:
-        yield Diagnosis(Status.OK, "edition", f"{len(rows)} rows, each with a certificate of what it is")
+        text += f", judged by scoring {', '.join(map(str, judged))}; this is scoring {SCORING}"
+        yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios certify drives them again")
 
 
 def _files(table: Path, rows: list[ScenarioSpec]) -> Diagnosis:
