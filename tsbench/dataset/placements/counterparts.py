@@ -99,20 +99,25 @@ def _posts_holding(
     task: SceneTask, arrangement: Arrangement, edges: Sequence[str], swap: tuple[_Plate, _Plate],
     found: Sequence[tuple[SignInstance, _Plate, _Plate]], halves: Sequence[PlacedPlates],
 ) -> Iterator[SignInstance]:  # fmt: skip
-    others = [post for post, _, _ in found]
-    for edge in shuffled(edges, task) * TRIES_AT_JUNCTION:
+    """Posts for a swap, those first for which the fewest roads are closed to other traffic."""
+    others, closing = [post for post, _, _ in found], {}
+    for edge in shuffled(edges, task):
+        middle = bare_post(task, arrangement, edge, halves[0].roads.length(edge) / 2, len(found))
+        sent = _sent(task, arrangement, [*found, (middle, *swap)], halves[0].roads)
+        if sent is not None:
+            closing[edge] = len(sent["closed_edges"])
+    for edge in sorted(closing, key=closing.__getitem__):
         line = task.network.edge_lanes(edge)[0].line
-        s = place_along(swap[int(task.rng.integers(2))][0], line.length, task)
-        post = bare_post(task, arrangement, edge, s, len(found))
-        free = on_its_place(post, line) and is_apart(post, (*arrangement.signs, *others))
-        if free and in_sight(task, arrangement, post, SIGN_RANGE_M):
-            plates = [
-                tuple(replace(p, code=code, value=value) for p, (code, value) in hung)
-                for hung in zip(*([(p, a), (p, b)] for p, a, b in (*found, (post, *swap))), strict=True)
-            ]
-            sent = _sent(task, arrangement, [*found, (post, *swap)], halves[0].roads)
-            if sent is not None and can_stand(plates, halves):
-                yield post
+        for _ in range(TRIES_AT_JUNCTION):
+            s = place_along(swap[int(task.rng.integers(2))][0], line.length, task)
+            post = bare_post(task, arrangement, edge, s, len(found))
+            free = on_its_place(post, line) and is_apart(post, (*arrangement.signs, *others))
+            if free and in_sight(task, arrangement, post, SIGN_RANGE_M):
+                hung = [*found, (post, *swap)]
+                ours = tuple(replace(p, code=code, value=value) for p, (code, value), _ in hung)
+                theirs = tuple(replace(p, code=code, value=value) for p, _, (code, value) in hung)
+                if can_stand([ours, theirs], halves):
+                    yield post
 
 
 class _Sent(TypedDict):
@@ -130,11 +135,13 @@ def _sent(
 ) -> _Sent | None:
     """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
 
-    An approach from which the two halves' plates permit no common way is used by nobody.
+    An approach from which the two halves' plates permit no common way is used by nobody, nor is a road from which only
+    ways onto the ego's are left: all its traffic would stand where the ego turns.
     """
     graph, catalog = task.graph, load_catalog()
     avoid, closed = set(arrangement.avoid_turns), set(arrangement.closed_edges)
-    changed: set[str] = set()
+    ego = {*arrangement.route_hint, *arrangement.compliant_hint}
+    shut: list[tuple[str, ...]] = []
     for post, *plates in held:
         options = [catalog.sign(code).rule.options for code, _ in plates]
         allowed = [set(option["allowed"]) for option in options if "allowed" in option]
@@ -142,17 +149,23 @@ def _sent(
             continue
         ahead = roads.approach(edge=post.edge, s=post.position_m)
         behind, _ = roads.back(edge=post.edge, s=post.position_m)
-        approach, first = ahead.edges[-1], behind.edges[-1]
+        approach = ahead.edges[-1]
         permitted = set.intersection(*allowed)
         turns = {(approach, e) for e in graph.successors(approach)}
         avoid |= {turn for turn in turns if graph.turn(*turn) not in permitted}
         if turns <= avoid:
-            closed |= {*ahead.edges, *behind.edges}
-            before = set(roads.ways_to(first))
-            avoid |= {(e, first) for e in before}
-            changed |= before
-    stuck = any({(e, to) for to in graph.successors(e)} <= avoid for e in changed - closed)
-    return None if stuck else _Sent(avoid_turns=frozenset(avoid), closed_edges=frozenset(closed))
+            shut.append((*behind.edges[::-1], *ahead.edges))
+    while shut:
+        road = shut.pop()
+        closed |= {*road}
+        for before in roads.ways_to(road[0]):
+            avoid.add((before, road[0]))
+            left = {e for e in graph.successors(before) if (before, e) not in avoid}
+            if before in ego and not left:
+                return None
+            if before not in ego | closed and left <= ego:
+                shut.append(roads.back(edge=before, s=0.0)[0].edges[::-1])
+    return _Sent(avoid_turns=frozenset(avoid), closed_edges=frozenset(closed))
 
 
 def _with_same_limits(
