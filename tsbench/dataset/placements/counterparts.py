@@ -14,7 +14,6 @@ from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
-    UnfitMapError,
     require,
 )
 from tsbench.dataset.placements.posts import (
@@ -22,6 +21,7 @@ from tsbench.dataset.placements.posts import (
     bare_post,
     behind_ego,
     can_stand,
+    facing_ego,
     free_posts,
     in_sight,
     is_apart,
@@ -36,9 +36,6 @@ from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.roads.lane_graph import Turn
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
-
-# So far from the height of a zone's end the other direction's may stand.
-BESIDE_M = 5.0
 
 _Plate = tuple[str, float | None]
 
@@ -171,23 +168,17 @@ def _sent(
 def _with_same_limits(
     task: SceneTask, signed: Arrangement, contrast: Arrangement
 ) -> tuple[Arrangement, Arrangement]:
-    """The other half's limit and its end, so that which end is in sight does not tell which limit binds the ego.
+    """The other half's limit and an end, so that which end is in sight does not tell which limit binds the ego.
 
-    On a road with two directions both face the other one: the limit in sight from the start, its end beside the end of
-    the ego's zone, so that both ends come into sight together. On a one-way road no end stands ahead. Behind the ego
-    stand, in the signed half, an end of its limit and then the other limit, which is no lower than the road's own, and
-    in the other half its limit with its end. Raises UnfitMapError where there is no room.
+    No end stands ahead of the ego. On a road with two directions, facing the other one, else behind the ego stand, in
+    the signed half, an end of its limit and then the other limit, which is no lower than the road's own, and in the
+    other half its limit with its end. Raises UnfitMapError where there is no room.
     """
-    (a, end_a), (b, end_b) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
-    edges = leading_to(task, signed)
-    if edges:
-        limit = free_posts(task, signed, edges, 1, within_m=SIGN_RANGE_M)
-        require(bool(limit), "no room for the other direction's limit")
-        end = _beside(task, signed, edges, signed.signs[1], limit[0])
-        return _on_posts(signed, contrast, [(limit[0], b, a), (end, end_b, end_a)])
+    (a, end_a), (b, _) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
     signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
-    posts = behind_ego(task, signed, 2)
-    require(len(posts) == 2, "no room behind the ego for another limit")
+    edges = leading_to(task, signed)
+    posts = facing_ego(task, signed, edges, 2) if edges else behind_ego(task, signed, 2)
+    require(len(posts) == 2, "no room for another limit and an end")
     return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
 
 
@@ -210,21 +201,3 @@ def _at_obstacle(code: str) -> bool:
 
 def _in_order(plates: Counter[_Plate]) -> list[_Plate]:
     return sorted(plates.elements(), key=lambda plate: (plate[0], plate[1] or 0.0))
-
-
-def _beside(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], sign: SignInstance, other: SignInstance
-) -> SignInstance:
-    """A post on one of the edges at the height of a sign or a little off it, apart from all of them and another.
-
-    Raises UnfitMapError where there is no room.
-    """
-    off = float(task.rng.uniform(-BESIDE_M, BESIDE_M))
-    for edge in edges:
-        line = task.network.edge_lanes(edge)[0].line
-        s = line.project(sign.x, sign.y)[0] + off
-        if BESIDE_M < s < line.length - BESIDE_M:
-            post = bare_post(task, arrangement, edge, s, 1)
-            if is_apart(post, (*arrangement.signs, other)):
-                return post
-    raise UnfitMapError("no room for an end of the other direction's limit beside the zone's")

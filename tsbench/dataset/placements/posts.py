@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
@@ -100,13 +101,40 @@ def behind_ego(task: SceneTask, arrangement: Arrangement, count: int) -> list[Si
     """Up to `count` posts on the ego's own road that it has passed before its start, apart from all others."""
     edge = task.network.lane(arrangement.start.lane).edge
     rear = arrangement.start.s - EGO_LENGTH_M / 2
-    posts = [
-        bare_post(task, arrangement, edge, s, 0)
-        for s in np.arange(_BEHIND_M, rear - _BEHIND_M, _APART_M).tolist()
-    ]
+    places = np.arange(_BEHIND_M, rear - _BEHIND_M, _APART_M).tolist()
+    return _drawn(task, arrangement, [bare_post(task, arrangement, edge, s, 0) for s in places], count)
+
+
+def facing_ego(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int
+) -> list[SignInstance]:
+    """Up to `count` posts on one of the edges, in its direction, in sight all the way from the ego's start to its line,
+    apart from all others.
+    """
+    way = task.network.lane(arrangement.start.lane).line
+    seen_from = [way.point_at(s) for s in (arrangement.start.s, way.length)]
+    for edge in shuffled(edges, task):
+        line = task.network.edge_lanes(edge)[0].line
+        places = np.arange(_CLEAR_M, line.length - _CLEAR_M, _APART_M).tolist()
+        posts = [bare_post(task, arrangement, edge, s, 0) for s in places]
+        near = [
+            p
+            for p in posts
+            if on_its_place(p, line) and all(math.dist(at, (p.x, p.y)) < SIGN_RANGE_M for at in seen_from)
+        ]
+        found = _drawn(task, arrangement, near, count)
+        if len(found) == count:
+            return found
+    return []
+
+
+def _drawn(
+    task: SceneTask, arrangement: Arrangement, posts: Sequence[SignInstance], count: int
+) -> list[SignInstance]:
+    """Up to `count` of the posts, in their order: those that are apart from an arrangement's plates."""
     free = [p for p in posts if all(math.dist((p.x, p.y), (q.x, q.y)) >= _APART_M for q in arrangement.signs)]
     chosen = sorted(task.rng.permutation(len(free))[:count].tolist())
-    return [bare_post(task, arrangement, edge, free[n].position_m, k) for k, n in enumerate(chosen)]
+    return [bare_post(task, arrangement, free[n].edge, free[n].position_m, k) for k, n in enumerate(chosen)]
 
 
 def bare_post(task: SceneTask, arrangement: Arrangement, edge: str, s: float, k: int) -> SignInstance:
