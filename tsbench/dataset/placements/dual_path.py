@@ -26,6 +26,7 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
     require,
     start_speed,
+    usual_limit,
 )
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import PlateRoads
@@ -270,13 +271,14 @@ class NoEntryPlacement(ManoeuvrePlacement):
         harmless = task.recipe.choices["harmless"][0]
         return (
             plate_beside(task.network, self.code, short[1], at),
-            plate_beside(task.network, harmless, compliant[1], at, number=1, role=DISTRACTOR),
+            usual_limit(task.network, harmless, (compliant[1], at), (short[1], compliant[1])),
         )
 
     def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:
         """The two exchanged."""
         first, second = plates
-        return replace(first, code=second.code, role=DISTRACTOR), replace(second, code=code, role="target")
+        free = replace(first, code=second.code, value=second.value, role=DISTRACTOR)
+        return free, replace(second, code=code, value=None, role="target")
 
 
 def _avoided(
