@@ -20,6 +20,7 @@ from tsbench.dataset.placements.posts import (
     TRIES_AT_JUNCTION,
     bare_post,
     behind_ego,
+    beside_ways,
     can_stand,
     facing_ego,
     free_posts,
@@ -46,8 +47,8 @@ def with_same_plates(
     """Both halves with posts more, so that they have the same plates: only where each stands differs.
 
     What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
-    ego's start, at a junction from its line too: where both halves' plates can stand, on roads that lead to the ego's
-    way, run against it or lead away from it; other traffic is sent as they say. Where no place holds them, they stand
+    ego's start, at a junction from its line too: where both halves' plates can stand, on any road that is not on the
+    ego's ways; other traffic is sent as they say. Where no place holds them, they stand
     anywhere: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
     it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
     over there, as the plate of an obstacle is. Where there is no room for all, the rest stay different. For limits
@@ -83,7 +84,7 @@ def _held_posts(
     halves: Sequence[PlacedPlates],
 ) -> list[tuple[SignInstance, _Plate, _Plate]]:
     """A post for each swap at which the one plate can stand in the one half and the other in the other, if any."""
-    edges = sorted({*leading_to(task, arrangement), *leading_away(task, arrangement)})
+    edges = sorted(beside_ways(task, arrangement))
     found: list[tuple[SignInstance, _Plate, _Plate]] = []
     for swap in swaps:
         post = next(_posts_holding(task, arrangement, edges, swap, found, halves), None)

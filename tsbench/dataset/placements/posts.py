@@ -155,22 +155,22 @@ def leading_to(task: SceneTask, arrangement: Arrangement) -> list[str]:
 
     # A corridor has no roads but its own two directions, a ring none but its arms.
     if task.row.family in ("corridor", "roundabout"):
-        return list(_others(task, arrangement))
-    return [name for name in _others(task, arrangement) if leads(name)]
+        return list(beside_ways(task, arrangement))
+    return [name for name in beside_ways(task, arrangement) if leads(name)]
 
 
 def leading_away(task: SceneTask, arrangement: Arrangement) -> list[str]:
     """Edges with cars, on none of the ego's ways, by which others leave the first junction."""
     edges = task.network.edges
     junction = edges[arrangement.route_hint[0]].target
-    return [name for name in _others(task, arrangement) if edges[name].source == junction]
+    return [name for name in beside_ways(task, arrangement) if edges[name].source == junction]
 
 
 def _ways(arrangement: Arrangement) -> set[str]:
     return {*arrangement.route_hint, *arrangement.compliant_hint}
 
 
-def _others(task: SceneTask, arrangement: Arrangement) -> Iterator[str]:
+def beside_ways(task: SceneTask, arrangement: Arrangement) -> Iterator[str]:
     """Edges with cars that have room for a post, in a fixed order, but those of the ego's ways."""
     network, ways = task.network, _ways(arrangement)
     for name in sorted(network.edges.keys() - ways):
