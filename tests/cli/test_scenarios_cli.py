@@ -132,6 +132,22 @@ def test_open_prints_a_command_on_files_that_are_there(
     )
 
 
+def test_lint_counts_plates_by_kind_of_place(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "3 rows, 0 findings" in run(capsys, "lint", "--split", "test")
+    net = data / "built" / "cross.net.xml.gz"
+    maker = world.SceneMaker(data / "built", net, read_network(net))
+    far = world.plate(maker.network, "s_in", 60.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in")
+    start, end = EgoStart("s_in_0", 30.0, 7.75), Destination("n_out", 60.0)
+    spec = maker.make("yield-j-test-v0", start, end, ("s_in", "n_out"), far)
+    rows = [replace(spec, map_id="j-test", split="test")]
+    write_table(rows, table_path("test", data / "scenarios"))
+    world.store_scenes(rows, data / "built", data / "scenarios")
+    told = run(capsys, "lint", "--split", "test", "--each", "1", expect=1)
+    assert "yield-j-test-v0: sign_0 (2.4, target): line: stands 83 m before the line, at most 26 m" in told
+    assert re.search(r"line +2\.4 +1 +1 +1", told)
+    assert "1 rows, 1 findings" in told
+
+
 def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "6 rows, 0 problems" in run(capsys, "verify")
     assert "3 rows, 0 problems" in run(capsys, "verify", "--split", "test")

@@ -181,6 +181,27 @@ def verify(split: str | None) -> None:
 
 
 @scenarios.command()
+@options.types
+@options.split(made=True)
+@click.option(
+    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all."
+)  # fmt: skip
+def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
+    """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
+    from tsbench.dataset.certify.recertify import draw_sample
+    from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
+    from tsbench.scenarios.scene_loader import SceneLoader
+
+    rows = options.rows_of(split, types)
+    rows = rows if each is None else draw_sample(rows, each)
+    with bars() as show:
+        found = lint_rows(rows, SceneLoader(), lambda n: show("lint", n, len(rows)))
+    table = [tuple(map(str, line)) for line in finding_counts(found)]
+    print_table(("kind", "signs", "plates", "targets", "rows"), table, left=2)
+    _end(len(rows), [(f.scenario_id, str(f)) for f in found], "findings")
+
+
+@scenarios.command()
 @options.city
 @click.option("--markdown", type=options.FILE, metavar="FILE", help="Write the tables there too.")
 def stats(markdown: Path | None) -> None:

@@ -41,7 +41,7 @@ def open_lanes(network: RoadNetwork, vclass: str) -> frozenset[int]:
     for edge in network.edges.values():
         lanes = [network.lanes[i] for i in edge.lanes]
         if not edge.internal and any(lane.permits(vclass) for lane in lanes):
-            found |= {lane.index for lane in lanes if lane.permits(vclass) or _reserved(lane, vclass)}
+            found |= {lane.index for lane in lanes if lane.permits(vclass) or is_reserved(lane, vclass)}
     return frozenset(found)
 
 
@@ -49,7 +49,7 @@ def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowL
     """The contraflow lanes of a network, by index."""
     found: dict[int, ContraflowLane] = {}
     for contra in network.lanes:
-        if contra.internal or not _reserved(contra, vclass):
+        if contra.internal or not is_reserved(contra, vclass):
             continue
         edge = network.edges[contra.edge]
         beside = [
@@ -65,7 +65,8 @@ def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowL
     return found
 
 
-def _reserved(lane: Lane, vclass: str) -> bool:
+def is_reserved(lane: Lane, vclass: str) -> bool:
+    """Is a lane for buses or cyclists, and not for `vclass`?"""
     return not lane.permits(vclass) and any(lane.permits(user) for user in _USERS)
 
 

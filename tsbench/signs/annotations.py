@@ -18,8 +18,8 @@ from tsbench.signs.plate_params import Params, PlateParams, read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
 
 ALL_LANES = -1
-DISTRACTOR = "distractor"
-ROLES = ("target", "end", "context", DISTRACTOR)
+TARGET, DISTRACTOR = "target", "distractor"
+ROLES = (TARGET, "end", "context", DISTRACTOR)
 
 _COLORS = {"target": "red", "end": "grey", "context": "orange", DISTRACTOR: "orange"}
 _LAYER = "100"

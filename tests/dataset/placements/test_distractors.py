@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from pool_builders import corridor, crossroads
 from simworld import FAST, cross_plain, road_plain, simulation
+from test_route_scenes import TYPES, ways
 
 from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.placements.distractors import BESIDE_M
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
+from tsbench.dataset.scenes.place_lint import lint_places
 from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
@@ -120,10 +122,11 @@ def test_no_end_in_sight_tells_which_limit_binds(type_id: str, ways: str, scenes
     for signed, contrast in zip(scenes[::2], scenes[1::2], strict=True):
         line = signed.network.lane(signed.start.lane).line
         places = [line.point_at(s) for s in np.arange(signed.start.s, line.length, 0.5).tolist()]
-        differ = [at for at in places if in_sight(signed, at) != in_sight(contrast, at)]
         assert in_sight(signed, places[0]) == in_sight(contrast, places[0])
-        # Two ends that stand side by side come into sight one after the other.
-        assert 0.5 * len(differ) < 2.0 * BESIDE_M
+        if ways == "two":
+            assert all(in_sight(signed, at) == in_sight(contrast, at) for at in places)
+            found = [f for half in (signed, contrast) for f in lint_places(half, LaneGraph(half.network))]
+            assert [str(f) for f in found if f.kind == "begin"] == []
 
 
 def in_sight(scene: Scene, at: tuple[float, float]) -> list[tuple[str, float]]:
@@ -152,3 +155,26 @@ def test_what_the_ego_has_passed_is_over(type_id: str, scenes_of: ScenesOf) -> N
             high = rule.name == "speed" and (sign.value or 0.0) >= FAST * 3.6 - 0.5
             assert catalog.sign(sign.code).is_end or rule.name == "detour" or ends or high
     assert found >= 6
+
+
+@pytest.mark.parametrize("type_id", MAPS)
+def test_drawn_plates_stand_where_they_can_and_are_kept(type_id: str, tmp_path: Path) -> None:
+    """In both halves. What differs between them is another matter: there it has to hang, here it need not."""
+    scenes = scenes_of(type_id, MAPS[type_id], tmp_path)
+    for halves in zip(scenes[::2], scenes[1::2], strict=True):
+        drawn = [
+            one.id
+            for one, other in zip(*(half.signs for half in halves), strict=True)
+            if one.role == other.role == DISTRACTOR and (one.code, one.value) == (other.code, other.value)
+        ]
+        for half in halves:
+            found = lint_places(half, LaneGraph(half.network))
+            assert [str(f) for f in found if f.plate in drawn] == []
+
+
+@pytest.mark.parametrize("type_id", ["direction_straight", "no_turn_left"])
+def test_counterparts_of_turns_stand_at_lines_and_are_kept(type_id: str, tmp_path: Path) -> None:
+    """A second junction is near: there the other half's plate regulates an approach, and traffic turns as both say."""
+    scenes = scenes_of(type_id, ways(*TYPES[type_id]), tmp_path)
+    found = [f for scene in scenes for f in lint_places(scene, LaneGraph(scene.network))]
+    assert [str(f) for f in found if f.role == DISTRACTOR] == []

@@ -138,7 +138,7 @@ def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
     assert a.destination.edge == closed
     assert a.destination.s == sign.position_m + recipe.number("destination_behind_plate_m")
     # The other post stands across the road and faces who comes out.
-    assert (other.code, other.role, other.edge) == ("2.1", DISTRACTOR, closed.replace("out", "in"))
+    assert (other.code, other.role, other.edge) == ("3.24", DISTRACTOR, closed.replace("out", "in"))
     assert math.cos(other.heading - sign.heading) == pytest.approx(-1.0)
     assert math.hypot(other.x - sign.x, other.y - sign.y) < 10.0
     # Nobody else drives into the closed arm or out of it, and every other arm still has somewhere to go.
@@ -161,7 +161,7 @@ def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
     assert replace(a, signs=signed.signs, target=signed.target, contrast=()) == signed
     posts = [[(s.x, s.y, s.heading) for s in half.signs] for half in (signed, a)]
     assert posts[0] == posts[1]
-    assert [s.code for s in a.signs] == ["2.1", "3.2"]
+    assert [s.code for s in a.signs] == ["3.24", "3.2"]
     target = next(s for s in a.signs if s.id == a.target)
     # It binds who comes out of the exit, not the ego.
     assert (target.code, target.edge, target.params) == ("3.2", a.route_hint[1].replace("out", "in"), None)

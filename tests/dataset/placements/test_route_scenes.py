@@ -75,14 +75,15 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> Arrangement:
-    network, recipe = networks[type_id], recipe_of(type_id)
+def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> SceneTask:
     row = replace(ways(*TYPES[type_id])[0], **change)
-    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
-    task = SceneTask(
-        row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(layout)
-    )
-    return placement_of(recipe).place(task)
+    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout, plate=layout)
+    rng, network = np.random.default_rng(layout), networks[type_id]
+    return SceneTask(row, network, LaneGraph(network), recipe_of(type_id), variant, (CALM,) * 12, rng)
+
+
+def place(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> Arrangement:
+    return placement_of(recipe_of(type_id)).place(task_of(networks, type_id, layout, **change))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -114,6 +115,23 @@ def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], 
     assert (sign.edge, sign.params) == ("ab", JunctionParams("ab", "b"))
     assert sign.position_m == pytest.approx(line.length - recipe_of(type_id).number("plate_before_line_m"))
     assert (sign.code,) == load_catalog().type(type_id).codes
+
+
+@pytest.mark.parametrize("type_id", sorted(set(TYPES) - {"no_entry"}))
+def test_the_contrast_plate_can_stand_there(networks: dict[str, RoadNetwork], type_id: str) -> None:
+    """No 5.7.x where the crossing road is not one-way; where some permit a common way, these."""
+    placement, permitted = placement_of(recipe_of(type_id)), []
+    for layout in LAYOUTS:
+        task = task_of(networks, type_id, layout)
+        signed = placement.place(task)
+        contrast = placement.contrast(task, signed)
+        assert contrast is not None
+        code = contrast.signs[0].code
+        assert not code.startswith("5.7")
+        both = [set(load_catalog().sign(c).rule.options["allowed"]) for c in (signed.signs[0].code, code)]
+        there = {task.graph.turn("ab", e) for e in task.graph.successors("ab")} - {"u_turn"}
+        permitted.append(bool(set.intersection(*both, there)))
+    assert all(permitted) or not any(permitted)
 
 
 @pytest.mark.parametrize("type_id", TYPES)

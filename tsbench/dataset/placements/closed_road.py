@@ -19,6 +19,7 @@ from tsbench.dataset.placements.placement import (
     passenger_lanes,
     plate_beside,
     start_speed,
+    usual_limit,
 )
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, U_TURN
@@ -72,7 +73,7 @@ class ClosedRoadPlacement(ScenePlacement):
         harmless = recipe.choices["harmless"][0]
         signs = (
             plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge)),
-            plate_beside(network, harmless, way.back, back_s, number=1, role=DISTRACTOR),
+            usual_limit(network, harmless, (way.back, back_s), (way.exit, way.back)),
         )
         end_s = plate_s + recipe.number("destination_behind_plate_m")
         into = {(e, way.exit) for e in network.edges if way.exit in graph.successors(e)}
@@ -94,8 +95,8 @@ class ClosedRoadPlacement(ScenePlacement):
         return replace(
             signed, target=other.id,
             signs=(
-                replace(plate, code=other.code, role=DISTRACTOR, params=None),
-                replace(other, code=plate.code, role="target"),
+                replace(plate, code=other.code, value=other.value, role=DISTRACTOR, params=None),
+                replace(other, code=plate.code, value=None, role="target"),
             ),
             contrast=(
                 ContrastClause("needless_stop", passage),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import ClassVar
 
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.obedient_way import (
@@ -27,9 +26,11 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
     require,
     start_speed,
+    usual_limit,
 )
+from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.dataset.scenes.variants import Variant
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS, TURNS, U_TURN
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
@@ -38,6 +39,7 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
+from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
@@ -51,9 +53,6 @@ class ManoeuvrePlacement(ScenePlacement):
     In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Who comes
     on either way goes first, and others do nothing that either plate prohibits: from them nobody learns which it is.
     """
-
-    # Rules of the plates that may hang in the contrast half.
-    others_by: ClassVar[tuple[str, ...]] = ("manoeuvre",)
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -105,7 +104,7 @@ class ManoeuvrePlacement(ScenePlacement):
         end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
         plates = self.plates(task, short, compliant)
-        banned |= self.banned(graph, short, self._allowed(self.other_code(graph, variant, short, compliant)))
+        banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
         closed |= self.closed(graph, compliant)
         avoided = _avoided(graph, (short, compliant), banned, closed)
         for way in (short, compliant):
@@ -121,7 +120,7 @@ class ManoeuvrePlacement(ScenePlacement):
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The navigation's way, permitted."""
         short, compliant = signed.route_hint, signed.compliant_hint
-        code = self.other_code(task.graph, task.variant, short, compliant)
+        code = self.other_code(task, short, compliant)
         plates = self.other_plates(signed.signs, code)
         way = WayParams(short[0], exits=(short[1],))
         return replace(
@@ -142,20 +141,30 @@ class ManoeuvrePlacement(ScenePlacement):
         del graph, way
         return frozenset()
 
-    def other_code(
-        self, graph: LaneGraph, variant: Variant, short: Sequence[str], compliant: Sequence[str]
-    ) -> str:
-        """A plate that permits the navigation's manoeuvre, prohibits the other way's and shows no exit in vain."""
+    def other_code(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> str:
+        """A plate that can stand there, permits the navigation's manoeuvre and prohibits the other way's.
+
+        It shows no exit in vain. Where some permit a manoeuvre that the target permits too, it is drawn among these:
+        where both hang again, other traffic then has a way on in both halves.
+        """
+        graph, approach = task.graph, short[0]
         wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
+        table = load_places()
+        roads = PlateRoads(network=task.network, graph=graph, distances=table.distances)
+        scene = PlacedPlates(table, roads, (), (), ())
+        at = roads.length(approach) - task.recipe.number("plate_before_line_m")
         fit = [
             code
             for code in self._family
             if wanted in self._allowed(code)
             and other not in self._allowed(code)
-            and not self._shown_in_vain(graph, short[0], code)
+            and not self._shown_in_vain(graph, approach, code)
+            and not scene.refused(plate_beside(task.network, code, approach, at))
         ]
         require(bool(fit), f"no plate permits {wanted} and prohibits {other} here")
-        return fit[variant.plate % len(fit)]
+        common = set(self.allowed) & {graph.turn(approach, e) for e in roads.ways_on(approach)}
+        sharing = [code for code in fit if common & set(self._allowed(code))] or fit
+        return sharing[task.variant.plate % len(sharing)]
 
     def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
         """Raise UnfitMapError where a plate shows an exit that is not there."""
@@ -202,8 +211,6 @@ class OneWayPlacement(ManoeuvrePlacement):
     navigation leads into and no car uses. Which is which, only the plate says.
     """
 
-    others_by = ("manoeuvre", "one_way_exit")
-
     def roads(self, row: PoolRow, plain: PlainNet) -> PlainNet:
         """The crop without the lanes that come to the junction from the crossing road's arms."""
         signed, junction = row.fields["signed_edge"], row.fields["junction"]
@@ -240,11 +247,9 @@ class NoEntryPlacement(ManoeuvrePlacement):
         del graph, short, allowed
         return frozenset()
 
-    def other_code(
-        self, graph: LaneGraph, variant: Variant, short: Sequence[str], compliant: Sequence[str]
-    ) -> str:
+    def other_code(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> str:
         """3.1 on the other exit."""
-        del graph, variant, short, compliant
+        del task, short, compliant
         return self.code
 
     def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
@@ -266,13 +271,14 @@ class NoEntryPlacement(ManoeuvrePlacement):
         harmless = task.recipe.choices["harmless"][0]
         return (
             plate_beside(task.network, self.code, short[1], at),
-            plate_beside(task.network, harmless, compliant[1], at, number=1, role=DISTRACTOR),
+            usual_limit(task.network, harmless, (compliant[1], at), (short[1], compliant[1])),
         )
 
     def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:
         """The two exchanged."""
         first, second = plates
-        return replace(first, code=second.code, role=DISTRACTOR), replace(second, code=code, role="target")
+        free = replace(first, code=second.code, value=second.value, role=DISTRACTOR)
+        return free, replace(second, code=code, value=None, role="target")
 
 
 def _avoided(

@@ -18,8 +18,10 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause
+from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import PlateParams
 from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
@@ -147,6 +149,22 @@ def plate_beside(
     x, y = right.line.point_at(s, -(right.width / 2 + PLATE_BESIDE_M))
     heading = right.line.heading_at(s)
     return SignInstance(f"sign_{number}", code, value, edge, lane, s, x, y, heading, role, ends, params)
+
+
+def usual_limit(network: RoadNetwork, code: str, at: tuple[str, float], edges: Sequence[str]) -> SignInstance:
+    """The scene's second plate, beside an edge at so many m: a limit that some edges may have, closest to their own.
+
+    Of those that their classes of road may have, the least that is no lower, else the highest. Raises UnfitMapError.
+    """
+    own = max(lane.speed for edge in edges for lane in passenger_lanes(network, edge)) * 3.6
+    posted, table = load_catalog().sign(code).value, load_places()
+    values = () if posted is None else posted.allowed
+    for edge in edges:
+        allowed = table.allowed_speeds(road_class=network.edges[edge].road_class, code=code)
+        values = tuple(v for v in values if allowed is None or v in allowed)
+    require(bool(values), f"no {code} can stand there")
+    value = float(min((v for v in values if v >= own - 0.5), default=max(values)))
+    return plate_beside(network, code, *at, number=1, role=DISTRACTOR, value=value)
 
 
 def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:

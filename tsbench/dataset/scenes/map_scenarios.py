@@ -14,7 +14,8 @@ from tsbench.dataset.maps.crop import plain_crop
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.placements.by_name import placement_of
-from tsbench.dataset.placements.distractors import distractors, with_same_plates
+from tsbench.dataset.placements.counterparts import with_same_plates
+from tsbench.dataset.placements.distractors import distractors
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
@@ -181,29 +182,34 @@ class SiteBuilder:
             rng = rng_of("arrange", draw)
             return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
 
-        def write(
-            half: str, a: Arrangement, others: OtherTraffic | None
-        ) -> tuple[ScenarioSpec, OtherTraffic]:
+        def files(half: str, a: Arrangement) -> SceneFileWriter:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            files = SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
-            if others is None:
-                others = files.measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
-            files.write(others)
-            return self._row(row, roads[half], variant, split, seed, a, files), others
+            return SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+
+        def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
+            writer = files(half, a)
+            writer.write(others)
+            return self._row(row, roads[half], variant, split, seed, a, writer)
 
         there = task(SIGNED)
-        signed, contrast = self.placement.place(there), None
+        halves = {SIGNED: self.placement.place(there)}
         if recipe.paired:
-            contrast = self.placement.contrast(task(CONTRAST), signed)
+            contrast = self.placement.contrast(task(CONTRAST), halves[SIGNED])
             if contrast is None:
                 raise UnfitMapError("there is no contrast half")
-            signed, contrast = with_same_plates(there, signed, contrast)
-        more = distractors(there, signed)
-        spec, others = write(SIGNED, _with_plates(signed, more), None)
-        if contrast is None:
+            halves[CONTRAST] = contrast
+            alone = [files(half, a).placed_plates(None) for half, a in halves.items()]
+            both = with_same_plates(there, halves[SIGNED], contrast, alone)
+            halves = dict(zip(halves, both, strict=True))
+        others = files(SIGNED, halves[SIGNED]).measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
+        # Plates that need not be there are drawn last: no vehicle of either half may break one.
+        placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
+        more = distractors(there, halves[SIGNED], placed)
+        spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
+        if CONTRAST not in halves:
             return _Drawn((spec,), others.density)
         spec = replace(spec, pair_id=spec.scenario_id)
-        other, _ = write(CONTRAST, _with_plates(contrast, more), others)
+        other = written(CONTRAST, _with_plates(halves[CONTRAST], more), others)
         other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
         return _Drawn((spec, other), others.density)
 

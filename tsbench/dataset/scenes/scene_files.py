@@ -22,10 +22,14 @@ from tsbench.dataset.scenes.elements import (
     write_additional,
 )  # fmt: skip
 from tsbench.dataset.scenes.lint import lint_scene
+from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.plate_roads import PlateRoads
+from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
 from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
 from tsbench.dataset.seeds import rng_of
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
+from tsbench.signs.places import load_places
 from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
 from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
@@ -74,14 +78,27 @@ class SceneFileWriter:
 
     def write(self, others: OtherTraffic) -> None:
         """Write the file, and see that the scene in it is sound and can begin."""
+        self.sha256 = sha256(write_additional(self._elements(others), self.path))
+        self._check_start()
+
+    def placed_plates(self, others: OtherTraffic | None) -> PlacedPlates:
+        """What decides where further plates can stand: the scene as it would be written; None: before it has others."""
+        a, network = self.a, self.roads.network
+        root = etree.Element("additional")
+        root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
+        vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
+        table = load_places()
+        roads = PlateRoads(network=network, graph=self.roads.graph, distances=table.distances)
+        return PlacedPlates(table, roads, a.signs, a.obstacles, vehicles)
+
+    def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
         moving = self._types() if others.cars else []
         moving += ego_elements(a.start, network, a.route_hint)
         if a.convoy:
             moving += self._convoy_elements(a.convoy)
         moving += background(others.cars)
-        self.sha256 = sha256(write_additional([*self._fixed(others.convoy), *moving], self.path))
-        self._check_start()
+        return [*self._fixed(others.convoy), *moving]
 
     def _fixed(self, plan: ConvoyPlan | None) -> list[etree._Element]:
         a, network = self.a, self.roads.network

@@ -1,0 +1,204 @@
+"""The same plates in both halves of a pair: a plate of the one half alone hangs in the other where it binds others.
+
+Source: docs/spec/contrast.md. Units: m.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TypedDict
+
+from tsbench.core.benchmark import SIGN_RANGE_M
+from tsbench.dataset.placements.placement import (
+    Arrangement,
+    SceneTask,
+    require,
+)
+from tsbench.dataset.placements.posts import (
+    TRIES_AT_JUNCTION,
+    bare_post,
+    behind_ego,
+    beside_ways,
+    can_stand,
+    facing_ego,
+    free_posts,
+    in_sight,
+    is_apart,
+    leading_away,
+    leading_to,
+    on_its_place,
+    place_along,
+    shuffled,
+)
+from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.plate_roads import PlateRoads
+from tsbench.roads.lane_graph import Turn
+from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
+
+_Plate = tuple[str, float | None]
+
+
+def with_same_plates(
+    task: SceneTask, signed: Arrangement, contrast: Arrangement, halves: Sequence[PlacedPlates]
+) -> tuple[Arrangement, Arrangement]:
+    """Both halves with posts more, so that they have the same plates: only where each stands differs.
+
+    What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
+    ego's start, at a junction from its line too: where both halves' plates can stand, on any road that is not on the
+    ego's ways; other traffic is sent as they say. Where no place holds them, they stand
+    anywhere: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
+    it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
+    over there, as the plate of an obstacle is. Where there is no room for all, the rest stay different. For limits
+    that end see `_with_same_limits`.
+
+    halves: the signed and the contrast scene without background traffic.
+    """
+    ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
+    swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
+    if any(_ends(code) for (code, _), _ in swaps):
+        return _with_same_limits(task, signed, contrast)
+    held = _held_posts(task, signed, swaps, halves)
+    sent = _sent(task, signed, held, halves[0].roads)
+    if len(held) == len(swaps) and sent is not None:
+        signed, contrast = (replace(half, **sent) for half in (signed, contrast))
+        return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
+    edges = leading_away(task, signed) if task.row.family == "junction" else leading_to(task, signed)
+    posts = free_posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
+    if len(posts) < len(swaps) and task.row.family == "dual_path":
+        posts = free_posts(
+            task, signed, [*edges, *leading_away(task, signed)], len(swaps), within_m=SIGN_RANGE_M
+        )
+    if len(posts) < len(swaps) and _at_obstacle(swaps[-1][0][0]):
+        posts = behind_ego(task, signed, len(swaps))
+    posts.sort(key=lambda post: (post.edge, post.position_m))
+    return _on_posts(signed, contrast, [(post, *plates) for post, plates in zip(posts, swaps, strict=False)])
+
+
+def _held_posts(
+    task: SceneTask,
+    arrangement: Arrangement,
+    swaps: Sequence[tuple[_Plate, _Plate]],
+    halves: Sequence[PlacedPlates],
+) -> list[tuple[SignInstance, _Plate, _Plate]]:
+    """A post for each swap at which the one plate can stand in the one half and the other in the other, if any."""
+    edges = sorted(beside_ways(task, arrangement))
+    found: list[tuple[SignInstance, _Plate, _Plate]] = []
+    for swap in swaps:
+        post = next(_posts_holding(task, arrangement, edges, swap, found, halves), None)
+        if post is not None:
+            found.append((post, *swap))
+    return found
+
+
+def _posts_holding(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], swap: tuple[_Plate, _Plate],
+    found: Sequence[tuple[SignInstance, _Plate, _Plate]], halves: Sequence[PlacedPlates],
+) -> Iterator[SignInstance]:  # fmt: skip
+    """Posts for a swap, those first for which the fewest roads are closed to other traffic."""
+    others, closing = [post for post, _, _ in found], {}
+    for edge in shuffled(edges, task):
+        middle = bare_post(task, arrangement, edge, halves[0].roads.length(edge) / 2, len(found))
+        sent = _sent(task, arrangement, [*found, (middle, *swap)], halves[0].roads)
+        if sent is not None:
+            closing[edge] = len(sent["closed_edges"])
+    for edge in sorted(closing, key=closing.__getitem__):
+        line = task.network.edge_lanes(edge)[0].line
+        for _ in range(TRIES_AT_JUNCTION):
+            s = place_along(swap[int(task.rng.integers(2))][0], line.length, task)
+            post = bare_post(task, arrangement, edge, s, len(found))
+            free = on_its_place(post, line) and is_apart(post, (*arrangement.signs, *others))
+            if free and in_sight(task, arrangement, post, SIGN_RANGE_M):
+                hung = [*found, (post, *swap)]
+                ours = tuple(replace(p, code=code, value=value) for p, (code, value), _ in hung)
+                theirs = tuple(replace(p, code=code, value=value) for p, _, (code, value) in hung)
+                if can_stand([ours, theirs], halves):
+                    yield post
+
+
+class _Sent(TypedDict):
+    """Where other traffic is not sent, and which roads it does not use."""
+
+    avoid_turns: frozenset[Turn]
+    closed_edges: frozenset[str]
+
+
+def _sent(
+    task: SceneTask,
+    arrangement: Arrangement,
+    held: Sequence[tuple[SignInstance, _Plate, _Plate]],
+    roads: PlateRoads,
+) -> _Sent | None:
+    """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
+
+    An approach from which the two halves' plates permit no common way is used by nobody, nor is a road from which only
+    ways onto the ego's are left: all its traffic would stand where the ego turns.
+    """
+    graph, catalog = task.graph, load_catalog()
+    avoid, closed = set(arrangement.avoid_turns), set(arrangement.closed_edges)
+    ego = {*arrangement.route_hint, *arrangement.compliant_hint}
+    shut: list[tuple[str, ...]] = []
+    for post, *plates in held:
+        options = [catalog.sign(code).rule.options for code, _ in plates]
+        allowed = [set(option["allowed"]) for option in options if "allowed" in option]
+        if not allowed:
+            continue
+        ahead = roads.approach(edge=post.edge, s=post.position_m)
+        behind, _ = roads.back(edge=post.edge, s=post.position_m)
+        approach = ahead.edges[-1]
+        permitted = set.intersection(*allowed)
+        turns = {(approach, e) for e in graph.successors(approach)}
+        avoid |= {turn for turn in turns if graph.turn(*turn) not in permitted}
+        if turns <= avoid:
+            shut.append((*behind.edges[::-1], *ahead.edges))
+    while shut:
+        road = shut.pop()
+        closed |= {*road}
+        for before in roads.ways_to(road[0]):
+            avoid.add((before, road[0]))
+            left = {e for e in graph.successors(before) if (before, e) not in avoid}
+            if before in ego and not left:
+                return None
+            if before not in ego | closed and left <= ego:
+                shut.append(roads.back(edge=before, s=0.0)[0].edges[::-1])
+    return _Sent(avoid_turns=frozenset(avoid), closed_edges=frozenset(closed))
+
+
+def _with_same_limits(
+    task: SceneTask, signed: Arrangement, contrast: Arrangement
+) -> tuple[Arrangement, Arrangement]:
+    """The other half's limit and an end, so that which end is in sight does not tell which limit binds the ego.
+
+    No end stands ahead of the ego. On a road with two directions, facing the other one, else behind the ego stand, in
+    the signed half, an end of its limit and then the other limit, which is no lower than the road's own, and in the
+    other half its limit with its end. Raises UnfitMapError where there is no room.
+    """
+    (a, end_a), (b, _) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
+    signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
+    edges = leading_to(task, signed)
+    posts = facing_ego(task, signed, edges, 2) if edges else behind_ego(task, signed, 2)
+    require(len(posts) == 2, "no room for another limit and an end")
+    return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
+
+
+def _on_posts(
+    signed: Arrangement, contrast: Arrangement, posts: Sequence[tuple[SignInstance, _Plate, _Plate]]
+) -> tuple[Arrangement, Arrangement]:
+    """Both halves with more posts: each with its plate in the signed half and the one in the other half."""
+    ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)
+    theirs = tuple(replace(post, code=code, value=value) for post, _, (code, value) in posts)
+    return replace(signed, signs=(*signed.signs, *ours)), replace(contrast, signs=(*contrast.signs, *theirs))
+
+
+def _ends(code: str) -> bool:
+    return load_catalog().sign(code).is_end
+
+
+def _at_obstacle(code: str) -> bool:
+    return load_catalog().sign(code).rule.name == "detour"
+
+
+def _in_order(plates: Counter[_Plate]) -> list[_Plate]:
+    return sorted(plates.elements(), key=lambda plate: (plate[0], plate[1] or 0.0))

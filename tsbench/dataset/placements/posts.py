@@ -1,0 +1,179 @@
+"""Posts beside the ways of a scene that bind nobody who is watched: where they can stand. Units: m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tsbench.core.benchmark import SIGN_RANGE_M
+from tsbench.dataset.placements.placement import (
+    Arrangement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+)
+from tsbench.dataset.scenes.driven_plates import broken_plates
+from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.geometry.polyline import Polyline
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import EGO_LENGTH_M
+
+# Room before an arm's line and behind its start, from a line to a plate at it, and from post to post.
+_CLEAR_M = 15.0
+_AT_LINE_M = 2.0
+_APART_M = 8.0
+_OFF_M = 0.5
+# Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
+_BEHIND_M = 2.0
+# Places that are tried on each edge; at a junction, where the post must be in sight from the ego's line, too.
+_TRIES, TRIES_AT_JUNCTION = 4, 16
+
+
+def place_along(code: str, length: float, task: SceneTask) -> float:
+    """Where along an edge a plate stands: as far from the line or the junction as the sign may, else anywhere."""
+    placement = load_catalog().sign(code).placement
+    if placement.reference == "line":
+        return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
+    if placement.reference == "exit_start":
+        return float(task.rng.uniform(*placement.distance_m))
+    return float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
+
+
+def can_stand(plates: Sequence[tuple[SignInstance, ...]], halves: Sequence[PlacedPlates]) -> bool:
+    """Can all of each half's plates stand in it, and does no vehicle break one?"""
+    for more, half in zip(plates, halves, strict=True):
+        scene = replace(half, plates=(*half.plates, *more))
+        if any(scene.refused(plate) for plate in more):
+            return False
+        if any(p in more for v in scene.vehicles for p, _ in broken_plates(scene, v)):
+            return False
+    return True
+
+
+def shuffled(words: Sequence[str], task: SceneTask) -> list[str]:
+    return [words[int(k)] for k in task.rng.permutation(len(words))]
+
+
+def free_posts(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int, within_m: float
+) -> list[SignInstance]:
+    """Up to `count` posts beside edges, spread over them and apart from all others.
+
+    within_m: of the ego's start, at a junction of its line, too.
+    """
+    found: list[SignInstance] = []
+    at_junction = task.row.family == "junction"
+    order = [edges[int(k)] for k in task.rng.permutation(len(edges))]
+    for edge in order * (TRIES_AT_JUNCTION if at_junction else _TRIES):
+        if len(found) == count:
+            break
+        line = task.network.edge_lanes(edge)[0].line
+        post = bare_post(
+            task, arrangement, edge, float(task.rng.uniform(_CLEAR_M, line.length - _CLEAR_M)), len(found)
+        )
+        near = in_sight(task, arrangement, post, within_m)
+        if on_its_place(post, line) and near and is_apart(post, (*arrangement.signs, *found)):
+            found.append(post)
+    return found
+
+
+def in_sight(task: SceneTask, arrangement: Arrangement, post: SignInstance, within_m: float) -> bool:
+    """Is a post near enough to the ego's start, and at a junction to its line too?"""
+    way = task.network.lane(arrangement.start.lane).line
+    places = (arrangement.start.s, *((way.length,) if task.row.family == "junction" else ()))
+    return all(math.dist(way.point_at(s), (post.x, post.y)) < within_m for s in places)
+
+
+def on_its_place(post: SignInstance, line: Polyline) -> bool:
+    """In a bend a post may stand beside another place of its road than it is meant for."""
+    return abs(line.project(post.x, post.y)[0] - post.position_m) < _OFF_M
+
+
+def is_apart(post: SignInstance, others: Sequence[SignInstance]) -> bool:
+    return all(math.dist((post.x, post.y), (other.x, other.y)) > _APART_M for other in others)
+
+
+def behind_ego(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:
+    """Up to `count` posts on the ego's own road that it has passed before its start, apart from all others."""
+    edge = task.network.lane(arrangement.start.lane).edge
+    rear = arrangement.start.s - EGO_LENGTH_M / 2
+    places = np.arange(_BEHIND_M, rear - _BEHIND_M, _APART_M).tolist()
+    return _drawn(task, arrangement, [bare_post(task, arrangement, edge, s, 0) for s in places], count)
+
+
+def facing_ego(
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int
+) -> list[SignInstance]:
+    """Up to `count` posts on one of the edges, in its direction, in sight all the way from the ego's start to its line,
+    apart from all others.
+    """
+    way = task.network.lane(arrangement.start.lane).line
+    seen_from = [way.point_at(s) for s in (arrangement.start.s, way.length)]
+    for edge in shuffled(edges, task):
+        line = task.network.edge_lanes(edge)[0].line
+        places = np.arange(_CLEAR_M, line.length - _CLEAR_M, _APART_M).tolist()
+        posts = [bare_post(task, arrangement, edge, s, 0) for s in places]
+        near = [
+            p
+            for p in posts
+            if on_its_place(p, line) and all(math.dist(at, (p.x, p.y)) < SIGN_RANGE_M for at in seen_from)
+        ]
+        found = _drawn(task, arrangement, near, count)
+        if len(found) == count:
+            return found
+    return []
+
+
+def _drawn(
+    task: SceneTask, arrangement: Arrangement, posts: Sequence[SignInstance], count: int
+) -> list[SignInstance]:
+    """Up to `count` of the posts, in their order: those that are apart from an arrangement's plates."""
+    free = [p for p in posts if all(math.dist((p.x, p.y), (q.x, q.y)) >= _APART_M for q in arrangement.signs)]
+    chosen = sorted(task.rng.permutation(len(free))[:count].tolist())
+    return [bare_post(task, arrangement, free[n].edge, free[n].position_m, k) for k, n in enumerate(chosen)]
+
+
+def bare_post(task: SceneTask, arrangement: Arrangement, edge: str, s: float, k: int) -> SignInstance:
+    """The k-th post beyond those of an arrangement, its plate not yet chosen."""
+    number, code = len(arrangement.signs) + k, arrangement.signs[0].code
+    return plate_beside(task.network, code, edge, s, number=number, role=DISTRACTOR)
+
+
+def leading_to(task: SceneTask, arrangement: Arrangement) -> list[str]:
+    """Edges with cars, on none of the ego's ways, that lead to it from the side or run against it."""
+    edges, graph = task.network.edges, task.graph
+    near = {n for e in arrangement.route_hint for n in (edges[e].source, edges[e].target)}
+    ends = {(edges[e].source, edges[e].target) for e in _ways(arrangement)}
+
+    def leads(name: str) -> bool:
+        against = edges[name].source in near and (edges[name].target, edges[name].source) in ends
+        return against or (edges[name].target in near and bool(graph.successors(name)))
+
+    # A corridor has no roads but its own two directions, a ring none but its arms.
+    if task.row.family in ("corridor", "roundabout"):
+        return list(beside_ways(task, arrangement))
+    return [name for name in beside_ways(task, arrangement) if leads(name)]
+
+
+def leading_away(task: SceneTask, arrangement: Arrangement) -> list[str]:
+    """Edges with cars, on none of the ego's ways, by which others leave the first junction."""
+    edges = task.network.edges
+    junction = edges[arrangement.route_hint[0]].target
+    return [name for name in beside_ways(task, arrangement) if edges[name].source == junction]
+
+
+def _ways(arrangement: Arrangement) -> set[str]:
+    return {*arrangement.route_hint, *arrangement.compliant_hint}
+
+
+def beside_ways(task: SceneTask, arrangement: Arrangement) -> Iterator[str]:
+    """Edges with cars that have room for a post, in a fixed order, but those of the ego's ways."""
+    network, ways = task.network, _ways(arrangement)
+    for name in sorted(network.edges.keys() - ways):
+        long_enough = network.edge_lanes(name)[0].line.length > 2.0 * _CLEAR_M
+        if long_enough and not network.edges[name].internal and passenger_lanes(network, name):
+            yield name

@@ -1,0 +1,253 @@
+"""Can a plate stand where it stands? One test for each kind of place of `sign_catalog/places.yaml`. Units: m, km/h."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+
+from tsbench.dataset.scenes.lint import PLATE_SIDE_M
+from tsbench.dataset.scenes.plate_roads import PlateRoads, WayOn
+from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
+from tsbench.geometry.angles import LEFT, RIGHT
+from tsbench.roads.reserved_lanes import is_reserved
+from tsbench.signs.annotations import TARGET, SignInstance
+from tsbench.signs.catalog import Sign, load_catalog
+from tsbench.signs.places import Place, PlaceTable
+from tsbench.sim.scene import Obstacle
+from tsbench.sim.scene_file import EGO_ID
+
+_MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
+
+
+@dataclass(frozen=True)
+class PlacedPlates:
+    """All that decides where plates can stand: roads, plates, obstacles and vehicles of one scene."""
+
+    table: PlaceTable
+    roads: PlateRoads
+    plates: tuple[SignInstance, ...]
+    obstacles: tuple[Obstacle, ...]
+    vehicles: tuple[RoutedVehicle, ...]
+
+    def refused(self, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
+        """Each kind of place that a plate needs and does not have, with the reason; () where it can stand."""
+        here = PlateHere(self, plate)
+        answers = ((place, _TESTS[place](here)) for place in self.table.signs.get(plate.code, ()))
+        return tuple((place, why) for place, why in answers if why)
+
+
+@dataclass(frozen=True)
+class PlateHere:
+    """One plate at its place."""
+
+    scene: PlacedPlates
+    plate: SignInstance
+
+    @cached_property
+    def sign(self) -> Sign:
+        return load_catalog().sign(self.plate.code)
+
+    @cached_property
+    def ahead(self) -> WayOn:
+        """The way on to the next junction."""
+        return self.scene.roads.approach(edge=self.plate.edge, s=self.plate.position_m)
+
+    def is_before(self, other: SignInstance) -> bool:
+        """Does another plate stand farther on, before the next junction?"""
+        on = other.edge in self.ahead.edges
+        return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
+
+    @property
+    def farthest(self) -> float:
+        """How far before its line, crossing or obstacle the sign may stand."""
+        return self.sign.placement.distance_m[1] + self.scene.table.distances.slack_m
+
+
+def _line(here: PlateHere) -> str:
+    if here.ahead.junction and here.ahead.distance > here.farthest:
+        return f"stands {here.ahead.distance:.0f} m before the line, at most {here.farthest:.0f} m"
+    return ""
+
+
+def _junction(here: PlateHere) -> str:
+    return "" if here.ahead.junction else "its road leads to no junction: it faces traffic that leaves"
+
+
+def _priority(here: PlateHere) -> str:
+    if not here.ahead.junction:
+        return ""
+    approach, minor = here.ahead.edges[-1], here.plate.code in _MINOR
+    owed = here.scene.roads.gives_way_to(approach)
+    if minor and not any(owed):
+        return "traffic there has right of way"
+    # Where a main road bends, all ways of one of its arms give way to the other.
+    if not minor and owed and all(owed) and len(set().union(*owed)) > 1:
+        return "traffic there gives way"
+    others = {
+        ahead.edges[-1]: other.code in _MINOR
+        for other in here.scene.plates
+        if other.code in (*_MINOR, *_MAJOR) and other.id != here.plate.id
+        for ahead in (here.scene.roads.approach(edge=other.edge, s=other.position_m),)
+        if ahead.junction == here.ahead.junction
+    }
+    if others.get(approach, minor) != minor:
+        return "another plate on the approach says the opposite"
+    if not minor and sum(not given for edge, given in others.items() if edge != approach) > 1:
+        return "a third arm is a main road too"
+    return ""
+
+
+def _choice(here: PlateHere) -> str:
+    if not here.ahead.junction:
+        return ""
+    approach = here.ahead.edges[-1]
+    turns = [here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)]
+    if len(turns) < 2:
+        return f"{len(turns) or 'no'} way on: no choice"
+    if not any(turn in here.sign.rule.options["allowed"] for turn in turns):
+        return "permits no way on"
+    return ""
+
+
+def _one_way_across(here: PlateHere) -> str:
+    if not here.ahead.junction:
+        return ""
+    allowed = here.sign.rule.options["allowed"]
+    side = RIGHT if RIGHT in allowed else LEFT
+    if here.scene.roads.crossing_one_way(approach=here.ahead.edges[-1], side=side):
+        return ""
+    return f"the crossing road is not one-way to the {side}"
+
+
+def _obstacle(here: PlateHere) -> str:
+    line = here.scene.roads.network.edge_lanes(here.plate.edge)[0].line
+    place = line.project(here.plate.x, here.plate.y)[0]
+    for o in here.scene.obstacles:
+        lane = here.scene.roads.network.lane(o.lane)
+        before = line.project(o.x, o.y)[0] - place
+        if lane.edge == here.plate.edge and -o.length / 2 <= before <= o.length / 2 + here.farthest:
+            return ""
+    return "no obstacle is there"
+
+
+def _several_lanes(here: PlateHere) -> str:
+    lanes = len(here.scene.roads.network.edges[here.plate.edge].lanes)
+    return "" if lanes > 1 else "one lane in that direction"
+
+
+def _by_its_lane(here: PlateHere) -> str:
+    if here.plate.lane < 1:
+        return ""
+    lane = here.scene.roads.network.edge_lanes(here.plate.edge)[here.plate.lane]
+    aside = abs(lane.line.project(here.plate.x, here.plate.y)[1])
+    return "" if aside <= lane.width / 2 else f"hangs {aside:.1f} m beside its lane"
+
+
+def _kerb_lane(here: PlateHere) -> str:
+    return "" if here.plate.lane < 1 else "its lane lies between lanes for cars"
+
+
+def _contraflow(here: PlateHere) -> str:
+    network = here.scene.roads.network
+    edge = network.edges[here.plate.edge]
+    against = (e for e in network.edges.values() if (e.source, e.target) == (edge.target, edge.source))
+    if any(e.lanes and all(is_reserved(network.lanes[i], "passenger") for i in e.lanes) for e in against):
+        return ""
+    return "no lane against a one-way road"
+
+
+def _mouth(here: PlateHere) -> str:
+    most = here.scene.table.distances.mouth_m
+    behind, _ = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
+    if not behind.junction:
+        return "no junction is behind it"
+    return (
+        ""
+        if behind.distance <= most
+        else f"stands {behind.distance:.0f} m behind the junction, not at its mouth"
+    )
+
+
+def _unentered(here: PlateHere) -> str:
+    plate = here.plate
+    others = (v for v in here.scene.vehicles if v.id != EGO_ID or plate.role != TARGET)
+    past = [v.id for v in others if v.passes(edge=plate.edge, s=plate.position_m)]
+    return f"{past[0]} drives past it" if past else ""
+
+
+def _begin(here: PlateHere) -> str:
+    begin, plate = here.sign.ends or "", here.plate
+    behind, outside = here.scene.roads.back(edge=plate.edge, s=plate.position_m)
+    for name in behind.edges:
+        before = plate.position_m if name == plate.edge else math.inf
+        there = [
+            p
+            for p in here.scene.plates
+            if p.edge == name and p.code in (begin, plate.code) and p.position_m < before
+        ]
+        if there:
+            last = max(there, key=lambda p: p.position_m)
+            if last.code == plate.code:
+                return "another end stands before it"
+            return "" if last.value == plate.value else f"the {begin} before it sets {last.value or 0:g} km/h"
+    if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
+        return f"its {begin} stands behind it"
+    if not outside and load_catalog().sign(begin).rule.ends_at_junction:
+        return f"no {begin} stands between the junction and it"
+    return ""
+
+
+def _road_speed(here: PlateHere) -> str:
+    road = here.scene.roads.network.edges[here.plate.edge].road_class
+    allowed = here.scene.table.allowed_speeds(road_class=road, code=here.sign.ends or here.plate.code)
+    value = here.sign.effective_value(here.plate.value)
+    if allowed is None or value in allowed:
+        return ""
+    return f"{value:g} km/h on a {road.removeprefix('highway.')} road"
+
+
+def _not_before_yield(here: PlateHere) -> str:
+    later = [p.code for p in here.scene.plates if p.code in _MINOR and here.is_before(p)]
+    return f"{later[0]} stands behind it" if later else ""
+
+
+def _crossing(here: PlateHere) -> str:
+    x, y = here.plate.x, here.plate.y
+    for crossing in here.scene.roads.network.crossings.values():
+        line = crossing.line
+        s = min(max(line.project(x, y)[0], 0.0), line.length)
+        if math.dist(line.point_at(s), (x, y)) <= crossing.width / 2 + PLATE_SIDE_M[1] + here.farthest:
+            return ""
+    return "no crossing is there"
+
+
+def _ring(here: PlateHere) -> str:
+    if not here.ahead.junction or here.scene.roads.leads_to_ring(here.ahead.edges[-1]):
+        return ""
+    return "no ring is there"
+
+
+_TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
+    {
+        "line": _line,
+        "junction": _junction,
+        "priority": _priority,
+        "choice": _choice,
+        "one_way_across": _one_way_across,
+        "obstacle": _obstacle,
+        "several_lanes": _several_lanes,
+        "by_its_lane": _by_its_lane,
+        "kerb_lane": _kerb_lane,
+        "contraflow": _contraflow,
+        "mouth": _mouth,
+        "unentered": _unentered,
+        "begin": _begin,
+        "road_speed": _road_speed,
+        "not_before_yield": _not_before_yield,
+        "crossing": _crossing,
+        "ring": _ring,
+    }
+)

@@ -1,0 +1,203 @@
+"""The roads of a network as a traffic office sees them: arms, junctions, approaches, mouths, rings. Units: m, rad.
+
+An edge is no road: where two roads meet without a third, or a scene has cut an edge, the road goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from tsbench.geometry.angles import STRAIGHT, U_TURN, wrap
+from tsbench.roads.lane_graph import LaneGraph, heading_change
+from tsbench.roads.network import Edge, RoadNetwork
+from tsbench.signs.places import Distances
+
+_MOST_EDGES = 40
+
+
+@dataclass(frozen=True, slots=True)
+class WayOn:
+    """The way on from a place to the next junction. edges: in order, the place's own first. distance: to the line.
+
+    junction: id, "" where the map ends before one.
+    """
+
+    edges: tuple[str, ...]
+    distance: float
+    junction: str
+
+
+class PlateRoads:
+    """Arms and ways of one network, each computed once."""
+
+    def __init__(self, *, network: RoadNetwork, graph: LaneGraph, distances: Distances) -> None:
+        self.network, self.graph = network, graph
+        self._ring = distances.ring_m
+        self._same_arm = math.radians(distances.same_arm_deg)
+
+    def length(self, edge: str) -> float:
+        """Length of an edge as it is drawn."""
+        return self.network.edge_lanes(edge)[0].line.length
+
+    @cached_property
+    def _car_edges(self) -> tuple[Edge, ...]:
+        lanes = self.network.lanes
+        return tuple(
+            e
+            for e in self.network.edges.values()
+            if not e.internal and any(lanes[i].permits("passenger") for i in e.lanes)
+        )
+
+    @cached_property
+    def _at(self) -> dict[str, tuple[list[str], list[str]]]:
+        """By node: edges in, edges out."""
+        found: dict[str, tuple[list[str], list[str]]] = {}
+        for edge in self._car_edges:
+            found.setdefault(edge.source, ([], []))[1].append(edge.id)
+            found.setdefault(edge.target, ([], []))[0].append(edge.id)
+        return found
+
+    @cached_property
+    def _pairs(self) -> dict[str, dict[str, str]]:
+        """By node: edges in with the edge out of the same arm, where there is one."""
+        found: dict[str, dict[str, str]] = {}
+        for node, (into, out) in self._at.items():
+            free, pairs = list(out), found.setdefault(node, {})
+            for a in into:
+                near = [b for b in free if self._is_same_arm(a, b, node)]
+                if near:
+                    pairs[a] = min(near, key=lambda b: (self._turned(a, b), b))
+                    free.remove(pairs[a])
+        return found
+
+    def _is_same_arm(self, into: str, out: str, node: str) -> bool:
+        edges = self.network.edges
+        pair = edges[into].source == edges[out].target != node
+        return pair or self._turned(into, out) <= self._same_arm
+
+    def _turned(self, into: str, out: str) -> float:
+        """How far the way back is from a full turn."""
+        return math.pi - abs(heading_change(self.network, into, out))
+
+    def arms(self, node: str) -> int:
+        """Number of roads at a node, a pair of opposite edges counted once."""
+        into, out = self._at.get(node, ([], []))
+        return len(into) + len(out) - len(self._pairs.get(node, {}))
+
+    def is_junction(self, node: str) -> bool:
+        """Do at least three roads meet there?"""
+        return self.arms(node) >= 3
+
+    def one_way(self, edge: str) -> bool:
+        """Has the road no lane for cars in the other direction?"""
+        start = self._pairs.get(self.network.edges[edge].source, {})
+        return edge not in start.values() and self._way_back(edge) is None
+
+    def _way_back(self, edge: str) -> str | None:
+        """The edge of the same arm by which traffic leaves the node at an edge's end."""
+        return self._pairs.get(self.network.edges[edge].target, {}).get(edge)
+
+    def ways_on(self, edge: str) -> tuple[str, ...]:
+        """Edges behind the end of an edge, without the way back."""
+        back = self._way_back(edge)
+        return tuple(
+            e for e in self.graph.successors(edge) if e != back and self.graph.turn(edge, e) != U_TURN
+        )
+
+    def ways_to(self, edge: str) -> tuple[str, ...]:
+        """Edges that lead into an edge, without the way back."""
+        into = self._at.get(self.network.edges[edge].source, ([], []))[0]
+        return tuple(e for e in into if edge in self.ways_on(e))
+
+    def approach(self, *, edge: str, s: float) -> WayOn:
+        """From `s` along an edge to the next junction."""
+        edges, distance = [edge], self.length(edge) - s
+        while len(edges) < _MOST_EDGES:
+            node = self.network.edges[edges[-1]].target
+            if self.is_junction(node):
+                return WayOn(tuple(edges), distance, node)
+            onward = self.ways_on(edges[-1])
+            if len(onward) != 1 or onward[0] in edges:
+                break
+            edges.append(onward[0])
+            distance += self.length(onward[0])
+        return WayOn(tuple(edges), distance, "")
+
+    def back(self, *, edge: str, s: float) -> tuple[WayOn, bool]:
+        """From `s` along an edge against its direction to the junction before it; and does the map end before one?"""
+        edges, distance = [edge], s
+        while len(edges) < _MOST_EDGES:
+            node = self.network.edges[edges[-1]].source
+            if self.is_junction(node):
+                return WayOn(tuple(edges), distance, node), False
+            before = self.ways_to(edges[-1])
+            if len(before) != 1 or before[0] in edges:
+                break
+            edges.append(before[0])
+            distance += self.length(before[0])
+        return WayOn(tuple(edges), distance, ""), True
+
+    def gives_way_to(self, approach: str) -> tuple[frozenset[str], ...]:
+        """For each connection from an approach, the edges of other arms whose traffic has right of way over it."""
+        lanes, ways = self.network.lanes, self.ways_on(approach)
+        node = self.network.edges[approach].target
+        there = [
+            c for c in self.network.connections if self.network.edges[lanes[c.from_lane].edge].target == node
+        ]
+        return tuple(
+            frozenset(lanes[o.from_lane].edge for o in there if not c.yields_to.isdisjoint(o.via))
+            - {approach}
+            for c in there
+            if lanes[c.from_lane].edge == approach and lanes[c.to_lane].edge in ways
+        )
+
+    def crossing_one_way(self, *, approach: str, side: str) -> bool:
+        """Is the road across the end of an approach one-way, towards a side (LEFT, RIGHT)?
+
+        Then a way leads to that side, cars neither come from there nor leave to the other side.
+        """
+        node = self.network.edges[approach].target
+        two_way = self._pairs.get(node, {}).values()
+        out = [e for e in self._at[node][1] if e != self._way_back(approach)]
+        turns = {e: self.graph.turn(approach, e) for e in out}
+        onto = [e for e, turn in turns.items() if turn == side]
+        aside = [e for e, turn in turns.items() if turn not in (side, STRAIGHT, U_TURN)]
+        return bool(onto) and not aside and not any(e in two_way for e in onto)
+
+    def leads_to_ring(self, approach: str) -> bool:
+        """Is the junction at the end of an approach an entry of a ring?"""
+        return any(True for _ in self._rings(approach))
+
+    def _rings(self, approach: str) -> Iterator[tuple[str, ...]]:
+        """Ways round from the end of an approach back to it, over one-way edges, turning once to one side."""
+        node = self.network.edges[approach].target
+        open_ways: list[tuple[str, ...]] = [(e,) for e in self.ways_on(approach) if self.one_way(e)]
+        while open_ways:
+            way = open_ways.pop()
+            if sum(map(self.length, way)) > self._ring or len(way) > _MOST_EDGES:
+                continue
+            if self.network.edges[way[-1]].target == node:
+                turned = sum(self._bend(e) for e in way)
+                turned += sum(
+                    heading_change(self.network, a, b) for a, b in zip(way, (*way[1:], way[0]), strict=True)
+                )
+                if abs(abs(turned) - 2.0 * math.pi) < 0.5 and (turned < 0.0) == self.network.left_hand:
+                    yield way
+                continue
+            open_ways += [(*way, e) for e in self.ways_on(way[-1]) if self.one_way(e) and e not in way]
+
+    def _bend(self, edge: str) -> float:
+        line = self.network.edge_lanes(edge)[0].line
+        headings = [line.heading_at(s) for s in _places(line.length)]
+        return sum(wrap(b - a) for a, b in pairwise(headings))
+
+
+def _places(length: float) -> list[float]:
+    """Places along a line of some length, at most 2 m apart, a metre off its ends."""
+    first, last = min(1.0, length), max(length - 1.0, 0.0)
+    steps = max(int((last - first) / 2.0), 1)
+    return [first + (last - first) * k / steps for k in range(steps + 1)]

@@ -1,0 +1,95 @@
+"""Where each plate can stand: `sign_catalog/places.yaml`, one table of kinds of places by code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal, get_args
+
+from tsbench.core.errors import InputError
+from tsbench.core.paths import data_file
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.reading import read_file
+
+Place = Literal[
+    "line", "junction", "priority", "choice", "one_way_across", "obstacle", "several_lanes", "by_its_lane",
+    "kerb_lane", "contraflow", "mouth", "unentered", "begin", "road_speed", "not_before_yield", "crossing", "ring",
+]  # fmt: skip
+PLACES: tuple[Place, ...] = get_args(Place)
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Bounds of the places.
+
+    mouth_m: from the junction to a plate at its road's beginning. slack_m: of a plate at a line, a crossing or an
+    obstacle. ring_m: the longest ring. same_arm_deg: two carriageways of one arm point within this.
+    """
+
+    mouth_m: float
+    slack_m: float
+    ring_m: float
+    same_arm_deg: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise ValueError(f"{name}: {value:g} is not above 0")
+
+
+@dataclass(frozen=True)
+class PlaceTable:
+    """The whole file.
+
+    signs: by code, all places that its plate needs; a sign that is not here is refused nowhere. speeds: by class of
+    road ("primary") and code, the values in km/h that the plate may set there.
+    """
+
+    table: str
+    distances: Distances
+    signs: Mapping[str, tuple[Place, ...]]
+    speeds: Mapping[str, Mapping[str, tuple[float, ...]]]
+
+    def allowed_speeds(self, *, road_class: str, code: str) -> tuple[float, ...] | None:
+        """Values that a plate may set on a road of SUMO's class ("highway.primary_link"); None: any."""
+        known = self.speeds.get(road_class.removeprefix("highway.").removesuffix("_link"))
+        return None if known is None else known.get(code, ())
+
+
+def load_places(root: Path | None = None) -> PlaceTable:
+    """Read and check the table. root: the catalogue's folder; by default the data's. Raises InputError, one line."""
+    return _read((data_file("sign_catalog") if root is None else root).resolve())
+
+
+@cache
+def _read(root: Path) -> PlaceTable:
+    path = root / "places.yaml"
+    table = read_file(PlaceTable, path, "table", lambda file: file)
+    try:
+        _check(table, root)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    return table
+
+
+def _check(table: PlaceTable, root: Path) -> None:
+    signs = load_catalog(root).signs
+    for code, places in table.signs.items():
+        if code not in signs:
+            raise ValueError(f"signs: {code}: the catalogue has no such sign")
+        if "road_speed" in places and signs[code].value is None:
+            raise ValueError(f"signs: {code}: road_speed: the sign sets no value")
+        if "begin" in places and not signs[code].is_end:
+            raise ValueError(f"signs: {code}: begin: the sign ends no other")
+        if "choice" in places and "allowed" not in signs[code].rule.options:
+            raise ValueError(f"signs: {code}: choice: its rule permits no turns")
+    for road, by_code in table.speeds.items():
+        for code, values in by_code.items():
+            posted = signs[code].value if code in signs else None
+            if posted is None:
+                raise ValueError(f"speeds: {road}: {code}: no sign with a value")
+            strange = [value for value in values if value not in posted.allowed]
+            if strange:
+                raise ValueError(f"speeds: {road}: {code}: the sign sets no {strange[0]:g}")
