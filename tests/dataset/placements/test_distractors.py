@@ -158,9 +158,9 @@ def test_what_the_ego_has_passed_is_over(type_id: str, scenes_of: ScenesOf) -> N
 
 
 @pytest.mark.parametrize("type_id", MAPS)
-def test_drawn_plates_stand_where_they_can_and_are_kept(type_id: str, tmp_path: Path) -> None:
+def test_drawn_plates_stand_where_they_can_and_are_kept(type_id: str, scenes_of: ScenesOf) -> None:
     """In both halves. What differs between them is another matter: there it has to hang, here it need not."""
-    scenes = scenes_of(type_id, MAPS[type_id], tmp_path)
+    scenes = scenes_of(type_id, MAPS[type_id])
     for halves in zip(scenes[::2], scenes[1::2], strict=True):
         drawn = [
             one.id
@@ -173,8 +173,8 @@ def test_drawn_plates_stand_where_they_can_and_are_kept(type_id: str, tmp_path: 
 
 
 @pytest.mark.parametrize("type_id", ["direction_straight", "no_turn_left"])
-def test_counterparts_of_turns_stand_at_lines_and_are_kept(type_id: str, tmp_path: Path) -> None:
+def test_counterparts_of_turns_stand_at_lines_and_are_kept(type_id: str, scenes_of: ScenesOf) -> None:
     """A second junction is near: there the other half's plate regulates an approach, and traffic turns as both say."""
-    scenes = scenes_of(type_id, ways(*TYPES[type_id]), tmp_path)
+    scenes = scenes_of(type_id, ways(*TYPES[type_id]))
     found = [f for scene in scenes for f in lint_places(scene, LaneGraph(scene.network))]
     assert [str(f) for f in found if f.role == DISTRACTOR] == []
