@@ -24,7 +24,7 @@ PAGES = ("docs/results.md", "docs/floor.md", "README.md")
 FEW = {
     "TYPES": "stop,speed_limit,detour_right,no_entry", "LIMIT": "8", "STYLES": "idm", "NETWORKS": "", "EXPERT": "",
     "BLIND": "blind", "BARE": "tsbench.planners.plant2.ablations:WithoutHalts", "READERS": "reader", "MIRRORED": "idm",
-    "LEVELS": "good", "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "REACTIVE": "idm",
+    "LEVELS": "good", "SECOND": "", "ENTRANTS": "", "PROPOSALS": "", "LAWFUL": "", "REACTIVE": "idm",
     "COMPARED": "",
 }  # fmt: skip
 DRIVEN = ("idm", "plant2-ft", "Lawless", "blind")
