@@ -146,7 +146,7 @@ def _sent(
         if not allowed:
             continue
         ahead = roads.approach(edge=post.edge, s=post.position_m)
-        behind, _ = roads.back(edge=post.edge, s=post.position_m)
+        behind = roads.back(edge=post.edge, s=post.position_m)
         approach = ahead.edges[-1]
         permitted = set.intersection(*allowed)
         turns = {(approach, e) for e in graph.successors(approach)}
@@ -162,7 +162,7 @@ def _sent(
             if before in ego and not left:
                 return None
             if before not in ego | closed and left <= ego:
-                shut.append(roads.back(edge=before, s=0.0)[0].edges[::-1])
+                shut.append(roads.back(edge=before, s=0.0).edges[::-1])
     return _Sent(avoid_turns=frozenset(avoid), closed_edges=frozenset(closed))
 
 

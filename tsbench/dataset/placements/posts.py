@@ -67,8 +67,7 @@ def free_posts(
     """
     found: list[SignInstance] = []
     at_junction = task.row.family == "junction"
-    order = [edges[int(k)] for k in task.rng.permutation(len(edges))]
-    for edge in order * (TRIES_AT_JUNCTION if at_junction else _TRIES):
+    for edge in shuffled(edges, task) * (TRIES_AT_JUNCTION if at_junction else _TRIES):
         if len(found) == count:
             break
         line = task.network.edge_lanes(edge)[0].line

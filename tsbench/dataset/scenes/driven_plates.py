@@ -30,18 +30,15 @@ def broken_plates(scene: PlacedPlates, vehicle: RoutedVehicle) -> tuple[tuple[Si
     for plate in scene.plates:
         if vehicle.id == EGO_ID and plate.role == TARGET:
             continue
-        rule = load_catalog().sign(plate.code).rule.name
-        if vehicle.passes(edge=plate.edge, s=plate.position_m):
-            here = PlateHere(scene, plate)
-            why = (
-                "drives past it"
-                if rule in _CLOSED
-                else _BROKEN[rule](here, vehicle)
-                if rule in _BROKEN
-                else ""
-            )
+        asks = _BROKEN.get(load_catalog().sign(plate.code).rule.name)
+        if asks is not None and vehicle.passes(edge=plate.edge, s=plate.position_m):
+            why = asks(PlateHere(scene, plate), vehicle)
             found += [(plate, why)] if why else []
     return tuple(found)
+
+
+def _drives_past(here: PlateHere, vehicle: RoutedVehicle) -> str:  # noqa: ARG001
+    return "drives past it"
 
 
 def _turns(here: PlateHere, vehicle: RoutedVehicle) -> str:
@@ -101,10 +98,11 @@ def _drives(network: RoadNetwork, edge: str, vehicle: RoutedVehicle) -> float:
     return min(vehicle.speed, max((lane.speed for lane in lanes), default=0.0)) * _KMH
 
 
-# Rules of roads that no vehicle may enter; other rules that a way can break.
-_CLOSED = ("no_entry", "closed_road")
+# Rules that a way can break.
 _BROKEN: Mapping[str, Callable[[PlateHere, RoutedVehicle], str]] = MappingProxyType(
     {
+        "no_entry": _drives_past,
+        "closed_road": _drives_past,
         "manoeuvre": _turns,
         "one_way_exit": _turns,
         "speed": _speeds,

@@ -161,7 +161,7 @@ def _contraflow(here: PlateHere) -> str:
 
 def _mouth(here: PlateHere) -> str:
     most = here.scene.table.distances.mouth_m
-    behind, _ = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
+    behind = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
     if not behind.junction:
         return "no junction is behind it"
     return (
@@ -180,7 +180,7 @@ def _unentered(here: PlateHere) -> str:
 
 def _begin(here: PlateHere) -> str:
     begin, plate = here.sign.ends or "", here.plate
-    behind, outside = here.scene.roads.back(edge=plate.edge, s=plate.position_m)
+    behind = here.scene.roads.back(edge=plate.edge, s=plate.position_m)
     for name in behind.edges:
         before = plate.position_m if name == plate.edge else math.inf
         there = [
@@ -195,7 +195,7 @@ def _begin(here: PlateHere) -> str:
             return "" if last.value == plate.value else f"the {begin} before it sets {last.value or 0:g} km/h"
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
-    if not outside and load_catalog().sign(begin).rule.ends_at_junction:
+    if behind.junction and load_catalog().sign(begin).rule.ends_at_junction:
         return f"no {begin} stands between the junction and it"
     return ""
 

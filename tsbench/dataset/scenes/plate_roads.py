@@ -6,10 +6,11 @@ An edge is no road: where two roads meet without a third, or a scene has cut an 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from operator import attrgetter
 
 from tsbench.geometry.angles import STRAIGHT, U_TURN, wrap
 from tsbench.roads.lane_graph import LaneGraph, heading_change
@@ -115,31 +116,31 @@ class PlateRoads:
 
     def approach(self, *, edge: str, s: float) -> WayOn:
         """From `s` along an edge to the next junction."""
-        edges, distance = [edge], self.length(edge) - s
+        return self._to_junction(edge, self.length(edge) - s, self.ways_on, attrgetter("target"))
+
+    def back(self, *, edge: str, s: float) -> WayOn:
+        """From `s` along an edge against its direction to the junction before it."""
+        return self._to_junction(edge, s, self.ways_to, attrgetter("source"))
+
+    def _to_junction(
+        self,
+        edge: str,
+        distance: float,
+        onward: Callable[[str], tuple[str, ...]],
+        end: Callable[[Edge], str],
+    ) -> WayOn:
+        """Over edges that go on as one road. distance: to the first edge's end. end: the node that a way leads to."""
+        edges = [edge]
         while len(edges) < _MOST_EDGES:
-            node = self.network.edges[edges[-1]].target
+            node = end(self.network.edges[edges[-1]])
             if self.is_junction(node):
                 return WayOn(tuple(edges), distance, node)
-            onward = self.ways_on(edges[-1])
-            if len(onward) != 1 or onward[0] in edges:
+            ways = onward(edges[-1])
+            if len(ways) != 1 or ways[0] in edges:
                 break
-            edges.append(onward[0])
-            distance += self.length(onward[0])
+            edges.append(ways[0])
+            distance += self.length(ways[0])
         return WayOn(tuple(edges), distance, "")
-
-    def back(self, *, edge: str, s: float) -> tuple[WayOn, bool]:
-        """From `s` along an edge against its direction to the junction before it; and does the map end before one?"""
-        edges, distance = [edge], s
-        while len(edges) < _MOST_EDGES:
-            node = self.network.edges[edges[-1]].source
-            if self.is_junction(node):
-                return WayOn(tuple(edges), distance, node), False
-            before = self.ways_to(edges[-1])
-            if len(before) != 1 or before[0] in edges:
-                break
-            edges.append(before[0])
-            distance += self.length(before[0])
-        return WayOn(tuple(edges), distance, ""), True
 
     def gives_way_to(self, approach: str) -> tuple[frozenset[str], ...]:
         """For each connection from an approach, the edges of other arms whose traffic has right of way over it."""
