@@ -17,7 +17,7 @@ def row(
     return PoolRow(
         map_id=name, family=family, shape=shape, slot=slot, lat=55.7, lon=37.6, source=source, well_tagged=tagged,
         osm_ids=(1,), junction_ids=junctions, east=east, north=north, half_w=half, half_h=half, lanes=lanes,
-        lane_bucket=min(lanes, 3), oneway=True, curvature=1.0, length_m=length, speed_mps=speed,
+        lane_bucket=min(lanes, 3), oneway=not detail.get("opposite"), curvature=1.0, length_m=length, speed_mps=speed,
         road_class=road_class, detail=json.dumps(detail),
     )  # fmt: skip
 

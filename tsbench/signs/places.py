@@ -16,6 +16,7 @@ from tsbench.signs.reading import read_file
 Place = Literal[
     "line", "junction", "priority", "choice", "one_way_across", "obstacle", "several_lanes", "by_its_lane",
     "kerb_lane", "contraflow", "mouth", "unentered", "begin", "road_speed", "not_before_yield", "crossing", "ring",
+    "alone",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
 

@@ -52,9 +52,9 @@ from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind
 BEND = ((0.0, 0.0), (60.0, 0.0), (110.0, 12.0), (230.0, 14.0))
 LINES = {
     "two_way": (((0.0, 0.0), (240.0, 0.0)), 2, 1),
-    "one_way": (((0.0, 0.0), (0.0, 240.0)), 3, 0),
+    "wide": (((0.0, 0.0), (0.0, 240.0)), 3, 3),
     "bent": (BEND, 1, 1),
-    "lane": (((0.0, 0.0), (-170.0, 170.0)), 1, 0),
+    "lane": (((0.0, 0.0), (-170.0, 170.0)), 1, 1),
 }
 
 
@@ -62,11 +62,12 @@ def road(name: str) -> tuple[PoolRow, PlainNet]:
     """A pool row and its crop: lanes in the ego's direction, and in the other one."""
     shape, lanes, back = LINES[name]
     nodes = (PlainNode("a", *shape[0]), PlainNode("b", *shape[-1]))
-    edges = [PlainEdge("road", "a", "b", lanes, LIMIT, 9, shape, type="highway.secondary")]
-    if back:
-        edges.append(PlainEdge("back", "b", "a", back, LIMIT, 9, shape[::-1], type="highway.secondary"))
-    row = corridor(lanes=lanes, length=240.0, speed=LIMIT, opposite="back" if back else None)
-    return row, PlainNet(nodes, tuple(edges), ())
+    edges = (
+        PlainEdge("road", "a", "b", lanes, LIMIT, 9, shape, type="highway.secondary"),
+        PlainEdge("back", "b", "a", back, LIMIT, 9, shape[::-1], type="highway.secondary"),
+    )
+    row = corridor(lanes=lanes, length=240.0, speed=LIMIT, opposite="back")
+    return row, PlainNet(nodes, edges, ())
 
 
 @cache
@@ -100,12 +101,11 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
     network, (_, lanes, back) = networks[name], LINES[name]
     (crossing,) = network.crossings.values()
     assert crossing.width == 4.0
-    assert sorted(crossing.edges) == sorted(["road.0"] + (["back.1"] if back else []))
+    assert sorted(crossing.edges) == ["back.1", "road.0"]
     width = network.edge_lanes("road.0")[0].width
     assert crossing.line.length == pytest.approx((lanes + back) * width, abs=0.2)
     for edge, count in (("road.0", lanes), ("road.1", lanes), ("back.0", back), ("back.1", back)):
-        if count:
-            assert [i.permits("passenger") for i in network.edge_lanes(edge)] == [True] * count
+        assert [i.permits("passenger") for i in network.edge_lanes(edge)] == [True] * count
     for lane in network.edge_lanes("road.0"):
         # Cars wait for who crosses: SUMO's "m".
         (link,) = network.outgoing[lane.index]
@@ -166,7 +166,7 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(
 ) -> None:
     network = networks[name]
     a = place(networks, name, seed, seed)
-    (crossing,), (sign,) = network.crossings.values(), a.signs
+    (crossing,), sign = network.crossings.values(), a.signs[0]
     assert a.walkers is not None
     assert sign.params == CrosswalkParams(crossing.id, "road.1")
     lane = network.lane(a.start.lane)
@@ -201,11 +201,13 @@ def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNet
 
 def test_what_cannot_carry_it() -> None:
     placement = placement_of(recipe())
-    row, plain = road("one_way")
-    wide = replace(plain, edges=(replace(plain.edges[0], num_lanes=4),))
+    row, plain = road("wide")
+    there, back = plain.edges
     with pytest.raises(UnfitMapError, match="4 lanes"):
-        placement.prepare(row, wide, recipe())
-    short = replace(plain, edges=(replace(plain.edges[0], shape=((0.0, 0.0), (0.0, 120.0))),))
+        placement.prepare(row, replace(plain, edges=(replace(there, num_lanes=4), back)), recipe())
+    with pytest.raises(UnfitMapError, match="no other direction"):
+        placement.prepare(row, replace(plain, edges=(there,)), recipe())
+    short = replace(plain, edges=(replace(there, shape=((0.0, 0.0), (0.0, 120.0))), back))
     with pytest.raises(UnfitMapError, match="the corridor is 120 m long"):
         placement.prepare(row, short, recipe())
     row, plain = road("two_way")
@@ -278,6 +280,10 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str
     assert [replace(s, code="X", value=None, params=None) for s in a.signs] == [
         replace(s, code="X", value=None, params=None) for s in b.signs
     ]
+    # The plate that faces oncoming traffic at the same crossing is the other half's.
+    for half, other in ((a, b), (b, a)):
+        facing = next(s for s in half.signs if s.edge == "back.0" and s.role == "distractor")
+        assert (facing.code, facing.value) == (other.target_sign.code, other.target_sign.value)
     certifier = Certifier(simulation(), loader)
     proofs = certifier.prove_pair(*(certifier.prove(row, "idm", 0, 0.0, 0.0) for row in (signed, contrast)))
     for row, proof in zip((signed, contrast), proofs, strict=True):

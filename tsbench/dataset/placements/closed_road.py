@@ -1,4 +1,4 @@
-"""Closed-road scenes: navigation leads into an exit that 3.2 closes, or closes for those who come out of it.
+"""Closed-road scenes: navigation leads into an exit that 3.2 closes, or 3.2 closes another exit.
 
 Source: docs/spec/scenes.md, "Closed road". Units: m.
 """
@@ -6,6 +6,7 @@ Source: docs/spec/scenes.md, "Closed road". Units: m.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.junction_arms import through_arms, with_priorities
@@ -35,17 +36,22 @@ from tsbench.sim.scene import EgoStart
 
 @dataclass(frozen=True)
 class _Way:
-    """Into the closed exit: the ego's lane on its approach, the exit edge, and the edge that comes out of it."""
+    """Into the closed exit: the ego's lane on its approach, the exit edge, and the other half's closed exit.
+
+    back: the edges that come out of the two.
+    """
 
     lane: Lane
     exit: str
-    back: str
+    other: str
+    back: tuple[str, str]
 
 
 class ClosedRoadPlacement(ScenePlacement):
     """`blocked_road`: the ego comes on the main road, so that it is the plate that stops it and not the traffic.
 
-    A second post faces who comes out of the exit; in the contrast half 3.2 hangs there, and binds them.
+    A second post stands at the mouth of another exit; in the contrast half 3.2 hangs there. No vehicle uses
+    either road.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -69,23 +75,22 @@ class ClosedRoadPlacement(ScenePlacement):
             start_speed(task, lane),
         )
         plate_s = recipe.number("plate_after_junction_m")
-        back_s = network.edge_lanes(way.back)[0].line.length - plate_s
         harmless = recipe.choices["harmless"][0]
         signs = (
             plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge)),
-            usual_limit(network, harmless, (way.back, back_s), (way.exit, way.back)),
+            usual_limit(network, harmless, (way.other, plate_s), (way.exit, way.other)),
         )
         end_s = plate_s + recipe.number("destination_behind_plate_m")
-        into = {(e, way.exit) for e in network.edges if way.exit in graph.successors(e)}
+        into = {(e, x) for x in (way.exit, way.other) for e in network.edges if x in graph.successors(e)}
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(way.exit, end_s),
             route_hint=(lane.edge, way.exit), route_length=end_s, avoid_turns=frozenset(into),
-            closed_edges=frozenset({way.exit, way.back}), platoons=frozenset(network.edges),
+            closed_edges=frozenset({way.exit, way.other, *way.back}), platoons=frozenset(network.edges),
             blocked=keep_clear(passenger_lanes(network, lane.edge), start),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The two plates exchanged: nobody may come from there, and the ego drives on."""
+        """The two plates exchanged: the ego's way is open."""
         plate, other = signed.signs
         approach, exit_ = signed.route_hint
         # Who turns left waits for who comes towards it.
@@ -107,25 +112,25 @@ class ClosedRoadPlacement(ScenePlacement):
 
 def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) -> list[_Way]:
     """Ways from the main road into each exit that is long enough and that others need not take."""
-    approach_m = recipe.number("ego_before_line_m")
-    least = recipe.number("least_exit_m")
+    approach_m, least = recipe.number("ego_before_line_m"), recipe.number("least_exit_m")
     back = {
         a["out_edge"]: a["in_edge"]
         for a in row.fields["arms"]
-        if a["out_edge"] and a["in_edge"] in network.edges
+        if a["out_edge"] in network.edges and a["in_edge"] in network.edges
     }
     entries = [a["in_edge"] for a in row.fields["arms"] if a["in_edge"] in network.edges]
+    room = {e for e in back if network.edges[e].length >= least}
     found = []
     for approach in through_arms(row, 0.0).prior_in:
         if approach not in network.edges or network.edges[approach].length < approach_m + 5.0:
             continue
-        for target in graph.successors(approach):
-            if graph.turn(approach, target) == U_TURN or network.edges[target].length < least:
-                continue
-            if graph.route(approach, target) != (approach, target) or target not in back:
-                continue
-            others = [e for e in entries if e != back[target]]
-            if all(set(graph.successors(e)) - {target} for e in others):
+        ahead = [e for e in graph.successors(approach) if e in room and graph.turn(approach, e) != U_TURN]
+        for target, other in permutations(ahead, 2):
+            used = [e for e in entries if e not in (back[target], back[other])]
+            if graph.route(approach, target) == (approach, target) and all(
+                set(graph.successors(e)) - {target, other} for e in used
+            ):
                 lanes = dict.fromkeys(c.from_lane for c in graph.connections(approach, target))
-                found += [_Way(network.lanes[i], target, back[target]) for i in lanes]
+                ends = back[target], back[other]
+                found += [_Way(network.lanes[i], target, other, ends) for i in lanes]
     return found

@@ -56,7 +56,7 @@ class ContraflowPlacement(ScenePlacement):
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(zone, end_s), route_hint=(first, zone),
             route_length=end_s,
-            convoy=lane_users(task, self.users, reserved, (reserved.edge,), lane, start, oncoming=True),
+            convoy=lane_users(task, self.users, reserved, (reserved.edge,), lane, start),
             blocked=((lane.id, start.s, lane.line.length),),
         )  # fmt: skip
 

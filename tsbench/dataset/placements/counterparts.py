@@ -14,19 +14,17 @@ from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
+    UnluckyDrawError,
     require,
 )
 from tsbench.dataset.placements.posts import (
-    TRIES_AT_JUNCTION,
+    TRIES,
     bare_post,
-    behind_ego,
     beside_ways,
     can_stand,
     facing_ego,
-    free_posts,
     in_sight,
     is_apart,
-    leading_away,
     leading_to,
     on_its_place,
     place_along,
@@ -48,11 +46,8 @@ def with_same_plates(
 
     What would hang in one half alone hangs in the other on a post that binds nobody who is watched, in sight from the
     ego's start, at a junction from its line too: where both halves' plates can stand, on any road that is not on the
-    ego's ways; other traffic is sent as they say. Where no place holds them, they stand
-    anywhere: at a junction on roads that lead away from it; else on roads that lead to the ego's way or run against
-    it, for routing, where these are too few, also on roads that lead away; on a one-way road behind the ego, if it is
-    over there, as the plate of an obstacle is. Where there is no room for all, the rest stay different. For limits
-    that end see `_with_same_limits`.
+    ego's ways; other traffic is sent as they say. For limits that end see `_with_same_limits`. Raises
+    UnluckyDrawError where no place holds a plate.
 
     halves: the signed and the contrast scene without background traffic.
     """
@@ -62,19 +57,11 @@ def with_same_plates(
         return _with_same_limits(task, signed, contrast)
     held = _held_posts(task, signed, swaps, halves)
     sent = _sent(task, signed, held, halves[0].roads)
-    if len(held) == len(swaps) and sent is not None:
-        signed, contrast = (replace(half, **sent) for half in (signed, contrast))
-        return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
-    edges = leading_away(task, signed) if task.row.family == "junction" else leading_to(task, signed)
-    posts = free_posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
-    if len(posts) < len(swaps) and task.row.family == "dual_path":
-        posts = free_posts(
-            task, signed, [*edges, *leading_away(task, signed)], len(swaps), within_m=SIGN_RANGE_M
-        )
-    if len(posts) < len(swaps) and _at_obstacle(swaps[-1][0][0]):
-        posts = behind_ego(task, signed, len(swaps))
-    posts.sort(key=lambda post: (post.edge, post.position_m))
-    return _on_posts(signed, contrast, [(post, *plates) for post, plates in zip(posts, swaps, strict=False)])
+    if len(held) < len(swaps) or sent is None:
+        codes = " and ".join(sorted({code for swap in swaps for code, _ in swap}))
+        raise UnluckyDrawError(f"no place for plates {codes} that binds nobody")
+    signed, contrast = (replace(half, **sent) for half in (signed, contrast))
+    return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
 
 
 def _held_posts(
@@ -106,11 +93,11 @@ def _posts_holding(
             closing[edge] = len(sent["closed_edges"])
     for edge in sorted(closing, key=closing.__getitem__):
         line = task.network.edge_lanes(edge)[0].line
-        for _ in range(TRIES_AT_JUNCTION):
+        for _ in range(TRIES):
             s = place_along(swap[int(task.rng.integers(2))][0], line.length, task)
             post = bare_post(task, arrangement, edge, s, len(found))
             free = on_its_place(post, line) and is_apart(post, (*arrangement.signs, *others))
-            if free and in_sight(task, arrangement, post, SIGN_RANGE_M):
+            if free and in_sight(task, arrangement.start, post, SIGN_RANGE_M):
                 hung = [*found, (post, *swap)]
                 ours = tuple(replace(p, code=code, value=value) for p, (code, value), _ in hung)
                 theirs = tuple(replace(p, code=code, value=value) for p, _, (code, value) in hung)
@@ -171,14 +158,13 @@ def _with_same_limits(
 ) -> tuple[Arrangement, Arrangement]:
     """The other half's limit and an end, so that which end is in sight does not tell which limit binds the ego.
 
-    No end stands ahead of the ego. On a road with two directions, facing the other one, else behind the ego stand, in
-    the signed half, an end of its limit and then the other limit, which is no lower than the road's own, and in the
-    other half its limit with its end. Raises UnfitMapError where there is no room.
+    No end stands ahead of the ego. Facing the other direction stand, in the signed half, an end of its limit and then
+    the other limit, and in the other half its limit with its end. Raises UnfitMapError where there is no room.
     """
     (a, end_a), (b, _) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
     signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
     edges = leading_to(task, signed)
-    posts = facing_ego(task, signed, edges, 2) if edges else behind_ego(task, signed, 2)
+    posts = facing_ego(task, signed, edges, 2)
     require(len(posts) == 2, "no room for another limit and an end")
     return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
 
@@ -194,10 +180,6 @@ def _on_posts(
 
 def _ends(code: str) -> bool:
     return load_catalog().sign(code).is_end
-
-
-def _at_obstacle(code: str) -> bool:
-    return load_catalog().sign(code).rule.name == "detour"
 
 
 def _in_order(plates: Counter[_Plate]) -> list[_Plate]:

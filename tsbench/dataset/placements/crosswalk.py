@@ -24,12 +24,13 @@ from tsbench.dataset.placements.placement import (
     Arrangement,
     ScenePlacement,
     SceneTask,
+    UnfitMapError,
     keep_clear,
     passenger_lanes,
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH
+from tsbench.dataset.placements.speed_zone import KMH, can_post
 from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
@@ -38,6 +39,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import CrosswalkParams, ZoneParams
 from tsbench.sim.convoy import predicted_arrival
@@ -66,7 +68,9 @@ class CrosswalkPlacement(ScenePlacement):
         other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
         most = int(recipe.number("most_lanes"))
         require(edge.num_lanes <= most, f"{edge.num_lanes} lanes")
-        require(other is None or other.num_lanes <= most, "more lanes in the other direction")
+        if other is None:
+            raise UnfitMapError("no other direction, where the other half's plate faces")
+        require(other.num_lanes <= most, "more lanes in the other direction")
         at = recipe.number("ego_before_crossing_m") + recipe.number("start_room_m") + EGO_LENGTH_M
         length = Polyline(edge.shape).length
         require(at <= length - recipe.number("least_after_m"), f"the corridor is {length:.0f} m long")
@@ -84,6 +88,11 @@ class CrosswalkPlacement(ScenePlacement):
         require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
         end = network.edge_lanes(first)[0].line.length
         sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
+        facing = f"{row.fields['opposite']}.0"
+        other = plate_beside(
+            network, recipe.choices["contrast_plates"][0], facing, network.edge_lanes(facing)[0].line.length,
+            number=1, role=DISTRACTOR, value=self._limit(task, (first, last)),
+        )  # fmt: skip
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]
@@ -103,33 +112,40 @@ class CrosswalkPlacement(ScenePlacement):
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(variant.route_length, room)
         return Arrangement(
-            signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
+            signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, last), route_length=end_s,
             extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
             blocked=keep_clear(lanes, start),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """A limit that slows nobody on the same post; the same people wait until the ego is past.
+        """The two plates exchanged, so that the limit, which slows no vehicle, faces the ego and 5.19 faces oncoming
+        traffic; the same people wait until the ego is past.
 
         The network stays the same: where SUMO's cars let people cross in one half alone, they would tell the plate.
         """
-        (sign,), first, last = signed.signs, *signed.route_hint
-        road = max(task.network.expected_speed(edge) for edge in (first, last)) / KMH
-        limits, spare = task.recipe.choices["contrast_kmh"], task.recipe.number("contrast_above_kmh")
-        require(limits[-1] >= road - 0.5, f"the road's own limit is {road:.0f} km/h")
-        usable = [v for v in limits if v >= road + spare - 0.5] or limits[-1:]
+        del task
+        (sign, other), first, last = signed.signs, *signed.route_hint
         assert signed.walkers is not None
         params = sign.params_as(CrosswalkParams)
         passage = PassageParams(first, last, crossing=(params.crossing,))
-        plate = replace(
-            sign, code=task.recipe.choices["contrast_plates"][0],
-            value=float(usable[task.variant.value % len(usable)]), params=ZoneParams((first, last)),
-        )  # fmt: skip
+        plate = replace(sign, code=other.code, value=other.value, params=ZoneParams((first, last)))
+        other = replace(other, code=sign.code, value=None)
         return replace(
-            signed, signs=(plate,), walkers=replace(signed.walkers, until_past=True),
+            signed, signs=(plate, other), walkers=replace(signed.walkers, until_past=True),
             contrast=tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield")),
         )  # fmt: skip
+
+    @staticmethod
+    def _limit(task: SceneTask, edges: tuple[str, str]) -> float:
+        """The contrast half's limit, km/h: one of the road's class, and no less than the road's own."""
+        recipe = task.recipe
+        road = max(task.network.expected_speed(edge) for edge in edges) / KMH
+        code, limits = recipe.choices["contrast_plates"][0], recipe.choices["contrast_kmh"]
+        usable = [v for v in limits if can_post(task.row, code, v) and v >= road - 0.5]
+        require(bool(usable), f"no limit of a {task.row.road_class} road is {road:.0f} km/h or more")
+        above = [v for v in usable if v >= road + recipe.number("contrast_above_kmh") - 0.5] or usable
+        return float(above[task.variant.value % len(above)])
 
     @staticmethod
     def _walkers(task: SceneTask, crossing: Crossing, before: dict[str, float]) -> list[_Walker]:

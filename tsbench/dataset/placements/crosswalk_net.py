@@ -30,25 +30,20 @@ def path_name(edge: str, side: str) -> str:
     return f"{edge}.path_{side}"
 
 
-def with_crossing(
-    plain: PlainNet, edge: PlainEdge, other: PlainEdge | None, at: float, recipe: Recipe
-) -> PlainNet:
+def with_crossing(plain: PlainNet, edge: PlainEdge, other: PlainEdge, at: float, recipe: Recipe) -> PlainNet:
     """The road cut in two `at` m along `edge`, and there crossed; `other`: the edge of the opposite direction."""
     line = Polyline(edge.shape)
     x, y = line.point_at(at)
     node = f"{edge.id}.cut1"
     net, parts = split_edge(plain, edge.id, (at,))
-    crossed = [parts[0]]
     half = edge.num_lanes * _width(edge) / (2.0 if edge.spread == "center" else 1.0)
     reach = {"right": half, "left": half if edge.spread == "center" else 0.0}
-    if other is not None:
-        across = Polyline(other.shape)
-        s, d = across.project(x, y)
-        net, theirs = split_edge(net, other.id, (s,))
-        net = _joined(net, f"{other.id}.cut1", node)
-        crossed.append(theirs[1])
-        share = 2.0 if other.spread == "center" else 1.0
-        reach["left"] = max(abs(d) + other.num_lanes * _width(other) / share, reach["left"])
+    across = Polyline(other.shape)
+    s, d = across.project(x, y)
+    net, theirs = split_edge(net, other.id, (s,))
+    net = _joined(net, f"{other.id}.cut1", node)
+    share = 2.0 if other.spread == "center" else 1.0
+    reach["left"] = max(abs(d) + other.num_lanes * _width(other) / share, reach["left"])
     heading = line.heading_at(at)
     nodes, paths = [], []
     for side, turn in (("right", -math.pi / 2), ("left", math.pi / 2)):
@@ -62,7 +57,7 @@ def with_crossing(
                 width=recipe.number("path_width_m"), spread="center", allow="pedestrian",
             )
         )  # fmt: skip
-    crossing = PlainCrossing(node, tuple(crossed), recipe.number("crossing_width_m"))
+    crossing = PlainCrossing(node, (parts[0], theirs[1]), recipe.number("crossing_width_m"))
     return replace(
         net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing)
     )

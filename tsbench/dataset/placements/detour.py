@@ -6,6 +6,7 @@ Source: docs/spec/scenes.md, "Detour". Units: m.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.placement import (
@@ -19,8 +20,9 @@ from tsbench.dataset.placements.placement import (
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.roads.destination import Destination
+from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.scene import EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
@@ -30,7 +32,11 @@ _LONGEST_CAR_M = max(length for length, _ in BODIES.values())
 
 
 class DetourPlacement(ScenePlacement):
-    """`detour_*`: an obstacle on a lane with one on each side; in the contrast half it is passed on the other."""
+    """`detour_*`: an obstacle on a lane with one on each side; in the contrast half it is passed on the other.
+
+    Where there is a contrast half, a second obstacle on the same lane lies behind the ego and has the other plate; the
+    halves exchange the two. No other vehicle drives in this direction, because none could keep all four plates.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -50,7 +56,7 @@ class DetourPlacement(ScenePlacement):
         lane = between[variant.layout // 2 % len(between)]
         shapes = recipe.choices["obstacles"]
         shape = shapes[variant.layout % len(shapes)]
-        length, width = float(shape["length_m"]), float(shape["width_m"])
+        length = float(shape["length_m"])
         ahead = recipe.number("ego_before_obstacle_m")
         length_m = lane.line.length
         latest = length_m - recipe.number("least_after_m") - length
@@ -60,26 +66,51 @@ class DetourPlacement(ScenePlacement):
         start_s = near - ahead - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"the corridor is {length_m:.0f} m long")
         middle = near + length / 2
-        x, y = lane.line.point_at(middle)
-        heading = lane.line.heading_at(middle)
-        obstacle = Obstacle("obstacle_0", str(shape["shape"]), x, y, heading, length, width, lane.id)
-        px, py = lane.line.point_at(near)
-        sign = SignInstance(
-            id="sign_0", code=self.code, value=None, edge=edge, lane=lane.order, position_m=near, x=px, y=py,
-            heading=lane.line.heading_at(near), role="target", params=ObstacleParams(obstacle.id),
-        )  # fmt: skip
+        signs = [_plate(0, self.code, lane, near, "target", ObstacleParams("obstacle_0"))]
+        obstacles = [_obstacle(0, shape, lane, near)]
+        if self._others(recipe):
+            passed = recipe.number("passed_after_edge_m")
+            room = start_s - EGO_LENGTH_M / 2 - passed - length
+            require(room >= recipe.number("passed_before_ego_m"), f"{room:.0f} m behind the obstacle passed")
+            signs.append(_plate(1, self._others(recipe)[0], lane, passed, DISTRACTOR))
+            obstacles.append(_obstacle(1, shape, lane, passed))
         end_s = min(middle + variant.route_length, length_m - recipe.number("end_before_edge_m"))
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
-            signs=(sign,), target=sign.id,
+            signs=tuple(signs), target=signs[0].id,
             start=EgoStart(lane.id, start_s, start_speed(task, lane)),
             destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - middle,
-            obstacles=(obstacle,), blocked=((lane.id, start_s, beyond),),
+            obstacles=tuple(obstacles), blocked=((lane.id, start_s, beyond),),
+            closed_edges=frozenset((edge,) if len(obstacles) > 1 else ()),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
-        """The plate of the other side; where both are allowed, none contradicts it."""
-        others = task.recipe.choices.get("contrast_plates")
-        if others is None:
+        """The two plates exchanged; where the target allows both sides, no plate contradicts it."""
+        if not self._others(task.recipe):
             return None
-        return replace(signed, signs=(replace(signed.signs[0], code=others[0]),))
+        first, second = signed.signs
+        return replace(signed, signs=(replace(first, code=second.code), replace(second, code=first.code)))
+
+    @staticmethod
+    def _others(recipe: Recipe) -> list[str]:
+        """Plates of the contrast half."""
+        return recipe.choices.get("contrast_plates", [])
+
+
+def _obstacle(number: int, shape: dict[str, Any], lane: Lane, near: float) -> Obstacle:
+    """An obstacle of the recipe's shape on a lane, its near end at `near`."""
+    length, width = float(shape["length_m"]), float(shape["width_m"])
+    x, y = lane.line.point_at(near + length / 2)
+    heading = lane.line.heading_at(near + length / 2)
+    return Obstacle(f"obstacle_{number}", str(shape["shape"]), x, y, heading, length, width, lane.id)
+
+
+def _plate(
+    number: int, code: str, lane: Lane, s: float, role: str, params: ObstacleParams | None = None
+) -> SignInstance:
+    """The plate on an obstacle's near end."""
+    x, y = lane.line.point_at(s)
+    return SignInstance(
+        id=f"sign_{number}", code=code, value=None, edge=lane.edge, lane=lane.order, position_m=s, x=x, y=y,
+        heading=lane.line.heading_at(s), role=role, params=params,
+    )  # fmt: skip

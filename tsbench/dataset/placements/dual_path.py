@@ -29,7 +29,7 @@ from tsbench.dataset.placements.placement import (
     usual_limit,
 )
 from tsbench.dataset.scenes.plate_places import PlacedPlates
-from tsbench.dataset.scenes.plate_roads import PlateRoads
+from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS, TURNS, U_TURN
 from tsbench.roads.destination import Destination
@@ -105,7 +105,7 @@ class ManoeuvrePlacement(ScenePlacement):
         require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
         plates = self.plates(task, short, compliant)
         banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
-        closed |= self.closed(graph, compliant)
+        closed |= self.closed(graph, compliant) | self.empty(task, signed)
         avoided = _avoided(graph, (short, compliant), banned, closed)
         for way in (short, compliant):
             check_way(graph, way, avoided)
@@ -141,6 +141,11 @@ class ManoeuvrePlacement(ScenePlacement):
         del graph, way
         return frozenset()
 
+    def empty(self, task: SceneTask, approach: str) -> frozenset[str]:
+        """Edges that no other vehicle uses in either half."""
+        del task, approach
+        return frozenset()
+
     def other_code(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> str:
         """A plate that can stand there, permits the navigation's manoeuvre and prohibits the other way's.
 
@@ -149,9 +154,8 @@ class ManoeuvrePlacement(ScenePlacement):
         """
         graph, approach = task.graph, short[0]
         wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
-        table = load_places()
-        roads = PlateRoads(network=task.network, graph=graph, distances=table.distances)
-        scene = PlacedPlates(table, roads, (), (), ())
+        roads = plate_roads(task.network, graph)
+        scene = PlacedPlates(load_places(), roads, (), (), ())
         at = roads.length(approach) - task.recipe.number("plate_before_line_m")
         fit = [
             code
@@ -205,35 +209,40 @@ class ManoeuvrePlacement(ScenePlacement):
 
 
 class OneWayPlacement(ManoeuvrePlacement):
-    """5.7.x: the crossing road runs one way, away from the junction on the arm where the plate points.
+    """5.7.x: the crossing road runs one way, to where the plate points.
 
-    On either arm only the lanes that lead away stay: on one of them they are the one-way road, on the other what
-    navigation leads into and no car uses. Which is which, only the plate says.
+    The road is built with lanes in both directions, and no other vehicle uses it: which way it runs, only the plates
+    say, those on the ego's approach and on the opposite one.
     """
 
     def roads(self, row: PoolRow, plain: PlainNet) -> PlainNet:
-        """The crop without the lanes that come to the junction from the crossing road's arms."""
+        """The crop as it is, where the crossing road goes on to both sides and the ego comes from neither."""
         signed, junction = row.fields["signed_edge"], row.fields["junction"]
         approach = next(e for e in plain.edges if e.id == signed)
         exits = {turn_between(approach, e) for e in plain.edges if e.source == junction}
         require({LEFT, RIGHT} <= exits, "the crossing road does not go on where the plate points")
-        # An edge into the junction belongs to the arm that the reversed edge would leave by.
-        gone = {
-            e.id
-            for e in plain.edges
-            if e.target == junction
-            and e.id not in (signed, *row.fields["short"], *row.fields["compliant"])
-            and turn_between(approach, replace(e, shape=e.shape[::-1])) in (LEFT, RIGHT)
-        }
-        return replace(
-            plain,
-            edges=tuple(e for e in plain.edges if e.id not in gone),
-            connections=tuple(c for c in plain.connections if not {c.source, c.target} & gone),
-        )
+        ways = (*row.fields["short"], *row.fields["compliant"])
+        again = [e.id for e in plain.edges if e.target == junction and e.id in ways and e.id != signed]
+        require(not again, "a way leads back to the junction")
+        return plain
 
     def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
         """The exit against the one-way road."""
         return frozenset({way[1]}) if graph.turn(way[0], way[1]) in (LEFT, RIGHT) else frozenset()
+
+    def other_code(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> str:
+        """The plate that points to the other side."""
+        del compliant
+        code = next(
+            c for c in self._family if self.catalog.sign(c).rule.name == "one_way_exit" and c != self.code
+        )
+        require(task.graph.turn(short[0], short[1]) in self._allowed(code), f"{code} prohibits the way")
+        return code
+
+    def empty(self, task: SceneTask, approach: str) -> frozenset[str]:
+        """The crossing road, both directions on both sides."""
+        across = plate_roads(task.network, task.graph).across(approach)
+        return frozenset().union(*(out | into for out, into in across.values()))
 
 
 class NoEntryPlacement(ManoeuvrePlacement):

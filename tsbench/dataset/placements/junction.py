@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from lxml import etree
 
+from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.junction_arms import (
     Arms,
@@ -32,15 +33,15 @@ from tsbench.dataset.placements.placement import (
     require,
     start_speed,
 )
+from tsbench.dataset.placements.posts import in_sight
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.seeds import rng_of
-from tsbench.geometry.angles import wrap
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import Turn
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import GiveWayParams
@@ -59,7 +60,9 @@ class GiveWayPlacement(ScenePlacement):
     """`yield`, `stop`, `secondary_road`, `main_road`: what they differ in stands in the catalogue and the recipe.
 
     In the contrast half the plates on the same posts are others: the ego comes on the main road, and the convoy gives
-    way to it. On some maps of `stop` nobody comes, and the contrast half's plate asks to give way without a stop.
+    way to it. On some maps of `stop` nobody comes, and the ego and the opposite approach exchange a stop and a yield
+    plate. `secondary_road` has no plate on the ego's approach: the convoy's and the opposite one exchange theirs, and
+    from the fourth arm, which has none, no vehicle comes.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -75,7 +78,8 @@ class GiveWayPlacement(ScenePlacement):
 
     def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """Priorities as the other plates state them."""
-        return with_priorities(row, plain, self._contrast_arms(row, recipe), recipe, minor_stops=False)
+        stops = self._stops and not _nobody_comes(row, recipe)
+        return with_priorities(row, plain, self._contrast_arms(row, recipe), recipe, stops)
 
     def _contrast_arms(self, row: PoolRow, recipe: Recipe) -> Arms:
         arms = self._roles(row, recipe.number("ego_before_line_m"))
@@ -98,7 +102,8 @@ class GiveWayPlacement(ScenePlacement):
         require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
         route = (lane.edge, exit_lane.edge)
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
-        signs = self._plates(task, arms, chosen)
+        signs = self._plates(task, arms, chosen, start)
+        bare = frozenset(arms.prior_in) - {s.edge for s in signs}
         cars = None if _nobody_comes(row, recipe) else convoy(task, chosen)
         # Nobody else is at the junction before the ego: the order in which others go would tell what the plates say.
         turn, cruise = ego_speeds(task, chosen.ego)
@@ -107,7 +112,7 @@ class GiveWayPlacement(ScenePlacement):
         waiting, room = _waiting(task, arms, avoid)
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
-            route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
+            closed_edges=bare, route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
             avoid_turns=avoid, quiet_edges=frozenset({arms.ego_in, *arms.prior_in, *arms.minor_in}),
             platoons=frozenset(arms.prior_in), quiet_s=quiet_s,
             blocked=(*keep_clear(passenger_lanes(network, lane.edge), start), *room),
@@ -122,37 +127,46 @@ class GiveWayPlacement(ScenePlacement):
             other = _link(task.network, cars.lane, cars.edges[1])
             gives_way = set(own.via) & other.yields_to and not set(other.via) & own.yields_to
             require(bool(gives_way), "with other plates the convoy does not give way to the ego")
-        minor = recipe.choices.get("contrast_minor_plates", recipe.choices["minor_plates"])[0]
-        codes = {True: str(recipe.choices["main_plates"][0]), False: str(minor)}
+        codes = {True: str(recipe.choices["main_plates"][0]), False: str(recipe.choices["minor_plates"][0])}
+        if cars is None:
+            swapped = {self._code: _empty_plate(recipe), _empty_plate(recipe): self._code}
         binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
         passage = PassageParams(arms.ego_in, exit_edge, arms.prior_in)
         return replace(
             signed,
             signs=tuple(
-                replace(s, code=codes[s.edge in arms.main], params=binding if s.params else None)
+                replace(
+                    s,
+                    code=swapped.get(s.code, s.code) if cars is None else codes[s.edge in arms.main],
+                    params=binding if s.params else None,
+                )
                 for s in signed.signs
             ),
             contrast=(ContrastClause("needless_stop", passage), ContrastClause("needless_yield", passage)),
         )
 
-    def _plates(self, task: SceneTask, arms: Arms, chosen: Conflict) -> tuple[SignInstance, ...]:
+    def _plates(
+        self, task: SceneTask, arms: Arms, chosen: Conflict, start: EgoStart
+    ) -> tuple[SignInstance, ...]:
         """The target first, on the convoy's arm where it faces the main road; the others speak to other traffic."""
         network, recipe = task.network, task.recipe
+        minor = _empty_plate(recipe) if _nobody_comes(task.row, recipe) else recipe.choices["minor_plates"][0]
         if self._faces == "main_arms":
-            met = network.lanes[chosen.priority.from_lane].edge
-            first = sorted(arms.prior_in, key=lambda e: (e != met, e))
-            wanted = [(e, _crossing_plate(network, e, arms.ego_in, task)) for e in first]
+            wanted = [(network.lanes[chosen.priority.from_lane].edge, self._code)]
         else:
             wanted = [(arms.ego_in, self._code)]
-            for edges, key in ((arms.prior_in, "main_plates"), (arms.minor_in, "minor_plates")):
-                wanted += [(e, str(code)) for e in edges for code in recipe.choices.get(key, ())]
+            wanted += [(e, str(recipe.choices["main_plates"][0])) for e in arms.prior_in]
+        wanted += [(e, str(minor)) for e in arms.minor_in]
         binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
         before, plates = recipe.number("plate_before_line_m"), []
         for k, (edge, code) in enumerate(wanted):
             s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
             # Without params a plate binds nobody that we watch.
-            params, role = (None, "context") if k else (binding, "target")
+            params, role = (None, DISTRACTOR) if k else (binding, TARGET)
             plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
+        if self._faces == "main_arms":
+            for post in plates:
+                require(in_sight(task, start, post, SIGN_RANGE_M), "a plate is out of the ego's sight")
         return tuple(plates)
 
 
@@ -162,21 +176,17 @@ def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
     return bool(rng_of("empty", recipe.type.id, row.map_id).uniform() < share)
 
 
+def _empty_plate(recipe: Recipe) -> str:
+    """The plate that the ego's and the opposite approach exchange where nobody comes."""
+    return str(recipe.choices["empty_plates"][0])
+
+
 def _link(network: RoadNetwork, lane: str, edge: str) -> Connection:
     """The connection from a lane to an edge. Raises UnfitMapError where other plates lead the lane elsewhere."""
     links = network.outgoing[network.lane_index[lane]]
     found = [c for c in links if network.lanes[c.to_lane].edge == edge]
     require(bool(found), f"lane {lane} does not lead to {edge}")
     return found[0]
-
-
-def _crossing_plate(network: RoadNetwork, main: str, ego: str, task: SceneTask) -> str:
-    """The plate that faces a main arm: a crossing, or the side from which the ego's road joins as seen from there."""
-    a, b = network.edge_lanes(ego)[0].line, network.edge_lanes(main)[0].line
-    # Who drives in turned to the left of the ego's direction comes from its right, and has it on the left.
-    left = wrap(b.heading_at(b.length) - a.heading_at(a.length)) > 0.0
-    side = "left_plate" if left else "right_plate"
-    return str(task.recipe.choices["cross_plate" if task.row.shape == "X" else side][0])
 
 
 def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> frozenset[Turn]:

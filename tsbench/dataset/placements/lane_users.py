@@ -1,4 +1,4 @@
-"""Who uses a reserved lane: buses or cyclists, held until they would meet an ego that keeps its lane.
+"""Users of a contraflow lane: buses or cyclists, held until they would meet an ego that keeps its lane.
 
 Source: docs/spec/scenes.md, "Reserved lane". Units: m, s, m/s.
 """
@@ -28,29 +28,23 @@ def lane_users(
     edges: tuple[str, ...],
     before: Lane,
     start: EgoStart,
-    *,
-    oncoming: bool,
 ) -> ConvoySetup:
     """The users of `lane`, who then drive over `edges`; `before`: the ego's lane up to the plate.
 
-    Oncoming ones meet the ego front to front, close behind one another. Of those in its direction the ego meets the
-    last one's rear; the others are a headway ahead of each other. Both a little past the plate. Raises UnfitMapError.
+    They come towards the ego, close behind one another, and meet it front to front a little past the plate. Raises
+    UnfitMapError.
     """
     recipe, variant = task.recipe, task.variant
-    driver = _user(recipe)
+    driver = user_driver(recipe)
     length_m = lane.line.length
     meet = min(recipe.number("meet_m"), recipe.number("meet_share") * length_m)
     to_line = before.line.length - start.s - EGO_LENGTH_M / 2
     eta = predicted_arrival(to_line, to_line + meet, start.speed, before.speed, before.speed)
-    zone = length_m - meet if oncoming else meet + driver.length
+    zone = length_m - meet
     way = way_from_standstill(driver, recipe.number("user_time_share") * eta)
     first = driver.length + _END_ROOM_M
     lead = max(zone - way, first)
-    step = (
-        -(driver.length + recipe.number("standing_gap_m"))
-        if oncoming
-        else driver.speed * recipe.number("user_headway_s")
-    )
+    step = -(driver.length + recipe.number("standing_gap_m"))
     counts = recipe.choices["users"]
     asked = int(counts[variant.layout % len(counts)])
     wanted = [lead + k * step for k in range(asked)]
@@ -62,7 +56,7 @@ def lane_users(
     )  # fmt: skip
 
 
-def _user(recipe: Recipe) -> Driver:
+def user_driver(recipe: Recipe) -> Driver:
     """The recipe's bus or cyclist. Its headway is from front to front, IDM's is the gap: less its own length."""
     speed, length, gap = (recipe.number(f"user_{k}") for k in ("speed_mps", "length_m", "gap_m"))
     return Driver(

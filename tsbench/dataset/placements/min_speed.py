@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from lxml import etree
 
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.placement import (
@@ -16,13 +15,10 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH, no_slower
-from tsbench.dataset.scenes.drivers import BODIES
-from tsbench.dataset.scenes.elements import moving_car
+from tsbench.dataset.placements.speed_zone import KMH
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
 from tsbench.roads.destination import Destination
-from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
@@ -39,18 +35,19 @@ def task_minimum(task: SceneTask) -> float:
 
 
 class MinSpeedPlacement(ScenePlacement):
-    """`min_speed`: 4.6 soon after the start; now and then a leader slower than the minimum, which excuses.
+    """`min_speed`: 4.6 soon after the start.
 
-    In the contrast half the plate there allows no more than the speed of the slow style, the blind baseline. The
-    leader is faster than this style, and so out of its reach where the rule binds; so is everybody else.
+    In the contrast half the plate there allows no more than the speed of the slow style, the blind baseline. No other
+    vehicle drives on the road: none could keep both halves' plates.
     """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The road stays as it is: who obeys drives faster of itself."""
-        del row, recipe
+        """The road stays as it is."""
+        del recipe
+        require(not row.oneway, "no other direction, where the other half's plate faces")
         return plain
 
     def place(self, task: SceneTask) -> Arrangement:
@@ -76,13 +73,11 @@ class MinSpeedPlacement(ScenePlacement):
         # No farther than the slow style gets within the horizon.
         end_s = min(end_s, plate_s + max(recipe.number("zone_m"), variant.route_length))
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
-        leader = self._leader(task, lane, front, minimum)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
             signs=(sign,), target=sign.id,
             start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
-            extra=leader, drivers=no_slower(task.drivers, minimum + recipe.number("others_above_kmh")),
-            blocked=((lane.id, start.s, front + recipe.number("leader_clear_m")),) if leader else (),
+            closed_edges=frozenset(network.edges),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
@@ -92,17 +87,3 @@ class MinSpeedPlacement(ScenePlacement):
         value = sign.posted - recipe.number("contrast_below_kmh")
         other = replace(sign, code=recipe.choices["contrast_plates"][0], value=value)
         return replace(signed, signs=(other,))
-
-    @staticmethod
-    def _leader(task: SceneTask, lane: Lane, front: float, minimum: float) -> tuple[etree._Element, ...]:
-        """The slower leader's type and vehicle; () in most scenes."""
-        recipe = task.recipe
-        if float(task.rng.uniform()) >= recipe.number("leader_share"):
-            return ()
-        length, width = BODIES["m"]
-        speed = (minimum - recipe.number("leader_below_kmh")) * KMH
-        driver = replace(task.drivers[0], speed=speed, length=length, width=width)
-        place = front + recipe.number("leader_gap_m") + length
-        return moving_car(
-            "leader_0", driver, lane.order, place * lane.length / lane.line.length, (lane.edge,)
-        )

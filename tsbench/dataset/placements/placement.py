@@ -33,6 +33,10 @@ class UnfitMapError(Exception):
     """This map can't carry the type; the message is the reason that is kept."""
 
 
+class UnluckyDrawError(UnfitMapError):
+    """This draw of a variant came to nothing; another one may."""
+
+
 @dataclass(frozen=True)
 class ConvoySetup:
     """A convoy before its lead was timed. `places`: fronts on `lane` (id), lead first; `edges`: its route.

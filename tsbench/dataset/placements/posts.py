@@ -20,6 +20,7 @@ from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.geometry.polyline import Polyline
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 # Room before an arm's line and behind its start, from a line to a plate at it, and from post to post.
@@ -29,8 +30,8 @@ _APART_M = 8.0
 _OFF_M = 0.5
 # Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
 _BEHIND_M = 2.0
-# Places that are tried on each edge; at a junction, where the post must be in sight from the ego's line, too.
-_TRIES, TRIES_AT_JUNCTION = 4, 16
+# Places that are tried on each edge.
+TRIES = 16
 
 
 def place_along(code: str, length: float, task: SceneTask) -> float:
@@ -58,32 +59,10 @@ def shuffled(words: Sequence[str], task: SceneTask) -> list[str]:
     return [words[int(k)] for k in task.rng.permutation(len(words))]
 
 
-def free_posts(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int, within_m: float
-) -> list[SignInstance]:
-    """Up to `count` posts beside edges, spread over them and apart from all others.
-
-    within_m: of the ego's start, at a junction of its line, too.
-    """
-    found: list[SignInstance] = []
-    at_junction = task.row.family == "junction"
-    for edge in shuffled(edges, task) * (TRIES_AT_JUNCTION if at_junction else _TRIES):
-        if len(found) == count:
-            break
-        line = task.network.edge_lanes(edge)[0].line
-        post = bare_post(
-            task, arrangement, edge, float(task.rng.uniform(_CLEAR_M, line.length - _CLEAR_M)), len(found)
-        )
-        near = in_sight(task, arrangement, post, within_m)
-        if on_its_place(post, line) and near and is_apart(post, (*arrangement.signs, *found)):
-            found.append(post)
-    return found
-
-
-def in_sight(task: SceneTask, arrangement: Arrangement, post: SignInstance, within_m: float) -> bool:
+def in_sight(task: SceneTask, start: EgoStart, post: SignInstance, within_m: float) -> bool:
     """Is a post near enough to the ego's start, and at a junction to its line too?"""
-    way = task.network.lane(arrangement.start.lane).line
-    places = (arrangement.start.s, *((way.length,) if task.row.family == "junction" else ()))
+    way = task.network.lane(start.lane).line
+    places = (start.s, *((way.length,) if task.row.family == "junction" else ()))
     return all(math.dist(way.point_at(s), (post.x, post.y)) < within_m for s in places)
 
 
@@ -93,7 +72,7 @@ def on_its_place(post: SignInstance, line: Polyline) -> bool:
 
 
 def is_apart(post: SignInstance, others: Sequence[SignInstance]) -> bool:
-    return all(math.dist((post.x, post.y), (other.x, other.y)) > _APART_M for other in others)
+    return all(math.dist((post.x, post.y), (other.x, other.y)) >= _APART_M for other in others)
 
 
 def behind_ego(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:
@@ -131,7 +110,7 @@ def _drawn(
     task: SceneTask, arrangement: Arrangement, posts: Sequence[SignInstance], count: int
 ) -> list[SignInstance]:
     """Up to `count` of the posts, in their order: those that are apart from an arrangement's plates."""
-    free = [p for p in posts if all(math.dist((p.x, p.y), (q.x, q.y)) >= _APART_M for q in arrangement.signs)]
+    free = [p for p in posts if is_apart(p, arrangement.signs)]
     chosen = sorted(task.rng.permutation(len(free))[:count].tolist())
     return [bare_post(task, arrangement, free[n].edge, free[n].position_m, k) for k, n in enumerate(chosen)]
 
@@ -156,13 +135,6 @@ def leading_to(task: SceneTask, arrangement: Arrangement) -> list[str]:
     if task.row.family in ("corridor", "roundabout"):
         return list(beside_ways(task, arrangement))
     return [name for name in beside_ways(task, arrangement) if leads(name)]
-
-
-def leading_away(task: SceneTask, arrangement: Arrangement) -> list[str]:
-    """Edges with cars, on none of the ego's ways, by which others leave the first junction."""
-    edges = task.network.edges
-    junction = edges[arrangement.route_hint[0]].target
-    return [name for name in beside_ways(task, arrangement) if edges[name].source == junction]
 
 
 def _ways(arrangement: Arrangement) -> set[str]:

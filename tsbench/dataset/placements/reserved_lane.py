@@ -7,21 +7,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from lxml import etree
+
 from tsbench.dataset.maps.plain import PlainLane, PlainNet
 from tsbench.dataset.placements.corridor import split_edge
-from tsbench.dataset.placements.lane_users import lane_users
+from tsbench.dataset.placements.lane_users import user_driver
 from tsbench.dataset.placements.placement import (
     Arrangement,
-    ConvoySetup,
     ScenePlacement,
     SceneTask,
+    UnfitMapError,
     plate_beside,
     require,
     start_speed,
+    usual_limit,
 )
+from tsbench.dataset.scenes.elements import moving_vehicle
 from tsbench.dataset.scenes.recipe import Recipe
+from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
+from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
@@ -32,8 +39,10 @@ from tsbench.sim.world import EGO_LENGTH_M
 class ReservedLanePlacement(ScenePlacement):
     """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
 
-    In the contrast half it is the lane beside it. In both its users are on both lanes, and other traffic is on neither:
-    which one is theirs, only the plate says.
+    A second post stands on the other side of the road and faces oncoming traffic, whose rightmost lane it may
+    reserve.
+    The halves exchange the two posts' plates, a reserved lane and a usual limit. Users drive on the oncoming lane
+    alone, and no other vehicle drives on either lane: which one is theirs, only the plates say.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -50,60 +59,76 @@ class ReservedLanePlacement(ScenePlacement):
         return plate, min(plate + recipe.number("zone_most_m"), length - after)
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The corridor in three parts; in the middle one no car of others uses the two rightmost lanes."""
+        """Both directions in three parts; in the middle ones no car of others uses the rightmost lane."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
-        motorway = row.road_class.startswith("motorway")
-        require(not (motorway and self.users == "bicycle"), "no bicycles on a motorway")
+        other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
+        if other is None:
+            raise UnfitMapError("no other direction, where the other half's plate faces")
+        require(other.num_lanes >= recipe.number("least_lanes"), f"{other.num_lanes} oncoming lanes")
         plate, end = self._zone(row, recipe)
         run_up_room(plate, recipe)
+        road = Polyline(next(e.shape for e in plain.edges if e.id == row.fields["edge"]))
+        beside = plate - recipe.number("facing_before_plate_m")
+        ends = beside, max(beside - recipe.number("zone_most_m"), recipe.number("least_destination_m"))
+        line = Polyline(other.shape)
         net, (_, zone, _) = split_edge(plain, row.fields["edge"], (plate, end))
-        lanes = tuple(PlainLane(k, allow=self.users) for k in range(2))
-        return replace(net, edges=tuple(replace(e, lanes=lanes) if e.id == zone else e for e in net.edges))
+        cuts = [line.project(*road.point_at(s))[0] for s in ends]
+        require(0.0 < cuts[0] < cuts[1] < line.length, "the two directions do not run side by side")
+        net, (_, facing, _) = split_edge(net, other.id, cuts)
+        lanes = (PlainLane(0, allow=self.users),)
+        edges = (replace(e, lanes=lanes) if e.id in (zone, facing) else e for e in net.edges)
+        return replace(net, edges=tuple(edges))
 
     def place(self, task: SceneTask) -> Arrangement:
-        """The ego 60 to 100 m before the plate in the lane that it reserves; users in the zone."""
+        """The ego 60 to 100 m before the plate in the lane that it reserves; users come towards it."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         first, zone, last = (f"{row.fields['edge']}.{k}" for k in range(3))
+        facing, beyond = (f"{row.fields['opposite']}.{k}" for k in (1, 2))
         lane, reserved = network.edge_lanes(first)[0], network.edge_lanes(zone)[0]
         start = start_before_plate(task, lane.id, lane.line.length)
         sign = plate_beside(
             network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)), lane=0
         )
+        other = usual_limit(network, recipe.choices["harmless"][0], (facing, 0.0), (facing, zone))
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = min(
             max(variant.route_length - reserved.line.length, recipe.number("least_destination_m")), room
         )
         return Arrangement(
-            signs=(sign,), target=sign.id, start=start, destination=Destination(last, end_s),
+            signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, zone, last), route_length=reserved.line.length + end_s,
-            convoy=_side_by_side(
-                lane_users(task, self.users, reserved, (zone, last), lane, start, oncoming=False),
-                network.edge_lanes(zone)[1].id,
-            ),
+            extra=_users(task, self.users, network.edge_lanes(facing)[0], (facing, beyond)),
             blocked=((lane.id, start.s, lane.line.length),),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The plate speaks of the lane beside the ego's."""
-        (sign,) = signed.signs
-        params = sign.params_as(ReservedLaneParams)
-        beside = task.network.edge_lanes(sign.edge)[1].id
+        """The two plates exchanged: the oncoming lane is reserved, and the ego stays in its own."""
+        del task
+        plate, other = signed.signs
+        params = plate.params_as(ReservedLaneParams)
         stay = WayParams(params.approach, lanes=params.lanes)
         return replace(
-            signed,
-            signs=(replace(sign, lane=1, params=replace(params, lanes=(beside,))),),
+            signed, target=other.id,
+            signs=(
+                replace(plate, code=other.code, value=other.value, lane=ALL_LANES, role=DISTRACTOR, params=None),
+                replace(other, code=plate.code, value=None, lane=plate.lane, role=TARGET),
+            ),
             contrast=(ContrastClause("needless_detour", stay),),
-        )
+        )  # fmt: skip
 
 
-def _side_by_side(convoy: ConvoySetup, beside: str) -> ConvoySetup:
-    """Each user with another one on the lane beside its own."""
-    return replace(
-        convoy,
-        drivers=tuple(d for d in convoy.drivers for _ in range(2)),
-        places=tuple(p for p in convoy.places for _ in range(2)),
-        lanes=(convoy.lane, beside) * len(convoy.places),
-    )
+def _users(task: SceneTask, vclass: str, lane: Lane, edges: tuple[str, ...]) -> tuple[etree._Element, ...]:
+    """Buses or cyclists on the oncoming lane, a headway from each other, the last near its beginning."""
+    driver, counts = user_driver(task.recipe), task.recipe.choices["users"]
+    asked = int(counts[task.variant.layout % len(counts)])
+    first = driver.length + float(task.rng.uniform(0.0, task.recipe.number("user_jitter_m")))
+    step = max(driver.speed * task.recipe.number("user_headway_s"), driver.length + driver.gap)
+    places = [first + k * step for k in range(asked)]
+    elements: list[etree._Element] = []
+    for k, s in enumerate(p for p in places if p < lane.line.length - 1.0):
+        place = s * lane.length / lane.line.length
+        elements += moving_vehicle(f"user_{k}", driver, vclass, lane.order, place, edges)
+    return tuple(elements)
 
 
 def run_up_room(plate: float, recipe: Recipe) -> float:

@@ -28,6 +28,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
+from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -42,14 +43,16 @@ def needed_kmh(limit: float) -> float:
     return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
 
 
-def _usual_kmh() -> float:
-    """What may be driven in the city where nothing else is posted."""
-    return class_speeds(types_file())["highway.tertiary"] / KMH
+def _no_faster(drivers: Sequence[Driver], most_kmh: float) -> tuple[Driver, ...]:
+    """Drivers who keep to a limit, the same in both halves."""
+    return tuple(replace(d, speed=min(d.speed, most_kmh * KMH)) for d in drivers)
 
 
-def no_slower(drivers: Sequence[Driver], least_kmh: float) -> tuple[Driver, ...]:
-    """Drivers ahead that give the ego no excuse to be slower: the same in both halves."""
-    return tuple(replace(d, speed=max(d.speed, least_kmh * KMH)) for d in drivers)
+def can_post(row: PoolRow, code: str, value: float) -> bool:
+    """Can a plate set this value on a road of the map's class?"""
+    allowed = load_places().allowed_speeds(road_class=row.road_class, code=code)
+    value = load_catalog().sign(code).effective_value(value) or value
+    return allowed is None or value in allowed
 
 
 def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
@@ -64,8 +67,9 @@ class SpeedZonePlacement(ScenePlacement):
     """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
 
     The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the
-    contrast half a higher value is posted, to which the road's own traffic keeps. Others drive alike in both halves,
-    as the road's limit allows: from them nobody learns what is posted.
+    contrast half a higher value is posted. All values are those of the road's class. No other vehicle drives in the
+    ego's direction; oncoming vehicles keep to the lower limit in both halves, because the other half's plates face
+    them. Other traffic thus breaks no plate and does not reveal what is posted.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -83,6 +87,7 @@ class SpeedZonePlacement(ScenePlacement):
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
+        require(not row.oneway, "no other direction, where the other half's plates face")
         expected = class_speeds(types_file()).get(f"highway.{row.road_class}", math.nan)
         require(
             abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class"
@@ -94,11 +99,14 @@ class SpeedZonePlacement(ScenePlacement):
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
-        bend, below = _bend_kmh(network, zone), recipe.number("below_road_kmh")
-        # Those of which the city's usual limit leaves room, all or none: so each value is there as often.
-        limits = [v for v in recipe.choices["limits_kmh"] if v + below <= _usual_kmh() + 0.5]
-        fits = bool(limits) and max(limits) + below <= row.speed_mps / KMH + 0.5
-        require(fits, f"the road's own limit is {row.speed_mps / KMH:.0f} km/h")
+        bend, road = _bend_kmh(network, zone), row.speed_mps / KMH
+        most = road - recipe.number("below_road_kmh") + 0.5
+        limits = [
+            v
+            for v in recipe.choices["limits_kmh"]
+            if v <= most and can_post(row, self.code, v) and self._others(row, recipe, v)
+        ]
+        require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
         require(needed_kmh(max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
         limit = float(limits[variant.value % len(limits)])
         v = limit * KMH
@@ -120,16 +128,19 @@ class SpeedZonePlacement(ScenePlacement):
         return Arrangement(
             signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
             route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
-            drivers=no_slower(task.drivers, needed_kmh(limit)),
+            drivers=_no_faster(task.drivers, limit), closed_edges=frozenset(edges),
         )  # fmt: skip
 
+    def _others(self, row: PoolRow, recipe: Recipe, limit: float) -> list[float]:
+        """Values of the contrast half for a limit, km/h."""
+        least = recipe.number("contrast_ratio") * limit - 0.5
+        code = self.other_codes[0]
+        return [v for v in recipe.choices["contrast_kmh"] if v >= least and can_post(row, code, v)]
+
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """A value of at least 1.6 times as much, and of no less than the road's own."""
+        """A value of at least 1.6 times as much."""
         first, end = signed.signs
-        recipe, road = task.recipe, task.row.speed_mps / KMH
-        least = max(recipe.number("contrast_ratio") * first.posted, road)
-        values = [v for v in recipe.choices["contrast_kmh"] if v >= least - 0.5]
-        require(bool(values), f"no value for a road of {road:.0f} km/h")
+        road, values = task.row.speed_mps / KMH, self._others(task.row, task.recipe, first.posted)
         value = float(values[task.variant.plate % len(values)])
         zone = first.params_as(ZoneParams).zone_edges[:-1]
         length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)

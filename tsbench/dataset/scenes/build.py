@@ -148,7 +148,7 @@ class TypeBuilder:
 
     def candidates(self, rows: Sequence[PoolRow], split: str) -> list[PoolRow]:
         """Maps of the split that the recipe's family takes and the city has not withdrawn, in the order of trying."""
-        name, last = self.recipe.type.id, self.recipe.two_way_first
+        name = self.recipe.type.id
         usable = [
             r
             for r in rows
@@ -158,12 +158,7 @@ class TypeBuilder:
         ]
         return sorted(
             usable,
-            key=lambda r: (
-                last and r.oneway,
-                not r.well_tagged,
-                seed_of("candidate", name, r.map_id),
-                r.map_id,
-            ),
+            key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id),
         )
 
     def fill(

@@ -93,12 +93,12 @@ def convoy_elements(
     return elements
 
 
-def moving_car(
-    name: str, driver: Driver, lane_order: int, place: float, edges: Sequence[str]
+def moving_vehicle(
+    name: str, driver: Driver, vclass: str, lane_order: int, place: float, edges: Sequence[str]
 ) -> tuple[etree._Element, etree._Element]:
-    """A car of the scene's own and its type: at time 0 its front is at `place` and it drives at its cruise speed."""
+    """A vehicle of the scene's own and its type: at time 0 its front is at `place`, at its cruise speed."""
     vehicle = _vehicle(name, f"{name}_type", lane_order, place, driver.speed, edges)
-    return _vtype(f"{name}_type", driver, "yellow"), vehicle
+    return _vtype(f"{name}_type", driver, "yellow", vclass), vehicle
 
 
 def walker_elements(

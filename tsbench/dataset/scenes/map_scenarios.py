@@ -16,10 +16,11 @@ from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.counterparts import with_same_plates
 from tsbench.dataset.placements.distractors import distractors
-from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
+from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
 from tsbench.dataset.scenes.drivers import draw_drivers
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter, UnluckyDrawError
+from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter
+from tsbench.dataset.scenes.traffic import lane_km
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import LaneGraph
@@ -77,9 +78,10 @@ class MapScenarios:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """One draw of a variant: its row, or its pair's two. density: realised cars per lane-km."""
+    """One draw of a variant: its row, or its pair's two. asked, density: cars per lane-km, wanted and realised."""
 
     rows: tuple[ScenarioSpec, ...]
+    asked: float
     density: float
 
 
@@ -144,7 +146,7 @@ class SiteBuilder:
                 continue
             if self.prover is None:
                 return drawn, ()
-            found = self._prove(self.prover, drawn, attempt, variant)
+            found = self._prove(self.prover, drawn, attempt)
             reason = next(filter(None, map(_why_not, drawn.rows, found)), "")
             if reason:
                 self._rejected.append(reason)
@@ -158,14 +160,11 @@ class SiteBuilder:
             raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {reason}")
         return self._draw(row, roads, folder, variant, split, spare[0].attempt), spare
 
-    def _prove(
-        self, prover: Prover, drawn: _Drawn, attempt: int, variant: Variant
-    ) -> tuple[Certificate, ...]:
+    def _prove(self, prover: Prover, drawn: _Drawn, attempt: int) -> tuple[Certificate, ...]:
         """One certificate a row; a contrast half is looked at only where the signed one is what it should be."""
         found: list[Certificate] = []
         for spec in drawn.rows:
-            asked = variant.cars_per_lane_km
-            found.append(prover.prove(spec, self.recipe.blind_baseline, attempt, asked, drawn.density))
+            found.append(prover.prove(spec, self.recipe.blind_baseline, attempt, drawn.asked, drawn.density))
             if _why_not(spec, found[-1]):
                 return tuple(found)
         return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)
@@ -203,17 +202,20 @@ class SiteBuilder:
             alone = [files(half, a).placed_plates(None) for half, a in halves.items()]
             both = with_same_plates(there, halves[SIGNED], contrast, alone)
             halves = dict(zip(halves, both, strict=True))
-        others = files(SIGNED, halves[SIGNED]).measure(variant.cars_per_lane_km, recipe.horizon * DT_S)
+        if not lane_km(there.network, halves[SIGNED].closed_edges):
+            variant = replace(variant, density=0.0)
+        asked = variant.cars_per_lane_km
+        others = files(SIGNED, halves[SIGNED]).measure(asked, recipe.horizon * DT_S)
         # Plates that need not be there are drawn last: no vehicle of either half may break one.
         placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
         more = distractors(there, halves[SIGNED], placed)
         spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
         if CONTRAST not in halves:
-            return _Drawn((spec,), others.density)
+            return _Drawn((spec,), asked, others.density)
         spec = replace(spec, pair_id=spec.scenario_id)
         other = written(CONTRAST, _with_plates(halves[CONTRAST], more), others)
         other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
-        return _Drawn((spec, other), others.density)
+        return _Drawn((spec, other), asked, others.density)
 
     def _row(
         self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement,

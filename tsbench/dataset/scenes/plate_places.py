@@ -60,6 +60,15 @@ class PlateHere:
         on = other.edge in self.ahead.edges
         return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
 
+    def is_at_target(self, rule: str) -> bool:
+        """Does the plate regulate the junction of the target, whose rule has this name?"""
+        roads = self.scene.roads
+        return any(
+            roads.approach(edge=p.edge, s=p.position_m).junction == self.ahead.junction
+            for p in self.scene.plates
+            if p.role == TARGET and load_catalog().sign(p.code).rule.name == rule
+        )
+
     @property
     def farthest(self) -> float:
         """How far before its line, crossing or obstacle the sign may stand."""
@@ -116,10 +125,14 @@ def _one_way_across(here: PlateHere) -> str:
     if not here.ahead.junction:
         return ""
     allowed = here.sign.rule.options["allowed"]
-    side = RIGHT if RIGHT in allowed else LEFT
-    if here.scene.roads.crossing_one_way(approach=here.ahead.edges[-1], side=side):
-        return ""
-    return f"the crossing road is not one-way to the {side}"
+    side, other = (RIGHT, LEFT) if RIGHT in allowed else (LEFT, RIGHT)
+    across = here.scene.roads.across(here.ahead.edges[-1])
+    onto, against = across[side][0], across[other][0] | across[side][1]
+    if onto and here.is_at_target("one_way_exit"):
+        # That road has lanes both ways in both halves, and no vehicle uses it.
+        used = [v.id for v in here.scene.vehicles if not against.isdisjoint(v.edges)]
+        return f"{used[0]} drives against it on the crossing road" if used else ""
+    return "" if onto and not against else f"the crossing road is not one-way to the {side}"
 
 
 def _obstacle(here: PlateHere) -> str:
@@ -230,6 +243,23 @@ def _ring(here: PlateHere) -> str:
     return "no ring is there"
 
 
+def _alone(here: PlateHere) -> str:
+    for plate in here.scene.plates:
+        other = PlateHere(here.scene, plate)
+        if plate.id == here.plate.id or other.sign.is_end or other.sign.rule.name != here.sign.rule.name:
+            continue
+        for first, second in ((here, other), (other, here)):
+            if first.is_before(second.plate) and not _is_over(first, second.plate):
+                return f"{plate.code} stands on the same road"
+    return ""
+
+
+def _is_over(here: PlateHere, before: SignInstance) -> bool:
+    """Does an end of the plate stand between it and another plate?"""
+    ends = (p for p in here.scene.plates if p.code in here.sign.rule.ended_by and here.is_before(p))
+    return any(PlateHere(here.scene, p).is_before(before) for p in ends)
+
+
 _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
     {
         "line": _line,
@@ -249,5 +279,6 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "not_before_yield": _not_before_yield,
         "crossing": _crossing,
         "ring": _ring,
+        "alone": _alone,
     }
 )

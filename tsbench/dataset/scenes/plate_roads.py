@@ -12,10 +12,10 @@ from functools import cached_property
 from itertools import pairwise
 from operator import attrgetter
 
-from tsbench.geometry.angles import STRAIGHT, U_TURN, wrap
+from tsbench.geometry.angles import LEFT, RIGHT, U_TURN, turn_class, wrap
 from tsbench.roads.lane_graph import LaneGraph, heading_change
 from tsbench.roads.network import Edge, RoadNetwork
-from tsbench.signs.places import Distances
+from tsbench.signs.places import Distances, load_places
 
 _MOST_EDGES = 40
 
@@ -156,18 +156,30 @@ class PlateRoads:
             if lanes[c.from_lane].edge == approach and lanes[c.to_lane].edge in ways
         )
 
-    def crossing_one_way(self, *, approach: str, side: str) -> bool:
-        """Is the road across the end of an approach one-way, towards a side (LEFT, RIGHT)?
-
-        Then a way leads to that side, cars neither come from there nor leave to the other side.
-        """
+    def across(self, approach: str) -> dict[str, tuple[frozenset[str], frozenset[str]]]:
+        """The road across an approach's end, by side (LEFT, RIGHT): edges that lead there and that come from there."""
         node = self.network.edges[approach].target
-        two_way = self._pairs.get(node, {}).values()
-        out = [e for e in self._at[node][1] if e != self._way_back(approach)]
-        turns = {e: self.graph.turn(approach, e) for e in out}
-        onto = [e for e, turn in turns.items() if turn == side]
-        aside = [e for e, turn in turns.items() if turn not in (side, STRAIGHT, U_TURN)]
-        return bool(onto) and not aside and not any(e in two_way for e in onto)
+        into, out = self._at[node]
+        pairs = self._pairs[node]
+        onto: dict[str, set[str]] = {LEFT: set(), RIGHT: set()}
+        from_: dict[str, set[str]] = {LEFT: set(), RIGHT: set()}
+        for e in out:
+            if e != pairs.get(approach) and (turn := self._turn(approach, e)) in onto:
+                onto[turn].add(e)
+        for e in into:
+            # A way back over the arm would leave by the side from which the edge comes.
+            turn = self._turn(approach, pairs[e]) if e in pairs else self._turn(approach, e, back=True)
+            if e != approach and turn in from_:
+                from_[turn].add(e)
+        return {side: (frozenset(onto[side]), frozenset(from_[side])) for side in onto}
+
+    def _turn(self, approach: str, edge: str, *, back: bool = False) -> str:
+        """Class of the turn from an approach into an edge; back: against the direction of an edge that comes in."""
+        if not back:
+            return turn_class(math.degrees(heading_change(self.network, approach, edge)))
+        a, b = (self.network.edge_lanes(e)[0].line for e in (approach, edge))
+        ends = (line.heading_at(max(line.length - 1.0, 0.0)) for line in (b, a))
+        return turn_class(math.degrees(math.pi + next(ends) - next(ends)))
 
     def leads_to_ring(self, approach: str) -> bool:
         """Is the junction at the end of an approach an entry of a ring?"""
@@ -195,6 +207,11 @@ class PlateRoads:
         line = self.network.edge_lanes(edge)[0].line
         headings = [line.heading_at(s) for s in _places(line.length)]
         return sum(wrap(b - a) for a, b in pairwise(headings))
+
+
+def plate_roads(network: RoadNetwork, graph: LaneGraph) -> PlateRoads:
+    """The roads of a network by the table's distances."""
+    return PlateRoads(network=network, graph=graph, distances=load_places().distances)
 
 
 def _places(length: float) -> list[float]:

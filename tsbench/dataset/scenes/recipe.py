@@ -15,8 +15,7 @@ from tsbench.signs.catalog import Catalog, ScenarioType
 
 SCHEMA_VERSION = 1
 _KEYS = {"schema", "type", "placement", "horizon", "maps", "numbers", "choices"}
-_FLAGS = ("paired", "two_way_first")
-_MAY = {"blind_baseline", "violating_baseline", *_FLAGS}
+_MAY = {"blind_baseline", "violating_baseline", "paired"}
 # Least and most of a number, and its unit, by the end of its name; what has none of these ends is a count.
 _RANGES = {
     "_m": (0.0, 1000.0, "m"), "_mps": (0.1, 60.0, "m/s"), "_kmh": (1.0, 200.0, "km/h"), "_mps2": (0.1, 10.0, "m/s2"),
@@ -49,7 +48,6 @@ class Recipe:
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
     (docs/spec/scenes.md, "Certification"). violating_baseline: a driver that should break it in a draw, "" = none. It
     is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
-    two_way_first: are maps of roads with two directions tried before others?
     """
 
     type: ScenarioType
@@ -61,7 +59,6 @@ class Recipe:
     blind_baseline: str = "idm"
     violating_baseline: str = ""
     paired: bool = False
-    two_way_first: bool = False
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -84,10 +81,9 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     for key in ("maps", "numbers", "choices"):
         if not isinstance(data[key], dict) or not all(isinstance(name, str) for name in data[key]):
             raise InputError(f"{path}: {key}: must be a mapping of names")
-    for key in _FLAGS:
-        if not isinstance(data.get(key, False), bool):
-            raise InputError(f"{path}: {key}: must be true or false, not {data[key]!r:.80}")
-    for key in ("placement", *(_MAY - set(_FLAGS) & set(data))):
+    if not isinstance(data.get("paired", False), bool):
+        raise InputError(f"{path}: paired: must be true or false, not {data['paired']!r:.80}")
+    for key in ("placement", *sorted(_MAY - {"paired"} & set(data))):
         if not isinstance(data[key], str):
             raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
     if data["schema"] != SCHEMA_VERSION or data["type"] != type_id:
@@ -121,7 +117,6 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
         blind_baseline=str(data.get("blind_baseline", "idm")),
         violating_baseline=str(data.get("violating_baseline", "")),
         paired=data.get("paired", False),
-        two_way_first=data.get("two_way_first", False),
     )
 
 

@@ -9,7 +9,12 @@ from lxml import etree
 
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.dataset.placements.placement import Arrangement, ConvoySetup, UnfitMapError
+from tsbench.dataset.placements.placement import (
+    Arrangement,
+    ConvoySetup,
+    UnfitMapError,
+    UnluckyDrawError,
+)
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time, load_files
@@ -37,10 +42,6 @@ from tsbench.sim.sumo import Simulation
 
 DENSITY_GOAL = 0.1
 REHEARSALS = 4
-
-
-class UnluckyDrawError(UnfitMapError):
-    """This draw of a variant came to nothing; another one may."""
 
 
 @dataclass(frozen=True)
@@ -142,9 +143,10 @@ class SceneFileWriter:
     def _traffic(
         self, fixed: list[etree._Element], asked: float, duration_s: float
     ) -> tuple[list[Car], float]:
+        a, network, graph = self.a, self.roads.network, self.roads.graph
         if not asked:
             return [], 0.0
-        a, network, graph = self.a, self.roads.network, self.roads.graph
+        length = lane_km(network, a.closed_edges)
         ask = TrafficRequest(
             asked,
             self.drivers,
@@ -156,7 +158,6 @@ class SceneFileWriter:
             a.closed_edges,
             a.quiet_s,
         )
-        length = lane_km(network, a.closed_edges)
         goal = target = asked * length
         best: tuple[float, list[Car]] | None = None
         for rehearsal in range(REHEARSALS):
