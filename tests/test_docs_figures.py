@@ -79,6 +79,9 @@ def test_the_page_of_figures_is_that_of_the_data(tmp_path: Path) -> None:
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert page.read_bytes() == (DOCS / "dataset.md").read_bytes(), (
-        "tsbench scenarios stats --markdown docs/dataset.md"
-    )
+    for made in (page, *(tmp_path / "tables").iterdir()):
+        committed = DOCS / made.relative_to(tmp_path)
+        assert made.read_bytes() == committed.read_bytes(), (
+            "tsbench scenarios stats --markdown docs/dataset.md"
+        )
+    assert len(list((tmp_path / "tables").iterdir())) == 4

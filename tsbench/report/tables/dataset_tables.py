@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -16,6 +17,7 @@ _SHARES = {
     "tagged": "tagged_share", "solvable": "solvable", "tempting": "tempting", "engaged": "engaged", "sane": "sane",
     "again": "reproduced",
 }  # fmt: skip
+_REASONS = ("maps passed over, by reason", "draws passed over")
 
 
 def dataset_tables(
@@ -61,9 +63,7 @@ def dataset_tables(
         for e in report
         for kind, split in [(str(e["type_id"]), str(e["split"]))]
     )
-    heads = text_columns(
-        "type", "split", "maps by stratum", "quota missed", "maps passed over, by reason", "draws passed over"
-    )
+    heads = text_columns("type", "split", "maps by stratum", "quota missed", *_REASONS)
     quotas = "Quotas, and why maps were passed over while they were filled"
     return (
         Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
@@ -128,10 +128,18 @@ def _tagging_note(found: Sequence[Tagging]) -> str:
     return goal + "Routing types, " + "; ".join(parts) + reason if parts else ""
 
 
-def dataset_page(tables: Sequence[Analysis]) -> str:
-    """The page docs/dataset.md."""
-    head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
-    return "\n".join([head, *map(to_markdown, tables)])
+def dataset_page(tables: Sequence[Analysis], folder: str) -> str:
+    """The page docs/dataset.md: of each table the rows of the test split, and a link to the whole table in `folder`."""
+    parts = ["# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"]
+    for analysis in tables:
+        table, link = analysis.table, f"{folder}/{analysis.name}.csv"
+        # What a map was passed over for is too long for a page.
+        columns = tuple(c for c in table.columns if c.key not in _REASONS)
+        split = [c.key for c in table.columns].index("split")
+        rows = tuple(Row(r.cells[: len(columns)]) for r in table.rows if r.cells[split] == "test")
+        parts.append(to_markdown(replace(analysis, table=replace(table, columns=columns, rows=rows))))
+        parts.append(f"The table shows the test split. All splits, all columns: [`{link}`]({link}).\n")
+    return "\n".join(parts)
 
 
 def _percent(share: float) -> str:
