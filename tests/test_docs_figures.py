@@ -37,9 +37,7 @@ def halves(split: str) -> tuple[int, int]:
 @pytest.mark.parametrize("split", SPLITS)
 def test_a_split_has_the_rows_that_the_page_says(split: str) -> None:
     signed, contrast = halves(split)
-    assert cells("docs/scenarios.md", f"`{split}`") == [
-        f"{n:,}" for n in (signed, contrast, signed + contrast)
-    ]
+    assert cells("docs/scenes.md", f"`{split}`") == [f"{n:,}" for n in (signed, contrast, signed + contrast)]
 
 
 def test_the_pool_has_the_rings_that_the_page_says() -> None:

@@ -23,7 +23,8 @@ def tables(page: str) -> list[list[Row]]:
     """All tables of a page: rows as dicts by the heads of their columns, marks (** and `) taken away."""
     found: list[list[Row]] = []
     head: list[str] = []
-    for line in [*(SPEC / page).read_text(encoding="utf-8").splitlines(), ""]:
+    path = next(path for path in (SPEC / page, SPEC.parent / page) if path.is_file())
+    for line in [*path.read_text(encoding="utf-8").splitlines(), ""]:
         if not line.startswith("|"):
             head = []
             continue
