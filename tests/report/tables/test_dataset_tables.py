@@ -58,8 +58,8 @@ def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
     assert "1,200 rows (test 400, train 800)" in page
     assert "| stop | test | 400 |" in page
     assert "| stop | train |" not in page
-    assert "| stop | test | T 12, X 8 | X 2 |" in page
     assert "](tables/dataset-rows.csv)" in page
+    assert "](tables/dataset-maps.csv)" in page
 
 
 def test_in_what_rows_differ() -> None:

@@ -17,7 +17,6 @@ _SHARES = {
     "tagged": "tagged_share", "solvable": "solvable", "tempting": "tempting", "engaged": "engaged", "sane": "sane",
     "again": "reproduced",
 }  # fmt: skip
-_REASONS = ("maps passed over, by reason", "draws passed over")
 
 
 def dataset_tables(
@@ -63,7 +62,9 @@ def dataset_tables(
         for e in report
         for kind, split in [(str(e["type_id"]), str(e["split"]))]
     )
-    heads = text_columns("type", "split", "maps by stratum", "quota missed", *_REASONS)
+    heads = text_columns(
+        "type", "split", "maps by stratum", "quota missed", "maps passed over, by reason", "draws passed over"
+    )
     quotas = "Quotas, and why maps were passed over while they were filled"
     return (
         Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
@@ -129,17 +130,22 @@ def _tagging_note(found: Sequence[Tagging]) -> str:
 
 
 def dataset_page(tables: Sequence[Analysis], folder: str) -> str:
-    """The page docs/dataset.md: of each table the rows of the test split, and a link to the whole table in `folder`."""
-    parts = ["# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"]
-    for analysis in tables:
-        table, link = analysis.table, f"{folder}/{analysis.name}.csv"
-        # What a map was passed over for is too long for a page.
-        columns = tuple(c for c in table.columns if c.key not in _REASONS)
-        split = [c.key for c in table.columns].index("split")
-        rows = tuple(Row(r.cells[: len(columns)]) for r in table.rows if r.cells[split] == "test")
-        parts.append(to_markdown(replace(analysis, table=replace(table, columns=columns, rows=rows))))
-        parts.append(f"The table shows the test split. All splits, all columns: [`{link}`]({link}).\n")
-    return "\n".join(parts)
+    """The page docs/dataset.md: the test split of the first table, and what stands in the files of all in `folder`."""
+    head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
+    first, *others = tables
+    split = [column.key for column in first.table.columns].index("split")
+    rows = tuple(row for row in first.table.rows if row.cells[split] == "test")
+    parts = [head, to_markdown(replace(first, table=replace(first.table, rows=rows)))]
+    parts.append(f"The table shows the test split. All splits: {_link(first, folder)}.\n\n## More tables\n")
+    for analysis in others:
+        columns = ", ".join(column.head for column in analysis.table.columns)
+        notes = "".join(f" {note.removesuffix('.')}." for note in analysis.notes if note)
+        parts.append(f"* {_link(analysis, folder)}: **{analysis.title}.** Columns: {columns}.{notes}")
+    return "\n".join(parts) + "\n"
+
+
+def _link(analysis: Analysis, folder: str) -> str:
+    return f"[`{folder}/{analysis.name}.csv`]({folder}/{analysis.name}.csv)"
 
 
 def _percent(share: float) -> str:
