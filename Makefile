@@ -261,6 +261,7 @@ lock:
 
 # The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
 docs: setup
+	rm -rf build/signs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 # The film at the top of README.md: both halves of a pair of the dev split, as two planners drive them.

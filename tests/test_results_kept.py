@@ -90,6 +90,8 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
     for page, said_there in blocks.items():
         text = "\n".join(said_there)
         assert filled(text, tmp_path / "made", tmp_path / "page.md") == text, page
+    for table in (tmp_path / "tables").iterdir():
+        assert table.read_bytes() == (ROOT / "docs" / "tables" / table.name).read_bytes(), table.name
 
 
 @pytest.mark.slow

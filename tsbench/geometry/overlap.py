@@ -45,7 +45,7 @@ def conflict_zone(
 ) -> ConflictZone | None:
     """The conflict zone of two paths, or None where their strips do not overlap by `min_area` m2.
 
-    Source: docs/spec/rules.md, "Geometry". Strips that overlap in several parts give the hull of all parts
+    Source: docs/rules.md, "Geometry". Strips that overlap in several parts give the hull of all parts
     on each path: a vehicle has cleared the zone only when it has cleared the last part. `min_depth` (m) takes
     away what is thinner: slivers between paths that lie side by side.
     """

@@ -1,6 +1,6 @@
 """Two planners compared over the same pairs and scenarios: differences, by type and group, and the pairs that flipped.
 
-Source: docs/spec/metrics.md, "Aggregation". Yes/no outcomes: exact McNemar, and a 95 % interval from those of the
+Source: docs/metrics.md, "Aggregation". Yes/no outcomes: exact McNemar, and a 95 % interval from those of the
 shares of pairs that either side alone passed (Newcombe 1998, Statistics in Medicine 17, 2635-2650). Others: a cluster
 bootstrap over places, drawn once for both. A difference that is not significant comes with the minimum detectable
 effect. Strict and completed figures go together.

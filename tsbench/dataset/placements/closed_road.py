@@ -1,6 +1,6 @@
 """Closed-road scenes: navigation leads into an exit that 3.2 closes, or closes for those who come out of it.
 
-Source: docs/spec/scenes.md, "Closed road". Units: m.
+Source: docs/scenes.md, "Closed road". Units: m.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Junction scenes where the ego gives way: its arm, the arms with priority, a convoy on one of these.
 
-Source: docs/spec/scenes.md, "Junction".
+Source: docs/scenes.md, "Priority at junctions".
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
-# Of a routing type's test maps at most this share is to be from the generalised extract (docs/spec/scenes.md).
+# Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
 GOAL = 0.3
 ROUTING = "routing"
 

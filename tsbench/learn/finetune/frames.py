@@ -1,4 +1,4 @@
-"""Frames of obedient drives: whose they are, and what is seen. Source: docs/spec/planners.md."""
+"""Frames of obedient drives: whose they are, and what is seen. Source: docs/finetuning.md."""
 
 from __future__ import annotations
 

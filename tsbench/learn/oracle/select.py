@@ -1,6 +1,6 @@
 """`tsbench oracle select`: of each scenario the best two drives that obeyed and arrived.
 
-Source: docs/spec/planners.md, "Oracle". Of the experts without a network (the IDM kind) only the fastest counts; drives
+Source: docs/oracle.md, "select". Of the experts without a network (the IDM kind) only the fastest counts; drives
 are ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of
 drives stand that of all tries and what they were made with: a collection can be begun again from these
 (`oracle_restore`).

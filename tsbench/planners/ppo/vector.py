@@ -1,6 +1,6 @@
 """The 275 numbers that `ppo` sees: 9 ego, 10 navigation, 16 neighbours, 240 lidar. Sign-blind.
 
-Source: docs/spec/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them is not:
+Source: docs/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them is not:
 that is `tsbench.adapters.metadrive.MetaDriveEyes`. All are about -1..1, float32:
 
 * ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the

@@ -1,6 +1,6 @@
 """SCD of every planner in tables: the main table with conventional metrics, by type, and above the floor.
 
-Published figures stand below a planner's own. Source of the floor: docs/spec/contrast.md, "What is reported".
+Published figures stand below a planner's own. Source of the floor: docs/contrast.md, "What is reported".
 """
 
 from __future__ import annotations
