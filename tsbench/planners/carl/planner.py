@@ -12,7 +12,7 @@ from tsbench.geometry.elementary import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.carl.engine import CarlEngine
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
-from tsbench.planners.common.batching import Infer, Records
+from tsbench.planners.common.batching import Infer, Records, check_device
 from tsbench.planners.common.quantiles import beta_quantile
 from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import Tensors, fitted
@@ -27,7 +27,6 @@ class Carl(LearnedPlanner):
     """The planner."""
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
-    # On a CPU a row of a batch costs nearly as much as alone: only a GPU is worth a process of its own.
     served_on: ClassVar[tuple[str, ...]] = ("cuda",)
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
@@ -65,6 +64,7 @@ class Carl(LearnedPlanner):
 def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
     import torch
 
+    check_device(device)
     from tsbench.planners.carl.network import CarlActor
 
     net = CarlActor()

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.batching import Infer
+from tsbench.planners.common.batching import Infer, check_device
 from tsbench.planners.plant2.control import Gains, control
 from tsbench.planners.plant2.engine import Plant2Engine
-from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
+from tsbench.planners.plant2.layout import RANGE_M, TOKENS, Record, Records
 from tsbench.planners.plant2.sizes import size_of
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
 from tsbench.planners.weights import fitted, network
@@ -26,16 +26,14 @@ HOLD_TICKS = 2
 class Plant2:
     """The planner. Its network plans every second tick; each tick follows the last plan from where the ego is.
 
-    infer: who answers its records; folder: of the weights of its own network (None: tsbench's).
+    infer: answers its records (None: its network on the CPU); folder: of that network's weights (None: tsbench's).
     """
 
     privileged = False
     sign_access = False
     weights: ClassVar[str] = "plant2"
     inputs: ClassVar[np.dtype[Any]] = TOKENS
-    outputs: ClassVar[np.dtype[Any]] = PLAN
     side_m: ClassVar[float] = RANGE_M
-    # On a CPU eight together cost half of eight alone, and the way to another process more than that.
     served_on: ClassVar[tuple[str, ...]] = ("cuda",)
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
@@ -53,7 +51,8 @@ class Plant2:
             return fitted(cls.weights, folder, lambda weights: Plant2Engine(size, weights))
         from tsbench.planners.plant2.torch_inference import inference, network_of
 
-        return fitted(cls.weights, folder, lambda weights: inference(network_of(size, weights), device))
+        check_device(device)
+        return inference(fitted(cls.weights, folder, lambda weights: network_of(size, weights)), device)
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""
