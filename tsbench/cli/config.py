@@ -51,17 +51,17 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
     return {called: {**found, **_options(asked, own, f"{path}: [{name}.{called}]")}}
 
 
-def values_of(command: click.Command, name: str, path: Path = FILE) -> dict[str, Any]:
+def values_of(command: click.Command, name: str) -> dict[str, Any]:
     """The same for Python: values as the command gets them, by parameter. Raises InputError for a wrong value."""
     context = click.Context(command, info_name=name)
     options = {option.name: option for option in _known(command).values()}
     found = {}
-    for parameter, value in defaults_of(command, [name], path).items():
+    for parameter, value in defaults_of(command, [name], FILE).items():
         try:
             found[parameter] = options[parameter].type_cast_value(context, value)
         except click.BadParameter as problem:
             key = long_name(options[parameter])
-            raise InputError(f"{path}: [{name}] {key}: {problem.message}") from None
+            raise InputError(f"{FILE}: [{name}] {key}: {problem.message}") from None
     return found
 
 

@@ -66,11 +66,9 @@ def with_same_plates(
         signed, contrast = (replace(half, **sent) for half in (signed, contrast))
         return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
     edges = leading_away(task, signed) if task.row.family == "junction" else leading_to(task, signed)
-    posts = free_posts(task, signed, edges, len(swaps), within_m=SIGN_RANGE_M)
+    posts = free_posts(task, signed, edges, len(swaps))
     if len(posts) < len(swaps) and task.row.family == "dual_path":
-        posts = free_posts(
-            task, signed, [*edges, *leading_away(task, signed)], len(swaps), within_m=SIGN_RANGE_M
-        )
+        posts = free_posts(task, signed, [*edges, *leading_away(task, signed)], len(swaps))
     if len(posts) < len(swaps) and _at_obstacle(swaps[-1][0][0]):
         posts = behind_ego(task, signed, len(swaps))
     posts.sort(key=lambda post: (post.edge, post.position_m))

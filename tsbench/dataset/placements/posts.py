@@ -59,11 +59,11 @@ def shuffled(words: Sequence[str], task: SceneTask) -> list[str]:
 
 
 def free_posts(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int, within_m: float
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int
 ) -> list[SignInstance]:
     """Up to `count` posts beside edges, spread over them and apart from all others.
 
-    within_m: of the ego's start, at a junction of its line, too.
+    They are in sight from the ego's start, and at a junction from its line.
     """
     found: list[SignInstance] = []
     at_junction = task.row.family == "junction"
@@ -74,7 +74,7 @@ def free_posts(
         post = bare_post(
             task, arrangement, edge, float(task.rng.uniform(_CLEAR_M, line.length - _CLEAR_M)), len(found)
         )
-        near = in_sight(task, arrangement, post, within_m)
+        near = in_sight(task, arrangement, post, SIGN_RANGE_M)
         if on_its_place(post, line) and near and is_apart(post, (*arrangement.signs, *found)):
             found.append(post)
     return found

@@ -157,6 +157,6 @@ def _check_choice(path: Path, where: str, entry: object, kind: Any) -> None:
             _check_choice(path, f"{where}: {part}", value, _PARTS[part])
 
 
-def recipe_types(folder: Path | None = None) -> tuple[str, ...]:
+def recipe_types() -> tuple[str, ...]:
     """Types that have a recipe, sorted."""
-    return tuple(sorted(p.stem for p in (folder or recipes_folder()).glob("*.yaml")))
+    return tuple(sorted(p.stem for p in recipes_folder().glob("*.yaml")))

@@ -22,9 +22,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.measurements import ahead, clip, motion, on_route, pace
 from tsbench.planners.common.recent import Recent
-from tsbench.planners.common.road_area import road_edges
 from tsbench.planners.common.route_speed import RouteSpeed
-from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
+from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar, road_edges
 from tsbench.roads.road_map import RoadMap
 
 Vector = npt.NDArray[np.float32]
