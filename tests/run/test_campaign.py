@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,10 +13,10 @@ from patience import HANG_S
 from run_helpers import Bench
 
 DEFAULTS = "defaults: {split: test, workers: 1, types: [speed_limit]}\n"
-SLOW, RAISES = "fake_planners:Slow", "fake_planners:Raises"
+GOOD, RAISES = "fake_planners:Good", "fake_planners:Raises"
 TWO = f"""{DEFAULTS}
 runs:
-  - {{name: first, planner: "{SLOW}"}}
+  - {{name: first, planner: "{GOOD}"}}
   - {{name: second, planner: "{RAISES}", mask-signs: true, trace: none}}
 analyses:
   - {{analysis: floor, name: above, runs: [second]}}
@@ -36,52 +37,58 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.*")}
 
 
+def tables(run: Path) -> list[bytes]:
+    return [(run / name).read_bytes() for name in TABLES]
+
+
 def table(folder: Path) -> list[tuple[str, str]]:
     with (folder / "analyses" / "campaign.csv").open(encoding="utf-8") as file:
         return [(row["run"], row["planner"]) for row in csv.DictReader(file)]
 
 
-def test_each_run_is_that_of_the_command_and_is_driven_once(bench: Bench) -> None:
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, make_data: Callable[[Path], Path]) -> Bench:
+    """A data folder with an undisturbed campaign in it."""
+    folder = tmp_path_factory.mktemp("whole")
+    bench = Bench(make_data(folder / "data"), folder)
     write(bench, TWO)
-    done = bench.run("campaign", "c.yaml", expect=1)  # of the error outcomes
+    done = bench.run("campaign", "c.yaml", expect=1)  # of the error outcome
     assert done.stdout.splitlines()[:2] == [
         "first: 20 of 20 episodes finished, 0 with an error outcome",
         "second: 20 of 20 episodes finished, 1 with an error outcome",
     ]
-    folder = bench.folder / "runs" / "c"
-    alone = ("run", "--split", "test", "--workers", "1", "--types", "speed_limit")
-    bench.run(*alone, "--planner", SLOW, "--out", "first")
-    bench.run(*alone, "--planner", RAISES, "--mask-signs", "--trace", "none", "--out", "second", expect=1)
-    for name in ("first", "second"):
-        for file in TABLES:
-            assert (folder / name / file).read_bytes() == (bench.folder / name / file).read_bytes()
-        ours, theirs = (manifest(one / name) for one in (folder, bench.folder))
-        assert ours["effective"] == theirs["effective"]
-    assert table(folder) == [("first", "Slow"), ("second", "Raises")]
+    return bench
+
+
+def test_a_run_is_that_of_the_command_and_is_driven_once(whole: Bench) -> None:
+    folder = whole.folder / "runs" / "c"
+    alone = ("--split", "test", "--workers", "1", "--types", "speed_limit", "--trace", "none")
+    whole.run("run", *alone, "--planner", RAISES, "--mask-signs", "--out", "second", expect=1)
+    assert tables(folder / "second") == tables(whole.folder / "second")
+    ours, theirs = (manifest(one / "second") for one in (folder, whole.folder))
+    assert ours["effective"] == theirs["effective"]
+    assert table(folder) == [("first", "Good"), ("second", "Raises")]
     assert "| Raises |" in (folder / "analyses" / "above.md").read_text()
 
     before = contents(folder)
-    again = bench.run("campaign", "c.yaml", expect=1)
+    again = whole.run("campaign", "c.yaml", expect=1)
     assert again.stderr.count("nothing is driven") == 2
     assert contents(folder) == before
 
 
-def test_it_stops_at_ctrl_c_and_goes_on(bench: Bench) -> None:
-    write(bench, TWO)
-    process = bench.start_paused(3, "campaign", "c.yaml", "--out", "stopped")
+def test_it_stops_at_ctrl_c_and_goes_on(whole: Bench) -> None:
+    process = whole.start_paused(3, "campaign", "c.yaml", "--out", "stopped")
     process.send_signal(signal.SIGINT)
-    bench.go()
+    whole.go()
     process.communicate(timeout=HANG_S)
     assert process.returncode == 130
-    stopped = bench.folder / "stopped"
+    stopped = whole.folder / "stopped"
     assert manifest(stopped / "first")["status"] == "interrupted"
     assert [path.name for path in stopped.iterdir()] == ["first"]
-    bench.run("campaign", "c.yaml", "--out", "stopped", expect=1)
-    assert manifest(stopped / "first")["status"] == manifest(stopped / "second")["status"] == "complete"
-    bench.run("campaign", "c.yaml", "--out", "whole", expect=1)
+    whole.run("campaign", "c.yaml", "--out", "stopped", expect=1)
     for name in ("first", "second"):
-        for file in TABLES:
-            assert (stopped / name / file).read_bytes() == (bench.folder / "whole" / name / file).read_bytes()
+        assert manifest(stopped / name)["status"] == "complete"
+        assert tables(stopped / name) == tables(whole.folder / "runs" / "c" / name)
 
 
 def test_the_command_line_goes_before_the_file(bench: Bench) -> None:
@@ -95,16 +102,18 @@ def test_the_command_line_goes_before_the_file(bench: Bench) -> None:
 
 
 def test_a_run_that_cannot_be_driven_does_not_keep_others_from_it(bench: Bench) -> None:
-    broken = f"  - {{name: broken, planner: nowhere, limit: 2}}\n  - {{name: good, planner: '{SLOW}', limit: 2}}\n"
+    broken = (
+        f"  - {{name: broken, planner: nowhere, limit: 2}}\n  - {{name: good, planner: '{GOOD}', limit: 2}}\n"
+    )
     write(bench, f"{DEFAULTS}runs:\n{broken}")
     done = bench.run("campaign", "c.yaml", expect=2)
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("broken: ")]
     assert "planner 'nowhere': no such planner" in line
-    assert table(bench.folder / "runs" / "c") == [("good", "Slow")]
+    assert table(bench.folder / "runs" / "c") == [("good", "Good")]
 
 
 def test_levels_of_perception_are_a_run_each_and_stored_runs_are_enough_for_the_table(bench: Bench) -> None:
-    levels = f"runs: [{{name: eyes, planner: '{SLOW}', limit: 2, perception: [exact, good]}}]\n"
+    levels = f"runs: [{{name: eyes, planner: '{GOOD}', limit: 2, perception: [exact, good]}}]\n"
     analyses = "analyses: [{analysis: perception, runs: [eyes]}]\n"
     write(bench, DEFAULTS + levels + analyses)
     assert bench.run("campaign", "c.yaml", "--no-drive").stdout.startswith("analysis perception: not made")

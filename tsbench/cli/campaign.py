@@ -87,7 +87,7 @@ def read_campaign(path: Path) -> Campaign:
     wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
     made = [_analysis(entry, campaign, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1)]
     for one in runs:
-        with _options_of(one, {}, path):
+        with options_of(one, {}, path):
             pass
     return replace(campaign, analyses=tuple(made))
 
@@ -131,12 +131,14 @@ def _list(value: Any, where: str) -> Sequence[Any]:
 
 def _name(value: Any, where: str) -> str:
     if not isinstance(value, str) or not re.fullmatch(r"\w[\w.+-]*", value):
-        raise InputError(f"{where}: name: {value!r}: expected the name of a folder: letters, digits, '-', '_'")
+        raise InputError(
+            f"{where}: name: {value!r}: expected the name of a folder: letters, digits, '-', '_'"
+        )
     return value
 
 
 @contextmanager
-def _options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterator[dict[str, Any]]:
+def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterator[dict[str, Any]]:
     """The values of all options of `tsbench run`, with the run's data set in use. Raises InputError for a wrong one."""
     context = click.Context(run_command, info_name=one.name, default_map={**one.given, **over})
     with context:
@@ -197,7 +199,7 @@ def _driven(
     code, summaries = 0, {}
     for one in runs:
         try:
-            with _options_of(one, over, file) as given:
+            with options_of(one, over, file) as given:
                 ended = drive(**{**given, "out": folder / one.name})
         except InputError as problem:
             click.echo(f"{one.name}: {written_out(' '.join(str(problem).split()))}", err=True)
