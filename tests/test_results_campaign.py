@@ -54,7 +54,7 @@ def test_the_kept_runs_are_those_of_the_file(campaign: Campaign) -> None:
 
 def test_the_file_drives_every_planner_that_a_page_asks_for(campaign: Campaign) -> None:
     driven = {one.name: {spec.rpartition(":")[2] for spec in one.given["planners"]} for one in campaign.runs}
-    tables = {a.name: set().union(*(driven[run] for run in a.runs)) for a in campaign.analyses}
+    tables = {a.name: set().union(*(driven[run.name] for run in a.runs)) for a in campaign.analyses}
     asked = [found for name in PAGES for found in _ASKED.findall((ROOT / name).read_text())]
     assert len(asked) >= 4
     for table, planners in asked:

@@ -72,7 +72,7 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
     assert all(blocks.values())
     (tmp_path / "made").mkdir()
     for name, analysis in MADE.items():
-        kept = [str(ROOT / "results" / run) for run in analysis.runs]
+        kept = [str(ROOT / "results" / run.name) for run in analysis.runs]
         command("analyse", analysis.kind, *kept, "--out", str(tmp_path / name))
         shutil.copy(tmp_path / name / f"{analysis.kind}.md", tmp_path / "made" / f"{name}.md")
     for page, said_there in blocks.items():
@@ -84,7 +84,7 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
 def test_imperfect_eyes_are_told_as_they_were_found(tmp_path: Path) -> None:
     """Causes of failures come from traces, which are not kept; all else is made again."""
     (analysis,) = (one for one in CAMPAIGN.analyses if one.name == "perception")
-    kept = [str(ROOT / "results" / run) for run in analysis.runs]
+    kept = [str(ROOT / "results" / run.name) for run in analysis.runs]
     command("analyse", "perception", *kept, "--out", str(tmp_path))
     made, told = (
         list(csv.DictReader((folder / "perception.csv").open(encoding="utf-8")))

@@ -114,7 +114,7 @@ def test_a_run_that_cannot_be_driven_does_not_keep_others_from_it(bench: Bench) 
 
 def test_levels_of_perception_are_a_run_each_and_stored_runs_are_enough_for_the_table(bench: Bench) -> None:
     levels = f"runs: [{{name: eyes, planner: '{GOOD}', limit: 2, perception: [exact, good]}}]\n"
-    analyses = "analyses: [{analysis: perception, runs: [eyes]}]\n"
+    analyses = "analyses: [{analysis: perception, runs: [eyes, eyes-good]}]\n"
     write(bench, DEFAULTS + levels + analyses)
     assert bench.run("campaign", "c.yaml", "--no-drive").stdout.startswith("analysis perception: not made")
     bench.run("campaign", "c.yaml")

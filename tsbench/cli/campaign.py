@@ -37,41 +37,29 @@ _NOT_IN_FILE = ("out", "overwrite")
 
 @dataclass(frozen=True)
 class CampaignRun:
-    """A run of a campaign. entry: its name in the file, where runs on several levels of perception are one.
-
-    given: the file's values, as `Context.default_map` of `tsbench run` takes them.
-    """
+    """A run of a campaign. given: the file's values, as `Context.default_map` of `tsbench run` takes them."""
 
     name: str
-    entry: str
     given: Mapping[str, Any]
 
     @property
     def exact(self) -> bool:
-        return self.given.get("perception", EXACT) == EXACT
+        return bool(self.given.get("perception", EXACT) == EXACT)
 
 
 @dataclass(frozen=True)
 class CampaignAnalysis:
-    """An analysis over runs of a campaign. kind: its command. name: of its files. runs: the names of its runs."""
+    """An analysis over runs of a campaign. kind: its command. name: of its files."""
 
     kind: str
     name: str
-    runs: tuple[str, ...]
+    runs: tuple[CampaignRun, ...]
 
 
 @dataclass(frozen=True)
 class Campaign:
-    path: Path
     runs: tuple[CampaignRun, ...]
     analyses: tuple[CampaignAnalysis, ...]
-
-    def named(self, names: Collection[str], where: str) -> tuple[CampaignRun, ...]:
-        """The runs of these names or entries, in the file's order. Raises InputError for a name that no run has."""
-        known = {name for one in self.runs for name in (one.name, one.entry)}
-        if unknown := [name for name in names if name not in known]:
-            raise InputError(f"{where}: {unknown[0]}: no such run; there are {', '.join(sorted(known))}")
-        return tuple(one for one in self.runs if {one.name, one.entry} & set(names))
 
 
 def read_campaign(path: Path) -> Campaign:
@@ -79,17 +67,16 @@ def read_campaign(path: Path) -> Campaign:
     content = _mapping(read_yaml(path, "campaign"), f"{path}", ("runs", "defaults", "analyses"))
     defaults = _mapping(content.get("defaults", {}), f"{path}: defaults")
     entries = _list(content.get("runs"), f"{path}: runs")
-    runs = [one for n, entry in enumerate(entries, 1) for one in _runs(entry, defaults, path, n)]
+    runs = tuple(one for n, entry in enumerate(entries, 1) for one in _runs(entry, defaults, path, n))
     names = [one.name for one in runs]
     if twice := [name for k, name in enumerate(names) if name in names[:k]]:
         raise InputError(f"{path}: runs: {twice[0]}: two runs have this name: rename one")
-    campaign = Campaign(path, tuple(runs), ())
-    wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
-    made = [_analysis(entry, campaign, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1)]
     for one in runs:
         with options_of(one, {}, path):
             pass
-    return replace(campaign, analyses=tuple(made))
+    wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
+    made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1))
+    return Campaign(runs, tuple(made))
 
 
 def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> Iterator[CampaignRun]:
@@ -103,16 +90,24 @@ def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> I
     for level in levels if isinstance(levels, list) else [None]:
         one = values if level is None else {**values, "perception": level}
         suffix = "" if level in (None, EXACT) else f"-{Path(str(level)).stem}"
-        yield CampaignRun(name + suffix, name, given_options(run_command, one, f"{path}: {name}:"))
+        yield CampaignRun(name + suffix, given_options(run_command, one, f"{path}: {name}:"))
 
 
-def _analysis(entry: Any, campaign: Campaign, where: str) -> CampaignAnalysis:
+def _analysis(entry: Any, runs: Sequence[CampaignRun], where: str) -> CampaignAnalysis:
     told = _mapping(entry, where, ("analysis", "name", "runs"))
     kind = told.get("analysis")
     if kind not in KINDS:
         raise InputError(f"{where}: analysis: {kind!r}: expected one of {', '.join(KINDS)}")
-    runs = campaign.named([str(name) for name in _list(told.get("runs"), f"{where}: runs")], f"{where}: runs")
-    return CampaignAnalysis(kind, _name(told.get("name", kind), where), tuple(one.name for one in runs))
+    chosen = _named(_list(told.get("runs"), f"{where}: runs"), runs, f"{where}: runs")
+    return CampaignAnalysis(kind, _name(told.get("name", kind), where), chosen)
+
+
+def _named(names: Sequence[Any], runs: Sequence[CampaignRun], where: str) -> tuple[CampaignRun, ...]:
+    """The runs of these names, in the file's order. Raises InputError for a name that no run has."""
+    known = [one.name for one in runs]
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(f"{where}: {unknown[0]}: no such run; there are {', '.join(known)}")
+    return tuple(one for one in runs if one.name in names)
 
 
 def _mapping(value: Any, where: str, keys: Collection[str] = ()) -> Mapping[str, Any]:
@@ -175,7 +170,7 @@ def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool
     Exit codes: as of `tsbench run`; 2 also where a run could not be driven, while the others were.
     """
     asked = read_campaign(file)
-    chosen = asked.named(only, "--only") if only else asked.runs
+    chosen = _named(only, asked.runs, "--only") if only else asked.runs
     folder = Path("runs") / file.stem if out is None else out
     over = {name: value for name, value in others.items() if value not in (None, ())}
     code, summaries = (0, _stored(chosen, folder)) if no_drive else _driven(chosen, over, file, folder)
@@ -184,11 +179,10 @@ def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool
 
         show_analysis(campaign_table(file.stem, summaries), folder / "analyses")
     for analysis in asked.analyses:
-        if set(analysis.runs) <= summaries.keys():
-            _make(analysis, asked.named(analysis.runs, ""), folder)
+        if missing := [one.name for one in analysis.runs if one.name not in summaries]:
+            click.echo(f"analysis {analysis.name}: not made without {', '.join(missing)}")
         else:
-            missing = ", ".join(name for name in analysis.runs if name not in summaries)
-            click.echo(f"analysis {analysis.name}: not made without {missing}")
+            _make(analysis, folder)
     sys.exit(code)
 
 
@@ -225,12 +219,11 @@ def _stored(runs: Sequence[CampaignRun], folder: Path) -> dict[str, Summary]:
     return {name: read_pool([folder / name], allow_partial=False).summary for name in there}
 
 
-def _make(analysis: CampaignAnalysis, runs: Sequence[CampaignRun], folder: Path) -> None:
-    """Write an analysis below a folder's `analyses`."""
-    out = folder / "analyses"
-    paths = tuple(folder / one.name for one in runs)
-    # What a planner's eyes did is found in traces. Where these are gone, the analysis stays as it is.
-    traced = all((folder / one.name / TRACES).is_dir() for one in runs if not one.exact)
+def _make(analysis: CampaignAnalysis, folder: Path) -> None:
+    """Write an analysis below the `analyses` of a campaign's folder."""
+    out, paths = folder / "analyses", tuple(folder / one.name for one in analysis.runs)
+    # Why plates were not read in time is found in traces. Where these are gone, the analysis stays as it is.
+    traced = all((folder / one.name / TRACES).is_dir() for one in analysis.runs if not one.exact)
     if analysis.kind == "perception" and not traced and (out / f"{analysis.name}.md").is_file():
         click.echo(f"analysis {analysis.name}: stays as it is, as traces are gone")
         return
