@@ -75,33 +75,13 @@ floor holdout: setup
 	$(BIN)/tsbench campaign results/$@.yaml --workers $(WORKERS)
 	$(BIN)/tsbench analyse pages docs/$@.md --from runs/$@/analyses
 
-# A network of every kind that comes with tsbench, one after the other, in TRAIN (docs/training.md). Goes on where it was
-# stopped. `plant2-ft` and `plant2-blind` begin with the `plant2` trained before them.
+# A network of every kind that comes with tsbench, one after the other, in TRAIN (docs/training.md). Goes on where it was stopped.
 TRAIN ?= runs/train
 SEED ?= 0
 SIZE ?= mini
 DEVICE ?= cpu
-# What two rounds of `plant2-ft` had learned least of, by kept-out maps of the train split.
-HARD := crosswalk,yield,roundabout,bus_lane,detour_either,direction_left,direction_straight,direction_straight_left,no_turn_right
-HARDER := detour_either,main_road,secondary_road,yield,stop,crosswalk,bus_lane,bike_lane_road,bus_lane_road,direction_left,direction_left_right,no_turn_left,no_turn_right
-LESSONS := --planner idm-e --rate 3e-4 --validation 4 --seed $(SEED) --device $(DEVICE) --workers 1
 train: setup
-	$(BIN)/tsbench train plant2 --size $(SIZE) --drives 2400 --epochs 5 --validation 48 --seed $(SEED) --device $(DEVICE) \
-		--workers 1 --out $(TRAIN)/plant2
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2 --drives 3480 --epochs 6 $(LESSONS) --out $(TRAIN)/plant2-ft-1
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-1 --student $(TRAIN)/plant2-ft-1 --takeover 0.3 --drives 1200 \
-		--more priority,obstacles --epochs 4 $(LESSONS) --rate 1.5e-4 --out $(TRAIN)/plant2-ft-2
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-2 --student $(TRAIN)/plant2-ft-2 --takeover 0.35 --drives 4700 \
-		--more $(HARD) --epochs 3 --perception production --perceived 0.3 $(LESSONS) --rate 2e-4 --out $(TRAIN)/plant2-ft-3
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-3 --student $(TRAIN)/plant2-ft-3 --takeover 0.35 --drives 2200 \
-		--more $(HARDER) --epochs 3 --perception production --perceived 0.3 $(LESSONS) --rate 1.5e-4 --out $(TRAIN)/plant2-ft
-	$(BIN)/tsbench train plant2-ft --mask-signs --base $(TRAIN)/plant2 --drives 1160 --epochs 8 $(LESSONS) \
-		--out $(TRAIN)/plant2-blind
-	$(BIN)/tsbench train ppo --steps 120000 --rate 1e-4 --imitation 40 --workers 6 --seed $(SEED) \
-		--more detour_either,detour_left,detour_right --types priority,speed,routing,bus_lane,bike_lane,detour_either,detour_left,detour_right \
-		--out $(TRAIN)/ppo
-	$(BIN)/tsbench train carl --steps 410000 --rate 1.5e-4 --imitation 120 --workers 6 --more priority,detour_left --seed $(SEED) \
-		--out $(TRAIN)/carl
+	PATH=$(BIN):$$PATH sh packaging/train_networks.sh $(TRAIN) $(SEED) $(SIZE) $(DEVICE)
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup

@@ -42,10 +42,6 @@ class CampaignRun:
     name: str
     given: Mapping[str, Any]
 
-    @property
-    def exact(self) -> bool:
-        return bool(self.given.get("perception", EXACT) == EXACT)
-
 
 @dataclass(frozen=True)
 class CampaignAnalysis:
@@ -56,14 +52,8 @@ class CampaignAnalysis:
     runs: tuple[CampaignRun, ...]
 
 
-@dataclass(frozen=True)
-class Campaign:
-    runs: tuple[CampaignRun, ...]
-    analyses: tuple[CampaignAnalysis, ...]
-
-
-def read_campaign(path: Path) -> Campaign:
-    """The file, checked. Raises InputError with the place in it."""
+def read_campaign(path: Path) -> tuple[tuple[CampaignRun, ...], tuple[CampaignAnalysis, ...]]:
+    """The runs and the analyses of a file, checked. Raises InputError with the place in it."""
     content = _mapping(read_yaml(path, "campaign"), f"{path}", ("runs", "defaults", "analyses"))
     defaults = _mapping(content.get("defaults", {}), f"{path}: defaults")
     entries = _list(content.get("runs"), f"{path}: runs")
@@ -76,7 +66,7 @@ def read_campaign(path: Path) -> Campaign:
             pass
     wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
     made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1))
-    return Campaign(runs, tuple(made))
+    return runs, tuple(made)
 
 
 def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> Iterator[CampaignRun]:
@@ -125,10 +115,8 @@ def _list(value: Any, where: str) -> Sequence[Any]:
 
 
 def _name(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not re.fullmatch(r"\w[\w.+-]*", value):
-        raise InputError(
-            f"{where}: name: {value!r}: expected the name of a folder: letters, digits, '-', '_'"
-        )
+    if not isinstance(value, str) or not re.fullmatch(r"(?!analyses$)\w[\w.+-]*", value):
+        raise InputError(f"{where}: name: {value!r}: expected the name of a folder, other than 'analyses'")
     return value
 
 
@@ -142,14 +130,14 @@ def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterato
         except click.BadParameter as problem:
             key = long_name(problem.param) if isinstance(problem.param, click.Option) else ""
             raise InputError(f"{path}: {one.name}: {key}: {problem.message or 'is missing'}") from None
+        except InputError as problem:
+            raise InputError(f"{path}: {one.name}: {problem}") from None
         yield context.params
 
 
 def _for_all(option: click.Parameter) -> click.Parameter:
     again = copy(option)
-    again.default = None
-    if isinstance(again, click.Option):
-        again.show_default = "as in the file"
+    again.default = None  # as in the file
     return again
 
 
@@ -169,8 +157,8 @@ def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool
 
     Exit codes: as of `tsbench run`; 2 also where a run could not be driven, while the others were.
     """
-    asked = read_campaign(file)
-    chosen = _named(only, asked.runs, "--only") if only else asked.runs
+    runs, analyses = read_campaign(file)
+    chosen = _named(only, runs, "--only") if only else runs
     folder = Path("runs") / file.stem if out is None else out
     over = {name: value for name, value in others.items() if value not in (None, ())}
     code, summaries = (0, _stored(chosen, folder)) if no_drive else _driven(chosen, over, file, folder)
@@ -178,7 +166,7 @@ def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool
         from tsbench.report.analyses.main_table import campaign_table  # brings statistics
 
         show_analysis(campaign_table(file.stem, summaries), folder / "analyses")
-    for analysis in asked.analyses:
+    for analysis in analyses:
         if missing := [one.name for one in analysis.runs if one.name not in summaries]:
             click.echo(f"analysis {analysis.name}: not made without {', '.join(missing)}")
         else:
@@ -223,7 +211,8 @@ def _make(analysis: CampaignAnalysis, folder: Path) -> None:
     """Write an analysis below the `analyses` of a campaign's folder."""
     out, paths = folder / "analyses", tuple(folder / one.name for one in analysis.runs)
     # Why plates were not read in time is found in traces. Where these are gone, the analysis stays as it is.
-    traced = all((folder / one.name / TRACES).is_dir() for one in analysis.runs if not one.exact)
+    eyes = [one for one in analysis.runs if one.given.get("perception", EXACT) != EXACT]
+    traced = all((folder / one.name / TRACES).is_dir() for one in eyes)
     if analysis.kind == "perception" and not traced and (out / f"{analysis.name}.md").is_file():
         click.echo(f"analysis {analysis.name}: stays as it is, as traces are gone")
         return
