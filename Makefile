@@ -31,157 +31,57 @@ test: $(QUICK)
 test-slow: setup
 	$(PYTEST) -m "slow and not torture and not whole and not submissions" $(TEST_ARGS)
 
-# All planners on one pair of each test map: the seventeen, a second seed of `plant2-ft`, floors, `plant2-ft` without what is written by hand and with signs
-# masked, lawful styles, entrants from elsewhere, levels of perception, the second city, the mirrored one; the analyses, the tables and
-# figures of PAGES, and the report. Goes on where it was stopped. The tables of the runs in `results` come with the repository:
-# where they are complete, nothing is driven; RESULTS=runs/mine drives everything anew. VARIANTS=all: on all test scenes, with
-# no page; only plant2-ft's failures are traced then: docs/cluster.md says what all traces would take.
-# A trial of all its steps on a few scenes: TYPES=stop,speed LIMIT=4 RESULTS=/tmp/trial PAGES="copies of pages", and fewer planners;
-# an empty EXPERT, NETWORKS, SECOND, ENTRANTS, PROPOSALS, LAWFUL or REACTIVE leaves out that run.
-VARIANTS ?= one-per-map
-TYPES :=
-LIMIT :=
-RESULTS := $(if $(filter one-per-map,$(VARIANTS)),results,runs/results-$(VARIANTS))
-PAGES := $(if $(filter all,$(VARIANTS)),,docs/results.md docs/floor.md README.md)
-STYLES := idm idm-s1 idm-s2 idm-s3 idm-s4
-NETWORKS := ppo carl plant2
-# What makes an expert of a planner's name; empty: no experts.
-EXPERT := -e
-BLIND := blind coin codes plant2-blind
-LAWLESS := tsbench.dataset.certify.lawless:Lawless
-BARE := $(addprefix tsbench.planners.plant2.ablations:,WithoutHalts WithoutMemory)
-SECOND := plant2-ft-seed1
-ENTRANTS := metadrive-ppo
-PROPOSALS := pdm
-REACTIVE := commonroad-reactive
-READERS := reader careful
-LAWFUL := cautious elderly assertive
-MIRRORED := idm idm-e plant2-ft blind
-# Scenes for a planner that takes some ten seconds for each. Others drive the same ones, for comparison.
-SUBSET := 58
-COMPARED := idm idm-e
-LEVELS := good production poor
+# The campaign of results/campaign.yaml (docs/run.md, "Campaigns"): its runs and analyses, the tables and figures of PAGES, and the
+# report. Goes on where it was stopped. The tables of the runs in `results` come with the repository; RESULTS=runs/mine drives everything
+# anew. `pages` drives nothing. A trial: ARGS="--types stop,speed --limit 4" RESULTS=/tmp/trial PAGES="copies of pages".
+RESULTS := results
+PAGES := docs/results.md docs/floor.md README.md
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
-SEEING := plant2-ft readers $(foreach level,$(LEVELS),ft-$(level) readers-$(level))
-TRACE := $(if $(filter all,$(VARIANTS)),none,violations)
-RUNS := $(addprefix $(RESULTS)/,styles $(if $(NETWORKS),networks) plant2-ft $(if $(SECOND),second-seed) floors $(if $(ENTRANTS),entrants) $(if $(PROPOSALS),pdm) $(if $(LAWFUL),lawful))
-DRIVE = $(BIN)/tsbench run --split test --variants $(VARIANTS) --workers $(WORKERS)$(if $(TYPES), --types $(TYPES))$(if $(LIMIT), --limit $(LIMIT))
-ANALYSE = $(BIN)/tsbench analyse
-asked = $(addprefix --planner ,$(1))
-experts_too = $(strip $(1) $(if $(EXPERT),$(addsuffix $(EXPERT),$(1))))
-# A run of these planners, in this folder, with these options; none where there are no planners.
-drive = $(if $(1),$(DRIVE) $(call asked,$(1)) $(3) --out $(RESULTS)/$(2))
-# CommonRoad's packages beside what PYTHONPATH names already.
-WITH_COMMONROAD = PYTHONPATH=$(VENV)/commonroad$${PYTHONPATH:+:$$PYTHONPATH}
-results: setup $(if $(ENTRANTS),$(METADRIVE))
-	$(call drive,$(call experts_too,$(STYLES)),styles,--trace $(TRACE))
-	$(call drive,$(call experts_too,$(NETWORKS)),networks,--trace $(TRACE))
-	$(call drive,plant2-ft,plant2-ft)
-	$(call drive,$(SECOND),second-seed)
-	$(call drive,$(BLIND) $(LAWLESS),floors,--trace none)
-	$(call drive,$(BARE),bare,--trace none)
-	$(if $(ENTRANTS),TSBENCH_METADRIVE=$(METADRIVE) $(call drive,$(ENTRANTS),entrants,--trace none))
-	$(call drive,$(PROPOSALS),pdm,--trace none)
-	$(call drive,$(LAWFUL),lawful,--trace $(TRACE))
-	$(if $(REACTIVE),$(WITH_COMMONROAD) $(call drive,$(REACTIVE) $(COMPARED),commonroad,--trace none --limit $(or $(LIMIT),$(SUBSET))))
-	$(call drive,plant2-ft,masked,--trace none --mask-signs)
-	$(call drive,$(READERS),readers)
-	for level in $(LEVELS); do \
-		$(call drive,plant2-ft,ft-$$level,--perception $$level) || exit; \
-		$(call drive,$(READERS),readers-$$level,--perception $$level) || exit; done
-	$(call drive,$(call experts_too,$(STYLES) $(NETWORKS)) $(BLIND),north-bayreuth,--trace none --city north-bayreuth)
-	$(call drive,plant2-ft,north-bayreuth-ft,--trace none --city north-bayreuth)
-	$(call drive,$(MIRRORED),mirrored-moscow,--trace none --city mirrored-moscow)
-	$(MAKE) --old-file=setup pages
+# CommonRoad's packages beside what PYTHONPATH names already, and MetaDrive's wheel.
+WITH_OTHERS = PYTHONPATH=$(VENV)/commonroad$${PYTHONPATH:+:$$PYTHONPATH} TSBENCH_METADRIVE=$(METADRIVE)
+results: $(METADRIVE)
+results pages: setup
+	$(WITH_OTHERS) $(BIN)/tsbench campaign results/campaign.yaml --out $(RESULTS) $(if $(filter pages,$@),--no-drive,--workers $(WORKERS)) $(ARGS)
+	$(BIN)/tsbench analyse pages $(PAGES) --from $(RESULTS)/analyses
+	$(BIN)/tsbench report $(addprefix $(RESULTS)/,styles networks plant2-ft) --out $(RESULTS)/report.html
 
-# The analyses of these runs, and what pages have of them. Why plates were not read in time is found in traces: where they are
-# not kept, that analysis stays as it is.
-pages: setup
-	for name in main types intervals correlations failures floor; do \
-		$(ANALYSE) $$name $(RUNS) --out $(RESULTS)/analyses || exit; done
-	$(ANALYSE) ablation $(RESULTS)/plant2-ft $(RESULTS)/masked --out $(RESULTS)/analyses
-	$(if $(or $(wildcard $(RESULTS)/ft-*/traces),$(if $(wildcard $(RESULTS)/analyses/perception.md),,none yet)),$(ANALYSE) perception $(addprefix $(RESULTS)/,$(SEEING)) --out $(RESULTS)/analyses)
-	for name in "bare plant2-ft" "north-bayreuth north-bayreuth-ft" mirrored-moscow $(if $(REACTIVE),commonroad); do \
-		set -- $$name; first=$$1; \
-		$(ANALYSE) floor $$(printf '$(RESULTS)/%s ' $$name) --out $(RESULTS)/$$first/analyses || exit; \
-		cp $(RESULTS)/$$first/analyses/floor.md $(RESULTS)/analyses/$$first.md || exit; done
-	$(if $(PAGES),$(ANALYSE) pages $(PAGES) --from $(RESULTS)/analyses)
-	$(BIN)/tsbench report $(RESULTS)/styles $(if $(NETWORKS),$(RESULTS)/networks) $(RESULTS)/plant2-ft --out $(RESULTS)/report.html
+$(METADRIVE): $(READY)
+	$(PIP) download --no-deps --dest $(RESULTS) metadrive-simulator==0.4.3
 
 # A random SHARE of each planner's episodes of `make results` driven again; a refuted one ends it. SEED: your own.
 SHARE ?= 54
 results-again: setup $(METADRIVE)
 	for run in $$(dirname $(RESULTS)/*/run.json); do \
-		$(WITH_COMMONROAD) TSBENCH_METADRIVE=$(METADRIVE) $(BIN)/tsbench verify $$run --shared-process --sample $(SHARE) --seed $(SEED) --workers $(WORKERS) || [ $$? = 3 ] || exit; done
+		$(WITH_OTHERS) $(BIN)/tsbench verify $$run --shared-process --sample $(SHARE) --seed $(SEED) --workers $(WORKERS) || [ $$? = 3 ] || exit; done
 
 # tsbench's expert, its network and a planner in C: driven isolated, submitted, verified as on another processor; forgeries of each.
 submissions: setup
 	$(BIN)/pytest -m "submissions or not submissions" -n $(WORKERS) --dist loadscope tests/leaderboard/test_submissions_driven.py
 
-# The pictures of docs/leaderboard.md: dev rows of a few planners at all levels and in a mirror, two verified. Goes on where it was stopped.
+# The pictures of docs/leaderboard.md: the rows of results/board.yaml, two of them verified.
 BOARD := runs/board
-BOARD_RUN = $(BIN)/tsbench run --split dev --isolate --trace violations --workers $(WORKERS)
-BOARD_SUBMIT = $(BIN)/tsbench submit --authors tsbench --copy-traces 12
 board: setup
+	$(BIN)/tsbench campaign results/board.yaml --out $(BOARD) --workers $(WORKERS)
 	mkdir -p $(BOARD)/rows
-	for planner in idm-e reader plant2-ft blind; do \
-		$(BOARD_RUN) --planner $$planner --out $(BOARD)/$$planner || exit; \
-		$(BOARD_SUBMIT) $(BOARD)/$$planner --out $(BOARD)/rows/$$planner.json || exit; done
-	for planner in reader plant2-ft; do for level in $(LEVELS); do \
-		$(BOARD_RUN) --planner $$planner --perception $$level --out $(BOARD)/$$planner-$$level || exit; \
-		$(BOARD_SUBMIT) $(BOARD)/$$planner-$$level --out $(BOARD)/rows/$$planner-$$level.json || exit; done; done
-	$(BOARD_RUN) --planner plant2-ft --city mirrored-moscow --out $(BOARD)/mirrored
-	$(BOARD_SUBMIT) $(BOARD)/mirrored --out $(BOARD)/rows/mirrored.json
+	for run in $$(dirname $(BOARD)/*/run.json); do \
+		$(BIN)/tsbench submit $$run --authors tsbench --copy-traces 12 --out $(BOARD)/rows/$$(basename $$run).json || exit; done
 	for planner in idm-e plant2-ft; do $(BIN)/tsbench verify $(BOARD)/rows/$$planner.json --sample 30 --seed 20261 --by "a reader" \
 		--workers $(WORKERS) --out $(BOARD)/rows/$$planner.reader.json || exit; done
 	$(BIN)/tsbench leaderboard build $(BOARD)/rows --out $(BOARD)/site
 	PYTHONPATH=tests/helpers $(BIN)/python packaging/leaderboard_pictures.py $(BOARD)/site docs/images
 
-$(METADRIVE):
-	$(PIP) download --no-deps --dest $(RESULTS) metadrive-simulator==0.4.3
+# The campaigns of results/floor.yaml and results/holdout.yaml, into their pages.
+floor holdout: setup
+	$(BIN)/tsbench campaign results/$@.yaml --workers $(WORKERS)
+	$(BIN)/tsbench analyse pages docs/$@.md --from runs/$@/analyses
 
-# What a driver gets who reads no plate: the floors beside others on one pair of each test map, into docs/floor.md. Goes on where it was stopped.
-FLOOR := runs/floor
-floor: setup
-	$(BIN)/tsbench run $(call asked,blind coin codes idm idm-s1 $(LAWLESS) idm-e plant2-blind plant2-ft) \
-		--split test --variants one-per-map --trace none --workers $(WORKERS) --out $(FLOOR)
-	$(BIN)/tsbench analyse floor $(FLOOR) --out $(FLOOR)/analyses
-	$(BIN)/tsbench analyse pages docs/floor.md --from $(FLOOR)/analyses
-
-# Once per release, and entered in docs/evaluations.md: one pair of each holdout map, into docs/holdout.md.
-holdout: setup
-	$(BIN)/tsbench run --split holdout --variants one-per-map --planner plant2-ft --planner idm-e --planner blind --trace none \
-		--workers $(WORKERS) --out runs/holdout
-	$(BIN)/tsbench analyse floor runs/holdout --out runs/holdout/analyses
-	$(BIN)/tsbench analyse pages docs/holdout.md --from runs/holdout/analyses
-
-# A network of every kind that comes with tsbench, one after the other, in TRAIN (docs/training.md). Goes on where it was
-# stopped. `plant2-ft` and `plant2-blind` begin with the `plant2` trained before them.
+# A network of every kind that comes with tsbench, one after the other, in TRAIN (docs/training.md). Goes on where it was stopped.
 TRAIN ?= runs/train
 SEED ?= 0
 SIZE ?= mini
 DEVICE ?= cpu
-# What two rounds of `plant2-ft` had learned least of, by kept-out maps of the train split.
-HARD := crosswalk,yield,roundabout,bus_lane,detour_either,direction_left,direction_straight,direction_straight_left,no_turn_right
-HARDER := detour_either,main_road,secondary_road,yield,stop,crosswalk,bus_lane,bike_lane_road,bus_lane_road,direction_left,direction_left_right,no_turn_left,no_turn_right
-LESSONS := --planner idm-e --rate 3e-4 --validation 4 --seed $(SEED) --device $(DEVICE) --workers 1
 train: setup
-	$(BIN)/tsbench train plant2 --size $(SIZE) --drives 2400 --epochs 5 --validation 48 --seed $(SEED) --device $(DEVICE) \
-		--workers 1 --out $(TRAIN)/plant2
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2 --drives 3480 --epochs 6 $(LESSONS) --out $(TRAIN)/plant2-ft-1
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-1 --student $(TRAIN)/plant2-ft-1 --takeover 0.3 --drives 1200 \
-		--more priority,obstacles --epochs 4 $(LESSONS) --rate 1.5e-4 --out $(TRAIN)/plant2-ft-2
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-2 --student $(TRAIN)/plant2-ft-2 --takeover 0.35 --drives 4700 \
-		--more $(HARD) --epochs 3 --perception production --perceived 0.3 $(LESSONS) --rate 2e-4 --out $(TRAIN)/plant2-ft-3
-	$(BIN)/tsbench train plant2-ft --base $(TRAIN)/plant2-ft-3 --student $(TRAIN)/plant2-ft-3 --takeover 0.35 --drives 2200 \
-		--more $(HARDER) --epochs 3 --perception production --perceived 0.3 $(LESSONS) --rate 1.5e-4 --out $(TRAIN)/plant2-ft
-	$(BIN)/tsbench train plant2-ft --mask-signs --base $(TRAIN)/plant2 --drives 1160 --epochs 8 $(LESSONS) \
-		--out $(TRAIN)/plant2-blind
-	$(BIN)/tsbench train ppo --steps 120000 --rate 1e-4 --imitation 40 --workers 6 --seed $(SEED) \
-		--more detour_either,detour_left,detour_right --types priority,speed,routing,bus_lane,bike_lane,detour_either,detour_left,detour_right \
-		--out $(TRAIN)/ppo
-	$(BIN)/tsbench train carl --steps 410000 --rate 1.5e-4 --imitation 120 --workers 6 --more priority,detour_left --seed $(SEED) \
-		--out $(TRAIN)/carl
+	PATH=$(BIN):$$PATH sh packaging/train_networks.sh $(TRAIN) $(SEED) $(SIZE) $(DEVICE)
 
 # Runs killed at fifty random moments and continued: the same bytes, nothing left behind. Takes ten minutes or so.
 torture: setup
@@ -205,7 +105,7 @@ $(BIN)/mutmut: $(READY)
 # Speed and stop episodes before a judge that others wrote, docs/second_judge.md.
 JUDGED := runs/judged
 second-judge: judge
-	$(BIN)/tsbench run --split dev --types stop,speed $(call asked,idm idm-e $(LAWLESS)) --trace all --workers $(WORKERS) --out $(JUDGED)
+	$(BIN)/tsbench run --split dev --types stop,speed --planner idm --planner idm-e --planner tsbench.dataset.certify.lawless:Lawless --trace all --workers $(WORKERS) --out $(JUDGED)
 	PYTHONPATH=$(VENV)/judge:$(VENV)/commonroad $(BIN)/python -m tsbench.adapters.second_judge $(JUDGED)
 
 judge: $(VENV)/judge/.ready
@@ -261,13 +161,14 @@ lock:
 
 # The documentation as a site in build/site (with --quiet it would not count warnings as errors); its search works once it is served: python3 -m http.server -d build/site
 docs: setup
+	rm -rf build/signs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 # The film at the top of README.md: both halves of a pair of the dev split, as two planners drive them.
 FILM := runs/film
 FILMED := idm plant2-ft
 film: setup
-	$(BIN)/tsbench run $(call asked,$(FILMED)) --split dev --types yield --variants 0 --trace all --workers $(WORKERS) --out $(FILM)
+	$(BIN)/tsbench run $(addprefix --planner ,$(FILMED)) --split dev --types yield --variants 0 --trace all --workers $(WORKERS) --out $(FILM)
 	$(BIN)/python packaging/pair_film.py $(FILM) yield-j-msk-b9f3684559-v0 docs/images/pair.gif $(FILMED)
 
 # Pictures of the site for docs/install.md, in Chromium.

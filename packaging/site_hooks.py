@@ -1,7 +1,8 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
 Links to files that are no pages become the names of those files, and have to lead to one. The catalogue's plates come
-into the site, and so do a page of all commands that is made from the code and a page of each notebook.
+into the site, and so do a page of all commands that is made from the code, a page of each notebook and a page of each
+scenario type, with its drives. The last take a minute: they are made in `build/signs` where they are not there.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 _ROOT = Path(__file__).resolve().parents[1]
 _DOCS, _PLATES = _ROOT / "docs", _ROOT / "sign_catalog" / "plates"
+_SIGNS = _ROOT / "build" / "signs"
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
 # Each becomes a page beside it: NAME_notebook.md.
 NOTEBOOKS = ("guides/first_run.ipynb", "guides/learn_from_drives.ipynb")
@@ -22,7 +24,7 @@ _PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """The site's files, with the plates among them as `plates/CODE.svg`, and the page of commands."""
+    """The site's files, with the plates as `plates/CODE.svg` and the pages that are made from code and scenes."""
     from mkdocs.structure.files import File
 
     sys.path[:0] = [str(_ROOT), str(Path(__file__).parent)]  # a hook is loaded by its path alone
@@ -36,7 +38,22 @@ def on_files(files: Any, config: Any) -> Any:
 
     for plate in sorted(_PLATES.glob("*.svg")):
         files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
+    for file in _sign_files():
+        name = f"signs/{file.relative_to(_SIGNS).as_posix()}"
+        files.append(File.generated(config, name, abs_src_path=str(file)))
     return files
+
+
+def _sign_files() -> list[Path]:
+    """Pages of scenario types with their pictures. The index is the last to be written, and says that all are there."""
+    if not (_SIGNS / "README.md").is_file():
+        from tsbench.report.tables.sign_pages import PageMaker
+
+        maker = PageMaker(_SIGNS)
+        for name in maker.types:
+            maker.write(name)
+        maker.write_index()
+    return sorted(path for path in _SIGNS.rglob("*") if path.is_file())
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:

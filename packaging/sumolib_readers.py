@@ -83,7 +83,7 @@ def main(extract: str) -> None:
             len(scenes),
             "the tree alone",
         )
-        convert_to_plain(find_extract(extract, sources_dir()), folder, "net")
+        convert_to_plain(find_extract(extract, sources_dir()), folder)
         files = (folder / "net.nod.xml", folder / "net.edg.xml")
         told(
             f"plain XML of {extract}, {files[1].stat().st_size / 1e6:.1f} MB of edges",

@@ -37,9 +37,7 @@ def halves(split: str) -> tuple[int, int]:
 @pytest.mark.parametrize("split", SPLITS)
 def test_a_split_has_the_rows_that_the_page_says(split: str) -> None:
     signed, contrast = halves(split)
-    assert cells("docs/scenarios.md", f"`{split}`") == [
-        f"{n:,}" for n in (signed, contrast, signed + contrast)
-    ]
+    assert cells("docs/scenes.md", f"`{split}`") == [f"{n:,}" for n in (signed, contrast, signed + contrast)]
 
 
 def test_the_pool_has_the_rings_that_the_page_says() -> None:
@@ -79,6 +77,9 @@ def test_the_page_of_figures_is_that_of_the_data(tmp_path: Path) -> None:
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert page.read_bytes() == (DOCS / "dataset.md").read_bytes(), (
-        "tsbench scenarios stats --markdown docs/dataset.md"
-    )
+    for made in (page, *(tmp_path / "tables").iterdir()):
+        committed = DOCS / made.relative_to(tmp_path)
+        assert made.read_bytes() == committed.read_bytes(), (
+            "tsbench scenarios stats --markdown docs/dataset.md"
+        )
+    assert len(list((tmp_path / "tables").iterdir())) == 4

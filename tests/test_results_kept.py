@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import tsbench
+from tsbench.cli.campaign import read_campaign
 from tsbench.core.paths import OWN_CITY, city_in_use, mirrored_in_use, using_city
 from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.contract import mirrored_contract
@@ -21,18 +22,9 @@ from tsbench.run.log.read import StoredRun, read_run
 
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
-# What goes into the tables of all planners.
-TABLES = ("styles", "networks", "plant2-ft", "second-seed", "floors", "entrants", "pdm", "lawful")
-# By the name of a block on a page: the analysis, and its runs. Left out are those that need traces, and long ones.
-MADE = {
-    "floor": ("floor", TABLES),
-    "main": ("main", TABLES),
-    "ablation": ("ablation", ("plant2-ft", "masked")),
-    "bare": ("floor", ("bare", "plant2-ft")),
-    "north-bayreuth": ("floor", ("north-bayreuth", "north-bayreuth-ft")),
-    "mirrored-moscow": ("floor", ("mirrored-moscow",)),
-    "commonroad": ("floor", ("commonroad",)),
-}
+_, ANALYSES = read_campaign(ROOT / "results" / "campaign.yaml")
+# By the name of a block on a page. Left out are those that need traces, and long ones.
+MADE = {one.name: one for one in ANALYSES if one.name in ("main", "ablation") or one.kind == "floor"}
 PAGES = ("README.md", "docs/floor.md", "docs/results.md")
 _BLOCK = r"<!-- analysis (\S+) .*?<!-- end -->"
 
@@ -55,7 +47,6 @@ def contract_of_test(city: str) -> str:
 
 
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:
-    assert set(TABLES) <= {run.path.name for run in runs}
     for run in runs:
         assert run.manifest["status"] == "complete"
         assert not any(run.holes(name) for name in run.asked)
@@ -73,9 +64,6 @@ def test_none_tells_of_the_folders_of_who_drove_it() -> None:
 
 @pytest.mark.slow
 def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
-    make = (ROOT / "Makefile").read_text(encoding="utf-8")
-    (said,) = re.findall(r"^RUNS := (.*)$", make, re.MULTILINE)
-    assert re.findall("|".join(TABLES), said) == list(TABLES)
     found = {page: (ROOT / page).read_text(encoding="utf-8") for page in PAGES}
     blocks = {
         page: [block[0] for block in re.finditer(_BLOCK, text, re.DOTALL) if block[1] in MADE]
@@ -83,22 +71,22 @@ def test_the_pages_say_what_the_tables_say(tmp_path: Path) -> None:
     }
     assert all(blocks.values())
     (tmp_path / "made").mkdir()
-    for name, (analysis, runs) in MADE.items():
-        kept = [str(ROOT / "results" / run) for run in runs]
-        command("analyse", analysis, *kept, "--out", str(tmp_path / name))
-        shutil.copy(tmp_path / name / f"{analysis}.md", tmp_path / "made" / f"{name}.md")
+    for name, analysis in MADE.items():
+        kept = [str(ROOT / "results" / run.name) for run in analysis.runs]
+        command("analyse", analysis.kind, *kept, "--out", str(tmp_path / name))
+        shutil.copy(tmp_path / name / f"{analysis.kind}.md", tmp_path / "made" / f"{name}.md")
     for page, said_there in blocks.items():
         text = "\n".join(said_there)
         assert filled(text, tmp_path / "made", tmp_path / "page.md") == text, page
+    for table in (tmp_path / "tables").iterdir():
+        assert table.read_bytes() == (ROOT / "docs" / "tables" / table.name).read_bytes(), table.name
 
 
 @pytest.mark.slow
 def test_imperfect_eyes_are_told_as_they_were_found(tmp_path: Path) -> None:
     """Causes of failures come from traces, which are not kept; all else is made again."""
-    make = (ROOT / "Makefile").read_text(encoding="utf-8")
-    (levels,) = re.findall(r"^LEVELS := (.*)$", make, re.MULTILINE)
-    runs = [f"{who}-{level}" for level in levels.split() for who in ("ft", "readers")]
-    kept = [str(ROOT / "results" / run) for run in ("plant2-ft", "readers", *runs)]
+    (analysis,) = (one for one in ANALYSES if one.name == "perception")
+    kept = [str(ROOT / "results" / run.name) for run in analysis.runs]
     command("analyse", "perception", *kept, "--out", str(tmp_path))
     made, told = (
         list(csv.DictReader((folder / "perception.csv").open(encoding="utf-8")))

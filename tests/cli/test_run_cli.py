@@ -44,7 +44,7 @@ def test_help_names_all_commands_in_three_groups() -> None:
         for title, body in zip(parts[::2], parts[1::2], strict=True)
     }
     assert list(groups) == ["Options", "Use", "Bring a planner of your own", "Make the data"]
-    assert groups["Use"][:3] == ["run", "compare", "report"]
+    assert groups["Use"][:3] == ["run", "campaign", "compare"]
     assert groups["Bring a planner of your own"] == ["planners", "debug", "train", "oracle", "bench"]
     assert {"data", "city", "maps", "scenarios"} <= set(groups["Make the data"])
     named = [name for names in groups.values() for name in names]
@@ -96,6 +96,7 @@ def test_version() -> None:
     [
         (["frobnicate"], "No such command 'frobnicate'"),
         (["run", "--split", "test"], "Missing option '--planner'"),
+        (["run", "--planner", "idm"], "Missing option '--split'"),
         (["run", "--planner", "idm", "--split", "exam"], "Invalid value for '--split'"),
         (["run", "--planner", "idm", "--split", "test", "--limit", "0"], "Invalid value for '--limit'"),
         (

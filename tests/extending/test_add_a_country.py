@@ -1,4 +1,4 @@
-"""A country: one YAML, as far as somebody knows its signs, and drawings. docs/signs.md, "Countries"."""
+"""A country: one YAML, as far as somebody knows its signs, and drawings. docs/signs.md, "Country equivalents"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scenario type: a recipe, and signs that name it; no code where its placement is there. docs/scenarios.md."""
+"""A scenario type: a recipe, and signs that name it; no code where its placement is there. docs/scenes.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads the tables of `docs/spec/`, so that tests can hold the specification against data and code."""
+"""Reads the tables of the reference pages, so that tests can compare them with data and code."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import tsbench
 
 ROOT = Path(tsbench.__file__).parents[1]
-SPEC = ROOT / "docs" / "spec"
+DOCS = ROOT / "docs"
 
 Row = dict[str, str]
 
@@ -23,7 +23,7 @@ def tables(page: str) -> list[list[Row]]:
     """All tables of a page: rows as dicts by the heads of their columns, marks (** and `) taken away."""
     found: list[list[Row]] = []
     head: list[str] = []
-    for line in [*(SPEC / page).read_text(encoding="utf-8").splitlines(), ""]:
+    for line in [*(DOCS / page).read_text(encoding="utf-8").splitlines(), ""]:
         if not line.startswith("|"):
             head = []
             continue

@@ -207,6 +207,20 @@ def test_macro_mean_weighs_types_alike() -> None:
     assert flat.value == pytest.approx(100 * 10 / 60)
 
 
+def test_a_mean_over_pairs_does_not_depend_on_the_number_of_types() -> None:
+    """Values that are no shares, over pairs of four types: their plain means."""
+    rng = np.random.default_rng(5)
+    a, b = rng.uniform(0.0, 1.0, 80), rng.uniform(0.0, 1.0, 80)
+    metric = next(m for m in METRICS.values() if not m.binary and m.scale == 1.0)
+    found = between(a, b, metric, parts=4)
+    assert (found.a, found.b) == (
+        pytest.approx(a.mean(), abs=0.01),
+        pytest.approx(b.mean(), abs=0.01),
+    )
+    assert found.low is not None
+    assert found.low <= found.value <= (found.high or 0.0)
+
+
 def test_few_maps_have_no_interval_but_a_p() -> None:
     d = between(np.zeros(20), np.ones(20))
     assert (d.low, d.reason) == (None, "only 4 places, fewer than 5")

@@ -12,7 +12,6 @@ from scipy.special import betaincinv, ndtri
 
 from tsbench.core.errors import InputError
 from tsbench.planners.carl.planner import Carl, _by_torch
-from tsbench.planners.common.batching import is_served
 from tsbench.planners.ppo.planner import Ppo
 from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, aim, steer
@@ -53,11 +52,13 @@ def test_an_action_holds(make: Make, drive: Recorder, tmp_path: Path) -> None:
         assert accelerations[k] == accelerations[o.step - o.step % HOLD_TICKS]
 
 
-def test_only_carl_is_served_and_only_by_a_gpu() -> None:
-    assert is_served(Carl, "cuda")
-    assert is_served(resolve("carl-e").batched, "cuda")
-    assert not is_served(Carl, "cpu")
-    assert not is_served(Ppo, "cuda")
+def test_carl_runs_on_a_gpu_too_and_ppo_on_the_cpu_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(Carl, "network", staticmethod(lambda device, *_: asked.append(device) or len))
+    for device in ("cpu", "cuda"):
+        for name in ("carl", "carl-e", "ppo"):
+            resolve(name).on(device).factory()
+    assert asked == ["cpu", "cpu", "cuda", "cuda"]
 
 
 def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tsbench.roads.destination import Destination
 from tsbench.sim.nuplan import quantile_speed
 
 STYLES = (IdmS1, IdmS2, IdmS3, IdmS4)
-# km/h, docs/spec/planners.md.
+# km/h, docs/planners.md.
 CRUISE_KMH = {IdmS1: (11, 20), IdmS2: (19, 32), IdmS3: (31, 44.5), IdmS4: (43.5, 62.5)}
 
 

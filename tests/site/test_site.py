@@ -11,6 +11,8 @@ from urllib.parse import unquote
 import pytest
 from scripts import load_script
 
+from tsbench.signs.catalog import load_catalog
+
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,6 +28,13 @@ def test_every_page_is_there_with_its_pictures(site: Path) -> None:
             assert (page.parent / source).is_file(), (page, source)
 
 
+def test_every_scenario_type_has_a_page_with_both_films(site: Path) -> None:
+    for kind in load_catalog().types:
+        page = (site / "signs" / f"{kind.id}.html").read_text(encoding="utf-8")
+        assert f'src="pictures/{kind.id}-violation.gif"' in page
+        assert f'src="pictures/{kind.id}-pass.gif"' in page
+
+
 def test_every_picture_is_shown_by_a_page() -> None:
     """Pictures that no page shows are weight without use. A page names a picture by its path from its own folder."""
     pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
@@ -34,7 +43,7 @@ def test_every_picture_is_shown_by_a_page() -> None:
     for page in pages:
         for name in named.findall(page.read_text(encoding="utf-8")):
             shown.add((page.parent / unquote(name)).resolve())
-    there = {*(ROOT / "docs" / "images").iterdir(), *(ROOT / "docs" / "signs" / "pictures").iterdir()}
+    there = set((ROOT / "docs" / "images").iterdir())
     assert sorted(str(p.relative_to(ROOT)) for p in there - shown) == []
 
 

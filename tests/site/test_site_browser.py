@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Pages with what does not wrap: tables, commands, signatures, formulas, long names, pictures.
 WIDE = (
     "index", "api", "architecture", "dataset", "floor", "guides/first_run_notebook", "metrics", "reference/commands",
-    "reference/tables", "results", "rules", "run", "scenarios", "signs/yield", "spec/scenes", "training",
+    "reference/tables", "results", "rules", "run", "scenes", "signs/yield", "training",
 )  # fmt: skip
 # How much wider than its window a page is, px.
 TOO_WIDE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"

@@ -1,4 +1,4 @@
-"""docs/spec/simulation.md, metrics.md and planners.md against the code's constants."""
+"""docs/simulation.md, metrics.md and planners.md against the code's constants."""
 
 from __future__ import annotations
 

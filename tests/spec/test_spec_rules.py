@@ -1,4 +1,4 @@
-"""docs/spec/rules.md against the catalogue: both say the same, and neither says more."""
+"""docs/rules.md against the catalogue: both say the same, and neither says more."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""docs/spec/scenes.md against recipes, the grid of variants, the split and the committed rows."""
+"""docs/scenes.md against recipes, the grid of variants, the split and the committed rows."""
 
 from __future__ import annotations
 
 from collections import Counter
 
 import pytest
-from spec_tables import numbers, table, words
+from spec_tables import numbers, table
 
 from tsbench.core import benchmark
 from tsbench.core.seeds import ROOT_SEED
@@ -19,21 +19,6 @@ from tsbench.signs.catalog import load_catalog
 
 CATALOG = load_catalog()
 RECIPES = {type_.id: load_recipe(type_.id, CATALOG) for type_ in CATALOG.types}
-FIXED = [(type_, row) for row in table("scenes.md", "types", "number") for type_ in words(row["types"])]
-
-
-@pytest.mark.parametrize(("type_", "row"), FIXED, ids=[f"{type_}-{row['number']}" for type_, row in FIXED])
-def test_a_recipe_has_the_number(type_: str, row: dict[str, str]) -> None:
-    recipe, name = RECIPES[type_], row["number"]
-    if name in recipe.numbers:
-        assert [recipe.numbers[name]] == numbers(row["value"])
-    else:
-        assert recipe.choices[name] == numbers(row["value"])
-
-
-def test_every_type_has_a_number_on_the_page() -> None:
-    assert {type_ for type_, _ in FIXED} == set(RECIPES)
-    assert len(FIXED) == len({(type_, row["number"]) for type_, row in FIXED})
 
 
 def test_the_presets_of_crosswalks() -> None:

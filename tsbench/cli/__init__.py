@@ -18,6 +18,7 @@ from tsbench.core.streams import STDOUT, standard_streams
 SECTIONS = {
     "Use": {
         "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
+        "campaign": ("tsbench.cli.campaign:campaign", "Drive the runs that a file lists, with one table."),
         "compare": ("tsbench.cli.report:compare", "Compare two planners, scenario by scenario."),
         "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
         "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),

@@ -9,7 +9,7 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
 
-_KINDS = {
+KINDS = {
     "main": "SCD (paired, signed, contrast) and conventional metrics of every planner, published figures below them.",
     "types": "SCD (paired, signed, contrast) of every planner on every type, and a heat map.",
     "intervals": "SCD overall and by group with intervals, beside the published figures.",
@@ -45,7 +45,7 @@ def _command(name: str, line: str) -> None:
         show_analysis(analyse_runs(name, runs, allow_partial), out)
 
 
-for _name, _line in _KINDS.items():
+for _name, _line in KINDS.items():
     _command(_name, _line)
 
 

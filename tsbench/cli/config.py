@@ -34,7 +34,7 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
         return {}
     section = _table(content.get(name, {}), path, name)
     if not isinstance(command, click.Group):
-        return _options(command, section, f"{path}: [{name}]")
+        return given_options(command, section, f"{path}: [{name}]")
     called = rest[0] if rest else ""
     if called not in command.commands:
         return {}
@@ -47,21 +47,23 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
             f"{', '.join(sorted(command.commands))}"
         )
     asked = command.commands[called]
-    found = _options(asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]")
-    return {called: {**found, **_options(asked, own, f"{path}: [{name}.{called}]")}}
+    found = given_options(
+        asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]"
+    )
+    return {called: {**found, **given_options(asked, own, f"{path}: [{name}.{called}]")}}
 
 
-def values_of(command: click.Command, name: str, path: Path = FILE) -> dict[str, Any]:
+def values_of(command: click.Command, name: str) -> dict[str, Any]:
     """The same for Python: values as the command gets them, by parameter. Raises InputError for a wrong value."""
     context = click.Context(command, info_name=name)
     options = {option.name: option for option in _known(command).values()}
     found = {}
-    for parameter, value in defaults_of(command, [name], path).items():
+    for parameter, value in defaults_of(command, [name], FILE).items():
         try:
             found[parameter] = options[parameter].type_cast_value(context, value)
         except click.BadParameter as problem:
             key = long_name(options[parameter])
-            raise InputError(f"{path}: [{name}] {key}: {problem.message}") from None
+            raise InputError(f"{FILE}: [{name}] {key}: {problem.message}") from None
     return found
 
 
@@ -115,7 +117,11 @@ def _known(command: click.Command) -> dict[str, click.Option]:
     return {long_name(p): p for p in command.params if isinstance(p, click.Option)}
 
 
-def _options(command: click.Command, section: Mapping[str, Any], where: str) -> dict[str, Any]:
+def given_options(command: click.Command, section: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """What a mapping in a file says of a command's options, for `Context.default_map`.
+
+    Raises InputError, which begins with `where`, for what is no option and for what no option takes.
+    """
     known = _known(command)
     found: dict[str, Any] = {}
     for key, value in section.items():

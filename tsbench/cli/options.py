@@ -114,9 +114,11 @@ image = click.option(
 
 def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
     """`--split`, and of which city; made: for what is made of it."""
+    # A default of None would be a value to click, and nothing that is missing.
+    given: dict[str, Any] = {} if required else {"default": default}
     table = click.option(
-        "--split", type=click.Choice(SPLITS), required=required, default=default, help="Scenario table.",
-        show_default=not required and (default or "all that are there"),
+        "--split", type=click.Choice(SPLITS), required=required, help="Scenario table.",
+        show_default=not required and (default or "all that are there"), **given,
     )  # fmt: skip
     return several(table, made_city if made else city)
 

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import table_console
+from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.factory import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
+from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.options import LEAST_MEMORY_MB, Options
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
+
+if TYPE_CHECKING:
+    from tsbench.metrics.aggregate import Summary
 
 # Of `tsbench oracle collect` too.
 which_variants = click.option(
@@ -80,13 +85,26 @@ which_half = click.option(
     "--listener", "listeners", type=options.TEXT, multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
     help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
 )  # fmt: skip
-def run(
-    planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str, half: str,
-    memory_limit: int, listeners: tuple[str, ...], **others: Any,
-) -> None:  # fmt: skip
+def run(**given: Any) -> None:
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
     Exit codes: 0 complete, 1 with error outcomes or holes, 2 wrong usage or bad input, 130 interrupted.
+    """
+    ended = drive(**given)
+    _tell(ended, table_console())
+    if ended.status == "interrupted":
+        sys.exit(EXIT_INTERRUPTED)
+    if ended.errors or ended.finished < ended.asked:
+        sys.exit(EXIT_FAILED)
+
+
+def drive(
+    *, planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str, half: str,
+    memory_limit: int, listeners: tuple[str, ...], **others: Any,
+) -> RunResult:  # fmt: skip
+    """The run that the options of `tsbench run` ask for, in the data set in use; its folder has the tables as text.
+
+    Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
     request, limits = (
         Request(planners, split, types, limit, variants, half),
@@ -96,11 +114,9 @@ def run(
     check_driven()
     told = [make_listener(name) for name in listeners]
     ended = run_session(asked, ProgressWatcher(progress_console()), told)
-    _tell(ended, table_console())
-    if ended.status == "interrupted":
-        sys.exit(EXIT_INTERRUPTED)
-    if ended.errors or ended.finished < ended.asked:
-        sys.exit(EXIT_FAILED)
+    if ended.summary is not None:
+        _write_tables(ended.folder, ended.summary)
+    return ended
 
 
 @click.command()
@@ -127,22 +143,25 @@ def rescore(folder: Path) -> None:
         sys.exit(EXIT_FAILED)
 
 
+def _write_tables(folder: Path, summary: Summary) -> None:
+    # They bring statistics, late as the summary itself.
+    from tsbench.report.analyses.analysis import to_markdown
+    from tsbench.report.analyses.main_table import run_tables
+
+    path, text = folder / TABLES_TEXT, "\n".join(map(to_markdown, run_tables(summary)))
+    # Looking at a complete run changes nothing in its folder.
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        with io_errors_as_input_errors(path):
+            write_atomic(path, text.encode())
+
+
 def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
-        # They bring statistics, late as the summary itself.
-        from tsbench.core.files import io_errors_as_input_errors, write_atomic
-        from tsbench.report.analyses.analysis import print_analysis, to_markdown
+        from tsbench.report.analyses.analysis import print_analysis
         from tsbench.report.analyses.main_table import run_tables
-        from tsbench.run.log.folder import TABLES_TEXT
 
-        tables = run_tables(ended.summary)
-        for table in tables:
+        for table in run_tables(ended.summary):
             print_analysis(table, console)
-        path, text = ended.folder / TABLES_TEXT, "\n".join(to_markdown(table) for table in tables)
-        # Looking at a complete run changes nothing in its folder.
-        if not path.is_file() or path.read_text(encoding="utf-8") != text:
-            with io_errors_as_input_errors(path):
-                write_atomic(path, text.encode())
     lines = [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
         lines.append(

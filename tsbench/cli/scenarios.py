@@ -203,12 +203,18 @@ def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
 
 @scenarios.command()
 @options.city
-@click.option("--markdown", type=options.FILE, metavar="FILE", help="Write the tables there too.")
+@click.option(
+    "--markdown",
+    type=options.FILE,
+    metavar="FILE",
+    help="Write a page there, and its tables as CSV beside it, in `tables/`.",
+)
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
     from tsbench.dataset.scenes.axes import type_axes
     from tsbench.dataset.scenes.overview import build_report, type_stats
     from tsbench.dataset.scenes.tagging import tagging
+    from tsbench.report.analyses.analysis import to_csv
     from tsbench.report.tables.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
 
     rows = options.rows_of(None)
@@ -219,7 +225,9 @@ def stats(markdown: Path | None) -> None:
     for table in tables:
         show_analysis(table, None)
     if markdown is not None:
-        write_atomic(markdown, dataset_page(tables).encode())
+        for table in tables:
+            write_atomic(markdown.parent / "tables" / f"{table.name}.csv", to_csv(table).encode())
+        write_atomic(markdown, dataset_page(tables, "tables").encode())
         click.echo(f"page: {markdown}")
 
 

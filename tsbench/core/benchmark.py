@@ -1,4 +1,4 @@
-"""The benchmark's own numbers. Sources: docs/spec/scenes.md and docs/spec/simulation.md."""
+"""The benchmark's own numbers. Sources: docs/scenes.md and docs/simulation.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How an episode ends. Source: docs/spec/metrics.md, "How an episode ends"."""
+"""How an episode ends. Source: docs/metrics.md, "How an episode ends"."""
 
 from __future__ import annotations
 

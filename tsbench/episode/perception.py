@@ -1,4 +1,4 @@
-"""Imperfect eyes: which plates a planner is told, as what and when. Source: docs/spec/perception.md. Units: m, s, rad.
+"""Imperfect eyes: which plates a planner is told, as what and when. Source: docs/perception.md. Units: m, s, rad.
 
 Every draw comes from the pair, where the post stands and the tick, never from the plate's code: both halves of a pair
 have the same luck, in any order of episodes.

@@ -1,4 +1,4 @@
-"""How planners perceive plates, with the levels as data. Source: docs/spec/perception.md."""
+"""How planners perceive plates, with the levels as data. Source: docs/perception.md."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def wrap_deg(angle: float) -> float:
 def turn_class(change: float, straight: float = STRAIGHT_DEG, u_turn: float = U_TURN_DEG) -> str:
     """One of TURNS for a change of heading (degrees, left positive): straight up to one bound, u_turn from the other.
 
-    Source: docs/spec/rules.md, "Turns and directions".
+    Source: docs/rules.md, "Turns and directions".
     """
     change = wrap_deg(change)
     if abs(change) <= straight:

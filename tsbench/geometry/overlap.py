@@ -11,6 +11,8 @@ import shapely
 
 from tsbench.geometry.polyline import Array, Polyline
 
+# Strips that overlap by less have no conflict zone.
+_LEAST_M2 = 0.05
 _CELL_M = 0.5
 _ACROSS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 _TOUCH_M = 1e-6
@@ -41,21 +43,20 @@ def strip(line: Polyline, width: float) -> shapely.Polygon:
 
 
 def conflict_zone(
-    a: Polyline, a_width: float, b: Polyline, b_width: float, min_area: float = 0.05, min_depth: float = 0.0
+    a: Polyline, a_width: float, b: Polyline, b_width: float, min_depth: float = 0.0
 ) -> ConflictZone | None:
-    """The conflict zone of two paths, or None where their strips do not overlap by `min_area` m2.
+    """The conflict zone of two paths, or None where their strips do not overlap by 0.05 m2.
 
-    Source: docs/spec/rules.md, "Geometry". Strips that overlap in several parts give the hull of all parts
+    Source: docs/rules.md, "Geometry". Strips that overlap in several parts give the hull of all parts
     on each path: a vehicle has cleared the zone only when it has cleared the last part. `min_depth` (m) takes
     away what is thinner: slivers between paths that lie side by side.
     """
-    return conflict_zones([(a, a_width)], [(b, b_width)], min_area, min_depth)[0][0]
+    return conflict_zones([(a, a_width)], [(b, b_width)], min_depth)[0][0]
 
 
 def conflict_zones(
     a: Sequence[tuple[Polyline, float]],
     b: Sequence[tuple[Polyline, float]],
-    min_area: float = 0.05,
     min_depth: float = 0.0,
 ) -> tuple[tuple[ConflictZone | None, ...], ...]:
     """[k][j]: `conflict_zone` of path k of `a` with path j of `b`; paths are (line, width)."""
@@ -64,26 +65,23 @@ def conflict_zones(
     strips_a = np.array([strip(line, width) for line, width in a], dtype=object)
     strips_b = np.array([strip(line, width) for line, width in b], dtype=object)
     overlap = shapely.intersection(strips_a[:, None], strips_b[None, :])
-    deep = shapely.area(overlap) >= min_area
+    deep = shapely.area(overlap) >= _LEAST_M2
     if min_depth > 0.0 and deep.any():
         # Morphological opening; mitred joins give convex corners back.
         eroded = shapely.buffer(overlap[deep], -min_depth / 2, join_style="mitre")
         overlap[deep] = shapely.buffer(eroded, min_depth / 2, join_style="mitre")
-        deep = shapely.area(overlap) >= min_area
+        deep = shapely.area(overlap) >= _LEAST_M2
     return tuple(
-        tuple(
-            _zone(path_a, path_b, overlap[k, j], min_area) if deep[k, j] else None
-            for j, path_b in enumerate(b)
-        )
+        tuple(_zone(path_a, path_b, overlap[k, j]) if deep[k, j] else None for j, path_b in enumerate(b))
         for k, path_a in enumerate(a)
     )
 
 
 def _zone(
-    path_a: tuple[Polyline, float], path_b: tuple[Polyline, float], overlap: shapely.Geometry, min_area: float
+    path_a: tuple[Polyline, float], path_b: tuple[Polyline, float], overlap: shapely.Geometry
 ) -> ConflictZone | None:
     a, b = path_a[0], path_b[0]
-    parts = [p for p in shapely.get_parts(overlap) if p.geom_type == "Polygon" and p.area >= min_area / 4]
+    parts = [p for p in shapely.get_parts(overlap) if p.geom_type == "Polygon" and p.area >= _LEAST_M2 / 4]
     if not parts:
         return None
     outlines = [shapely.get_coordinates(p.exterior) for p in parts]

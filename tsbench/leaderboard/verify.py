@@ -261,7 +261,10 @@ def _drive(
 
     with make_executor("local", workers, len(specs), Limits()) as pool, tempfile.TemporaryDirectory() as out:
         # Of an isolated planner the verifier's processes run no code either.
-        info = describe(planner, only=claim.planner.files).planner if isolated else pool.probe([planner])[0]
+        if isolated:
+            info = describe(planner, only=claim.planner.files).planner
+        else:
+            (info,) = pool.probe([planner], claim.device)
         setup = Setup(
             (info,), claim.perception, claim.device, "none", out, claim.split, claim.contract,
             loader=ISOLATED_ALONE if isolated else "",

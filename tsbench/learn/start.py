@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from tsbench.core.errors import InputError
+from tsbench.planners.common.batching import check_device
 
 # Of malloc.h (glibc).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
@@ -30,8 +30,7 @@ def keep_freed_memory() -> None:
 
 def prepare(out: Path, device: str, threads: int) -> None:
     """Make the folder of a training and set torch's threads. InputError where the device is missing."""
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: torch sees no CUDA device here")
+    check_device(device)
     out.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(threads)
 

@@ -1,6 +1,6 @@
 """From episode records to the figures of a report: per type, group, overall.
 
-Source: docs/spec/metrics.md, "Aggregation".
+Source: docs/metrics.md, "Aggregation".
 Two readings always go together: *strict* (error outcomes count as failures, every asked scenario is in the
 denominator) and *completed* (episodes without an error outcome). Nothing is averaged over a hole: a pair with
 a missing half is in no figure of pairs.

@@ -1,6 +1,6 @@
 """A figure in its two readings, and all figures of a report: overall, by group, by type, and of each metric.
 
-Source: docs/spec/metrics.md, "Aggregation". The same for one planner (means) and for two (differences).
+Source: docs/metrics.md, "Aggregation". The same for one planner (means) and for two (differences).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Comfort: the share of steps within nuPlan's bounds. Source: docs/spec/metrics.md; nuPlan, "ego is comfortable".
+"""Comfort: the share of steps within nuPlan's bounds. Source: docs/metrics.md; nuPlan, "ego is comfortable".
 
 Derivatives come from Savitzky-Golay filters with nuPlan's windows, for differences of a signal that changes
 once a tick are jumps, not jerks. The acceleration is that of the rear axle: along the heading what the

@@ -2,7 +2,7 @@
 
 The schema of the records, the summary, the tables and docs/metrics.md follow from `EPISODE_METRICS`. This file also
 measures progress, the driving score, and the flags that do not end an episode (stuck, hard braking, overspeed).
-Source: docs/spec/metrics.md. Units: m, s, m/s, rad.
+Source: docs/metrics.md. Units: m, s, m/s, rad.
 """
 
 from __future__ import annotations

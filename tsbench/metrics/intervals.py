@@ -1,4 +1,4 @@
-"""95 % intervals of figures over clusters. Source: docs/spec/metrics.md.
+"""95 % intervals of figures over clusters. Source: docs/metrics.md.
 
 Variants on one map are alike, and so are maps of one place: a place is a cluster. A share (of pairs passed, of types'
 macro mean) has the interval of a binomial share of its effective sample size; other means have a cluster bootstrap,
@@ -23,7 +23,7 @@ _DIGITS = 9
 _ALIKE = 1e-12
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 
-# Chosen by the coverage that docs/spec/metrics.md shows: the intra-place correlation before any place is seen, how many
+# Chosen by the coverage that docs/metrics.md shows: the intra-place correlation before any place is seen, how many
 # places that counts for, and by how many episodes at the whole mean the share of a type is smoothed.
 _PRIOR_CORRELATION = 0.3
 _PRIOR_PLACES = 20.0

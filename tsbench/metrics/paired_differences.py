@@ -1,6 +1,6 @@
 """Two planners compared over the same pairs and scenarios: differences, by type and group, and the pairs that flipped.
 
-Source: docs/spec/metrics.md, "Aggregation". Yes/no outcomes: exact McNemar, and a 95 % interval from those of the
+Source: docs/metrics.md, "Aggregation". Yes/no outcomes: exact McNemar, and a 95 % interval from those of the
 shares of pairs that either side alone passed (Newcombe 1998, Statistics in Medicine 17, 2635-2650). Others: a cluster
 bootstrap over places, drawn once for both. A difference that is not significant comes with the minimum detectable
 effect. Strict and completed figures go together.
@@ -86,6 +86,11 @@ class Pairs:
     parts: int
 
 
+def _pooled(total: Array, count: Array) -> tuple[Array, Array]:
+    """Both summed over types, (clusters, 1)."""
+    return total.sum(axis=1, keepdims=True), count.sum(axis=1, keepdims=True)
+
+
 def difference(
     bootstrap: ClusterBootstrap, label: str, pairs: Pairs, metric: Metric, macro: bool = False
 ) -> Difference:
@@ -113,10 +118,8 @@ def difference(
         low, high = _flips_interval(sums(np.maximum(delta, 0.0)), sums(np.maximum(-delta, 0.0)), count, macro)
         method, reason = "effective sample size", ""
     else:
-        total = sums(delta)
-        if not macro:
-            total, count = (sums_.sum(axis=1, keepdims=True) for sums_ in (total, count))
-        draws = bootstrap.draws(label, total, count)
+        pooled = (sums(delta), count) if macro else _pooled(sums(delta), count)
+        draws = bootstrap.draws(label, *pooled)
         low, high = percentiles(draws)
         method, reason, error = "cluster bootstrap", "", float(draws.std(ddof=1))
         if high - low <= _ALIKE:

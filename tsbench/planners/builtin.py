@@ -30,7 +30,7 @@ PLANT2_BLIND = learned(
     "plant2-blind", "tsbench.planners.plant2.planner_blind:Plant2Blind", chooses_route=True, floor=True
 )
 PLANT2_FT_SEED1 = learned(
-    "plant2-ft-seed1", "tsbench.planners.plant2.seeds:SecondSeed", sign_access=True, chooses_route=True
+    "plant2-ft-seed1", "tsbench.planners.plant2.ablations:SecondSeed", sign_access=True, chooses_route=True
 )
 # Planners that others made. An expert would put tsbench's own hand over what is measured, so none is made of them.
 METADRIVE_PPO = PlannerEntry(

@@ -1,7 +1,7 @@
 """`cautious`, `elderly`, `assertive`: lawful drivers of three styles. Each reads plates as `reader` does.
 
 They show that the needless clauses of contrast scenes count nothing against a lawful driver, slow or brisk.
-Source: docs/spec/planners.md, "Legal styles". Units: m, s, m/s, m/s2.
+Source: docs/planners.md, "Legal styles". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations

@@ -60,9 +60,8 @@ class PlannerEntry:
 class LoadedPlanner:
     """A planner that can drive.
 
-    name: as it stands in records. factory: makes a fresh planner; one whose network can be asked elsewhere takes
-    `infer`. batched: the class of such a one. spec: what the user wrote. sources: the modules or files that it is
-    written in.
+    name: as it stands in records. factory: makes a fresh planner; a batched planner's takes `infer`. batched: the
+    class of such a planner. spec: what the user wrote. sources: the modules or files that it is written in.
     """
 
     name: str
@@ -81,6 +80,13 @@ class LoadedPlanner:
     def own(self) -> bool:
         """Is all of it part of this package, as `is_own` says of each source?"""
         return bool(self.sources) and all(map(is_own, self.sources))
+
+    def on(self, device: str) -> LoadedPlanner:
+        """The same planner with its network on a device; as it is where its network runs on the CPU only."""
+        batched = self.batched
+        if batched is None or device not in batched.served_on:
+            return self
+        return self.answered_by(lambda: batched.network(device))
 
     def answered_by(self, infer: Callable[[], Infer]) -> LoadedPlanner:
         """The same planner with answers from elsewhere in place of a network of its own; it must be `batched`."""

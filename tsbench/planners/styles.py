@@ -1,6 +1,6 @@
 """`idm-s1` .. `idm-s4`: IDM drivers of four styles, from slow to fast; each episode's driver is drawn anew.
 
-Source: docs/spec/planners.md. Units: m, s, m/s, m/s2.
+Source: docs/planners.md. Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations

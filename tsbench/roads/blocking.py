@@ -1,4 +1,4 @@
-"""Which vehicles with priority block the ego: one for rules and experts. Source: docs/spec/rules.md, "Give way".
+"""Which vehicles with priority block the ego: one for rules and experts. Source: docs/rules.md, "Give way".
 
 Units: m, s, m/s.
 """

@@ -1,6 +1,6 @@
 """Paths through a junction and where they conflict: one for rules, experts and the makers of scenes. Units: m.
 
-Source: docs/spec/rules.md, "Geometry": a conflict zone is the overlap of the strips swept along two paths. Used when
+Source: docs/rules.md, "Geometry": a conflict zone is the overlap of the strips swept along two paths. Used when
 a scene is loaded, never in a tick.
 """
 

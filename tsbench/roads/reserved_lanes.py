@@ -2,7 +2,7 @@
 
 A phone knows the lanes of a road, but neither who may use them nor that one was turned round. So a reserved lane beside
 lanes for cars counts as one of them, and a contraflow lane straight ahead of a lane that ends counts as its
-continuation. Source: docs/spec/scenes.md, "Reserved lane" (all planners get the hint that leads through it).
+continuation. Source: docs/scenes.md, "Reserved lanes" (all planners get the hint that leads through it).
 Units: m, rad.
 """
 

@@ -1,4 +1,4 @@
-"""A closed road: stop before its plate. Source: docs/spec/rules.md, "Closed road". Units: m, m/s, s."""
+"""A closed road: stop before its plate. Source: docs/rules.md, "Closed road". Units: m, m/s, s."""
 
 from __future__ import annotations
 

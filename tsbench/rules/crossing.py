@@ -1,6 +1,6 @@
 """One passage of the ego through a junction whose other arms have priority, on a known path.
 
-Source: docs/spec/rules.md, "Give way". Units: m, s, m/s, m/s2.
+Source: docs/rules.md, "Give way". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Who is on a pedestrian crossing, or about to step onto it, in the ego's way. Units: m, m/s, rad.
 
-Source: docs/spec/rules.md, "Crosswalk".
+Source: docs/rules.md, "Crosswalk".
 """
 
 from __future__ import annotations

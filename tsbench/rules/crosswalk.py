@@ -1,4 +1,4 @@
-"""Let pedestrians cross first. Source: docs/spec/rules.md, "Crosswalk". Units: m, s, m/s."""
+"""Let pedestrians cross first. Source: docs/rules.md, "Crosswalk". Units: m, s, m/s."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pass an obstacle on a side that the sign allows. Source: docs/spec/rules.md, "Detour". Units: m, rad.
+"""Pass an obstacle on a side that the sign allows. Source: docs/rules.md, "Detour". Units: m, rad.
 
 Sides are those of the obstacle's lane.
 """

@@ -1,4 +1,4 @@
-"""Events of one monitor: edge-triggered excursions with evidence. Source: docs/spec/rules.md, "Verdict"."""
+"""Events of one monitor: edge-triggered excursions with evidence. Source: docs/rules.md, "Verdict"."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Does a vehicle with priority brake for the ego, or for something of its own? Units: m, s, m/s, m/s2.
 
-Source: docs/spec/rules.md, "Give way".
+Source: docs/rules.md, "Give way".
 """
 
 from __future__ import annotations

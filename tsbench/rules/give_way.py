@@ -1,4 +1,4 @@
-"""Give way to the vehicles on arms with priority. Source: docs/spec/rules.md, "Give way". Units: m, s."""
+"""Give way to the vehicles on arms with priority. Source: docs/rules.md, "Give way". Units: m, s."""
 
 from __future__ import annotations
 

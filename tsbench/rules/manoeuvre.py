@@ -1,4 +1,4 @@
-"""Turns that a sign allows at a junction. Source: docs/spec/rules.md, "Turns and directions". Degrees in evidence."""
+"""Turns that a sign allows at a junction. Source: docs/rules.md, "Turns and directions". Degrees in evidence."""
 
 from __future__ import annotations
 

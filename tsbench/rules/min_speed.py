@@ -1,4 +1,4 @@
-"""Minimum speed in a zone. Source: docs/spec/rules.md, "Speed". Speeds in km/h as on the plates."""
+"""Minimum speed in a zone. Source: docs/rules.md, "Speed". Speeds in km/h as on the plates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a monitor is, and what it says. Source: docs/spec/rules.md, "Verdict"."""
+"""What a monitor is, and what it says. Source: docs/rules.md, "Verdict"."""
 
 from __future__ import annotations
 

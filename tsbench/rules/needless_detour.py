@@ -1,4 +1,4 @@
-"""Leaving a way that the plates permit. Source: docs/spec/contrast.md, "Needless obedience". Units: s."""
+"""Leaving a way that the plates permit. Source: docs/contrast.md, "Needless obedience". Units: s."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Passing a line or a crossing where there is nobody to wait for: standing there, and coming slowly to see.
 
-Source: docs/spec/contrast.md, "Needless obedience". Units: m, s, m/s.
+Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s.
 """
 
 from __future__ import annotations

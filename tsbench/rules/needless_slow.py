@@ -1,4 +1,4 @@
-"""Driving slowly where nothing asks for it. Source: docs/spec/contrast.md, "Needless obedience". Units: m, m/s."""
+"""Driving slowly where nothing asks for it. Source: docs/contrast.md, "Needless obedience". Units: m, m/s."""
 
 from __future__ import annotations
 

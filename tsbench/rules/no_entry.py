@@ -1,4 +1,4 @@
-"""No entry (3.1): the plate's edge may not be driven in its own direction. Source: docs/spec/rules.md. Units: m."""
+"""No entry (3.1): the plate's edge may not be driven in its own direction. Source: docs/rules.md. Units: m."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exit onto a one-way road (5.7.x): allowed turns, and never the wrong carriageway. Source: docs/spec/rules.md.
+"""Exit onto a one-way road (5.7.x): allowed turns, and never the wrong carriageway. Source: docs/rules.md.
 
 Degrees in evidence.
 """

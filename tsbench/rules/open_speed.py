@@ -1,6 +1,6 @@
 """The speed that is open to the ego, whatever it makes of it: what driving slowly for nobody is measured against.
 
-Source: docs/spec/contrast.md, "Needless obedience". Units: m, s, m/s, m/s2.
+Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Keep out of a lane reserved for buses or cyclists. Source: docs/spec/rules.md, "Reserved lane". Units: m, s, rad."""
+"""Keep out of a lane reserved for buses or cyclists. Source: docs/rules.md, "Reserved lane". Units: m, s, rad."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Give way to who is on the ring, and drive round it the right way. Units: m.
 
-Source: docs/spec/rules.md, "Give way".
+Source: docs/rules.md, "Give way".
 """
 
 from __future__ import annotations

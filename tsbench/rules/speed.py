@@ -1,4 +1,4 @@
-"""Speed limits in a zone. Source: docs/spec/rules.md, "Speed". Speeds in km/h here, as on the plates."""
+"""Speed limits in a zone. Source: docs/rules.md, "Speed". Speeds in km/h here, as on the plates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stop, then give way. Source: docs/spec/rules.md, "Stop". Units: m, m/s."""
+"""Stop, then give way. Source: docs/rules.md, "Stop". Units: m, m/s."""
 
 from __future__ import annotations
 

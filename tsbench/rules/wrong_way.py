@@ -1,4 +1,4 @@
-"""Against the direction of a lane, in every scene. Source: docs/spec/rules.md, "Wrong way". Units: m."""
+"""Against the direction of a lane, in every scene. Source: docs/rules.md, "Wrong way". Units: m."""
 
 from __future__ import annotations
 

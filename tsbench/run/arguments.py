@@ -12,16 +12,16 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
 
 
-def whole_number(name: str, value: object, least: int = 1, unit: str = "") -> int:
-    """The value as an int. Raises InputError for a fraction, a truth value, words, and what is less than `least`."""
+def whole_number(name: str, value: object, unit: str = "") -> int:
+    """The value as an int. Raises InputError for a fraction, a truth value, words, and what is less than 1."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = None
     if number is None:
         raise InputError(f"{name} {value!r}: expected a whole number")
-    if number < least:
-        raise InputError(f"{name} {number}: expected at least {least}{unit}")
+    if number < 1:
+        raise InputError(f"{name} {number}: expected at least 1{unit}")
     return number
 
 

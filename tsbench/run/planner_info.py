@@ -18,7 +18,7 @@ from tsbench.core.machine import adopt_orphans
 from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.base import Planner
-from tsbench.planners.common.batching import DEVICES, is_served
+from tsbench.planners.common.batching import DEVICES
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, in_package, resolve
 from tsbench.run import opened_files
@@ -31,7 +31,7 @@ class PlannerInfo:
 
     name: in records.
     spec: what the user wrote.
-    served_on: devices on which its network is worth a process of its own.
+    served_on: devices that its network runs on besides the CPU.
     code_sha256: of its code; see this module.
     floor: as the planner's entry says; runs from before there were floors do not say.
     may_remember: its episodes share a process, and it may know in one what it met in another.
@@ -54,8 +54,8 @@ class PlannerInfo:
     files: tuple[str, ...] = ()
 
 
-def describe(spec: str) -> PlannerInfo:
-    """What a planner is.
+def describe(spec: str, device: str = "cpu") -> PlannerInfo:
+    """What a planner is. device: where its network runs.
 
     Raises InputError: there is no such planner, it does not import, or it cannot be made (a package is missing).
     """
@@ -63,7 +63,7 @@ def describe(spec: str) -> PlannerInfo:
     adopt_orphans()
     before = shared_with_children()
     with opened_files.noted() as opened:
-        loaded = resolve(spec)
+        loaded = resolve(spec).on(device)
         planner = _make(loaded)
     shared = loaded.keeps_process or bool(shared_with_children() - before)
     del planner
@@ -74,7 +74,7 @@ def describe(spec: str) -> PlannerInfo:
         privileged=loaded.privileged,
         sign_access=loaded.sign_access,
         floor=loaded.floor,
-        served_on=tuple(device for device in DEVICES if is_served(loaded.batched, device)),
+        served_on=tuple(name for name in DEVICES if loaded.batched and name in loaded.batched.served_on),
         weights_sha256=None if loaded.weights is None else loaded.weights.sha256,
         code_sha256=_code_hash(sources),
         may_remember=shared and not loaded.own,

@@ -92,7 +92,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
         told = probe_isolated(plan.request, hidden) if options.isolate else None
-        planners = probe(pool, plan.request) if told is None else distinct([one.planner for one in told])
+        if told is None:
+            planners = probe(pool, plan.request, options.device)
+        else:
+            planners = distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, options.plain(), effective, planners, edition_here(contract))
@@ -171,9 +174,9 @@ def _in_image(options: Options) -> Options:
     return replace(options, request=replace(options.request, planners=planners))
 
 
-def probe(pool: Executor, request: Request) -> tuple[PlannerInfo, ...]:
+def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[PlannerInfo, ...]:
     """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
-    return distinct(pool.probe(request.planners))
+    return distinct(pool.probe(request.planners, device))
 
 
 def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:

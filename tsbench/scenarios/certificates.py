@@ -1,6 +1,6 @@
 """Certificates: what driving a scenario row proved about it. `scenarios/certificates.parquet`, one row per scenario.
 
-Source: docs/spec/scenes.md, "Certification". Who drives stands above this layer (`dataset.certify`).
+Source: docs/scenes.md, "Certificates". Who drives stands above this layer (`dataset.certify`).
 """
 
 from __future__ import annotations

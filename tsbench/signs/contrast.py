@@ -1,7 +1,7 @@
 """What a contrast scene asks of the ego beside the rule of its plate: no obedience to what the plate does not ask.
 
 Each clause is a `<poi type="contrast">` of the scene's additional file, with its params as a plate's (`plate_params`).
-Monitors read them; no planner sees them. Source: docs/spec/contrast.md, "Needless obedience".
+Monitors read them; no planner sees them. Source: docs/contrast.md, "Needless obedience".
 """
 
 from __future__ import annotations

@@ -20,14 +20,14 @@ _CAP_HEIGHT = 0.73  # height of a digit as a share of the font size, as in commo
 _CACHED_PICTURES = 512
 
 
-def plate_svg(code: str, value: float | None = None, country: Country | None = None) -> str:
+def plate_svg(code: str, value: float | None = None) -> str:
     """The plate as an SVG document of 200 x 200 units without any text element.
 
-    value: required where the sign prints one. country: whose plate it is; by default that of the city in use, where
-    that country has a file, else the catalogue's. Raises InputError for an unknown code or a drawing that does not
-    parse, ValueError for a value that the sign cannot carry.
+    value: required where the sign prints one. The plate is that of the city in use, where its country has a file, else
+    the catalogue's. Raises InputError for an unknown code or a drawing that does not parse, ValueError for a value
+    that the sign cannot carry.
     """
-    return _svg(*_shown(code, value, country))
+    return _svg(*_shown(code, value, None))
 
 
 def plate_rgba(
@@ -35,6 +35,7 @@ def plate_rgba(
 ) -> npt.NDArray[np.uint8]:
     """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
 
+    country: whose plate it is; None: as `plate_svg` has it.
     Raises as `plate_svg` does, and ValueError for a size below 1 px.
     """
     if size_px < 1:

@@ -1,6 +1,6 @@
 """The release of a convoy, or of pedestrians: once, when the first would meet the ego in the conflict zone.
 
-Source: docs/spec/scenes.md, "Junction". The prediction reads the ego's present place and speed
+Source: docs/scenes.md, "Priority at junctions". The prediction reads the ego's present place and speed
 only; planners never see the plan.
 """
 

@@ -1,6 +1,6 @@
 """The ego vehicle: a kinematic bicycle, and the tracker that follows trajectories.
 
-Source: docs/spec/simulation.md, "Time and bodies". The reference point is the footprint's centre; the axles are
+Source: docs/simulation.md, "Time and bodies". The reference point is the footprint's centre; the axles are
 half a wheelbase before and behind it. Units: m, s, rad.
 """
 

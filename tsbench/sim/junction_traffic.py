@@ -4,7 +4,7 @@ Who has priority is seen in what others do. So until the ego waits at its line, 
 the convoy, however late that is, SUMO's right of way moves nobody: the convoy comes as the release says and stops
 before its own line, who waits on another arm waits on, and who would enter the scene enters later. An ego that could
 be through before the convoy comes, if it did its utmost from now, meets it all the same: the convoy hurries.
-Source: docs/spec/scenes.md, "Junction". Units: m, s.
+Source: docs/scenes.md, "Priority at junctions". Units: m, s.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The published nuPlan figures that traffic and driver styles are drawn from.
 
-Source: docs/spec/simulation.md, "Traffic".
+Source: docs/simulation.md, "Traffic".
 """
 
 from __future__ import annotations

@@ -152,5 +152,5 @@ def test_dual_paths_part_at_the_junction_and_meet_at_the_destination(tiny: Sourc
             edges = [tiny.edge_row[edge] for edge in (detail["signed_edge"], *way)]
             for one, other in pairwise(edges):
                 assert tiny.head[one] == tiny.tail[other]
-        junction = tiny.node_row[detail["junction"]]
+        junction = tiny.node_ids.index(detail["junction"])
         assert all(tiny.tail[tiny.edge_row[edge]] != junction for edge in (*short[1:], *compliant[1:]))

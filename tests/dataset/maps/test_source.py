@@ -14,7 +14,7 @@ from tsbench.dataset.maps.source import SourceNetwork, load_source
 
 
 def test_nodes_stand_where_the_town_put_them(tiny: SourceNetwork) -> None:
-    row = tiny.node_row[str(make_town().node(300, 130))]
+    row = tiny.node_ids.index(str(make_town().node(300, 130)))
     assert tiny.node_xy[row].tolist() == pytest.approx([EAST + 300, NORTH + 130], abs=0.05)
 
 

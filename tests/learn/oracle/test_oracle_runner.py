@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-import served_expert
 from rich.console import Console
 
 from tsbench.core.seeds import planner_seed
@@ -22,7 +21,6 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.registry import names, resolve
-from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.plan import Request
 from tsbench.run.progress import ProgressWatcher
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -192,26 +190,3 @@ def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
     assert (tmp_path / "whole.parquet").read_bytes() == (tmp_path / "broken.parquet").read_bytes()
     assert {t["kind"] for t in read_tries(whole)} == {"rules"}
     assert verify(tmp_path / "whole.parquet", "train", None) == 2
-
-
-def test_a_network_may_be_asked_over_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One worker has a network of its own, two ask the inference process: the same lines."""
-    served = []
-
-    class Seen(InferenceServer):
-        def __init__(self, device: str) -> None:
-            super().__init__(device)
-            served.append(device)
-
-    monkeypatch.setattr("tsbench.run.execution.local.InferenceServer", Seen)
-    expert = f"{Path(served_expert.__file__)}:Served-e"
-    request = Request((expert,), "train", ("bus_lane_road",), limit=2)
-    lines = []
-    for workers, servers in ((1, []), (2, ["cpu"])):
-        out = tmp_path / str(workers)
-        said = ProgressWatcher(Console(file=io.StringIO(), width=200))
-        assert collect(CollectOptions(request, out, workers=workers), said).experts["Served-e"].solved == 2
-        assert served == servers
-        # The first line says what the journal is of, the others stand in the order in which they came.
-        lines.append(sorted((out / "journal.jsonl").read_bytes().splitlines()))
-    assert lines[0] == lines[1]

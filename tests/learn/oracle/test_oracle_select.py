@@ -19,7 +19,7 @@ from tsbench.learn.oracle.runner import FIGURES, pack, unpack
 from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select
 from tsbench.learn.oracle.stats import stats
 from tsbench.learn.oracle.store import KIND, Collection, basis, read_tries
-from tsbench.learn.oracle.trajectories import read_trajectories
+from tsbench.learn.oracle.trajectories import stream_trajectories
 from tsbench.report.analyses.analysis import to_csv, write_analysis
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row, error_row
@@ -143,7 +143,7 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
     found = select(full / "c", full / "oracle.parquet", allow_partial=False)
     assert (found.scenarios, found.covered, found.drives) == (3, 2, 3)
     assert found.uncovered == {rows[2].scenario_type: 1}
-    first, second, third = read_trajectories(full / "oracle.parquet")
+    first, second, third = stream_trajectories(full / "oracle.parquet")
     assert (first.planner, first.rank, first.attempt) == ("idm-s4-e", 1, 1)
     assert first.quality == pytest.approx(f_score(1.0, 0.8))
     assert (second.planner, second.rank) == ("net-e", 2)
@@ -163,7 +163,7 @@ def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[Scenari
         made.end(complete=True)
     found = select(tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False)
     assert (found.drives, found.others) == (2, 1)
-    assert [(d.planner, d.rank) for d in read_trajectories(tmp_path / "oracle.parquet")] == [
+    assert [(d.planner, d.rank) for d in stream_trajectories(tmp_path / "oracle.parquet")] == [
         ("other-e", 0), ("idm-e", 1), ("net-e", 2),
     ]  # fmt: skip
     assert stats(tmp_path / "oracle.parquet", "train").table.rows[0].cells[2] == 2

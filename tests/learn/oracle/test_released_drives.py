@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from tsbench.learn.oracle.collect import experts
-from tsbench.learn.oracle.trajectories import Recorded, Replayer, read_trajectories
+from tsbench.learn.oracle.trajectories import Recorded, Replayer, stream_trajectories
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
 
 TABLE = Path(__file__).parent / "data" / "oracle.parquet"
-DRIVES = read_trajectories(TABLE)
+DRIVES = list(stream_trajectories(TABLE))
 
 
 @pytest.fixture(scope="module")

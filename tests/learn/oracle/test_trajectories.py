@@ -22,9 +22,9 @@ from tsbench.learn.oracle.trajectories import (
     control_of,
     fingerprints,
     quantise,
-    read_trajectories,
     retry_seed,
     steps_of,
+    stream_trajectories,
     write_trajectories,
 )
 from tsbench.planners.registry import resolve
@@ -76,7 +76,7 @@ def test_a_replay_is_the_drive_bit_for_bit(
     """From disk; what the expert announced is announced again, so others give way at the same ticks."""
     result, recorded = drive
     write_trajectories([recorded], tmp_path / "drives.parquet")
-    (read,) = read_trajectories(tmp_path / "drives.parquet")
+    (read,) = stream_trajectories(tmp_path / "drives.parquet")
     facts = Replayer(sumo, SceneLoader()).replay(read, row)
     assert read.intents
     assert result.facts is not None
@@ -121,7 +121,7 @@ def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recor
     write_trajectories([second, first, third], paths[0])
     write_trajectories([third, second, first], paths[1])
     assert paths[0].read_bytes() == paths[1].read_bytes()
-    read = read_trajectories(paths[0])
+    read = list(stream_trajectories(paths[0]))
     for back, given_ in zip(read, (third, first, second), strict=True):
         assert back.commands.tobytes() == given_.commands.tobytes()
         for name in Recorded.__slots__:
@@ -132,9 +132,9 @@ def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recor
 def test_a_table_without_drives(tmp_path: Path) -> None:
     """Nothing found is a table too; another table is not."""
     write_trajectories([], tmp_path / "none.parquet")
-    assert read_trajectories(tmp_path / "none.parquet") == []
+    assert list(stream_trajectories(tmp_path / "none.parquet")) == []
     with pytest.raises(InputError, match=r"is missing|schema version"):
-        read_trajectories(table_path("train"))
+        list(stream_trajectories(table_path("train")))
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))

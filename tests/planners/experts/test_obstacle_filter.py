@@ -9,7 +9,7 @@ import pytest
 from learned_scenes import record
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.experts.obstacle_filter import ObstacleFilter
+from tsbench.planners.experts.expert import ObstacleFilter
 from tsbench.sim.scene import Obstacle
 
 

@@ -1,4 +1,4 @@
-"""What `plant2-ft` is without what is written by hand."""
+"""What `plant2-ft` is with another seed, and without its hand-written parts."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from learned_scenes import Recorder, record
 
 from tsbench.planners.base import SignView
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.ablations import InSight, WithoutHalts, WithoutMemory
+from tsbench.planners.plant2.ablations import InSight, SecondSeed, WithoutHalts, WithoutMemory
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.signs import SignMemory
 from tsbench.planners.plant2.vocabulary import vocabulary_of
+from tsbench.planners.weights import network
 from tsbench.sim.world import EGO_LENGTH_M
 
 
@@ -59,3 +60,20 @@ def test_without_memory_a_plate_out_of_sight_is_gone_and_a_stop_forgotten(drive:
     planner = WithoutMemory()
     planner.reset(drive.context)
     assert isinstance(planner._signs._memory, InSight)
+
+
+def test_the_second_seed_drives_with_weights_of_its_own(drive: Recorder) -> None:
+    told = []
+    for planner in (Plant2Ft(), SecondSeed()):
+        planner.reset(drive.context)
+        told.append(np.array([planner.act(o).acceleration for o in drive.seen[:10]]))
+    assert np.isfinite(told).all()
+    assert not np.array_equal(*told)
+
+
+def test_the_lessons_of_the_second_seed_were_the_same() -> None:
+    first, second = (dict(network(name).training) for name in ("plant2-ft", "plant2-ft-seed1"))
+    assert (first["seed"], second["seed"]) == (0, 1)
+    lessons = ("size", "epochs", "batch", "rate", "drivers", "perceived", "drives", "more", "sampling")
+    for key in ("perception", *lessons):
+        assert first[key] == second[key], key

@@ -62,6 +62,18 @@ def test_some_rows_of_a_table(tmp_path: Path, folder: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_long_table_is_a_file_beside_the_page(tmp_path: Path, folder: Path) -> None:
+    path = page(tmp_path, "<!-- analysis main | columns planner, SCD all, DS % | csv long -->\n<!-- end -->")
+    table = tmp_path / "tables" / "long.csv"
+    assert refresh(path, folder) == [path, table]
+    assert path.read_text(encoding="utf-8").splitlines()[1:-1] == ["[`tables/long.csv`](tables/long.csv)"]
+    assert table.read_text(encoding="utf-8").splitlines() == [
+        "planner,SCD all,SCD all_low,SCD all_high,DS %,DS %_low,DS %_high",
+        "idm,3.3,2.9,3.4,70.0,60.0,80.0",
+        "a_b,0.0,,,–,,",
+    ]
+
+
 def test_a_group_that_was_not_driven_has_no_column(tmp_path: Path, folder: Path) -> None:
     text = "<!-- analysis main | bare | columns planner, paired SCD obstacles, SCD all -->\n<!-- end -->"
     path = page(tmp_path, text)

@@ -53,10 +53,13 @@ def test_quotas_and_reasons() -> None:
     assert maps["draws passed over"] == "4 no"
 
 
-def test_the_page_counts_rows_by_split() -> None:
-    page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT))
+def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
+    page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT), "tables")
     assert "1,200 rows (test 400, train 800)" in page
-    assert "others &#124; go first" in page
+    assert "| stop | test | 400 |" in page
+    assert "| stop | train |" not in page
+    assert "](tables/dataset-rows.csv)" in page
+    assert "](tables/dataset-maps.csv)" in page
 
 
 def test_in_what_rows_differ() -> None:

@@ -34,7 +34,7 @@ RECORD = Record(
     [
         Start(("/a", "")),
         Setup((WHO,), Perception(mask_signs=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
-        Probe("idm"),
+        Probe("idm", "cuda"),
         Task(7, 0, specs()[0]),
     ],
 )

@@ -1,4 +1,4 @@
-"""Drives a scenario row and says what that proves. Source: docs/spec/scenes.md, "Certification"."""
+"""Drives a scenario row and says what that proves. Source: docs/scenes.md, "Certificates"."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The lawless driver: what obeys no sign and looks at nobody must be caught in nearly every scene.
 
-It is what `--planner tsbench.dataset.certify.lawless:Lawless` drives. Source: docs/spec/scenes.md, "Certification".
+It is what `--planner tsbench.dataset.certify.lawless:Lawless` drives. Source: docs/scenes.md, "Certificates".
 Units: m/s.
 """
 

@@ -1,4 +1,4 @@
-"""What driving shows of a pair of halves. Source: docs/spec/contrast.md, "Certificate of a pair". Units: m, s, m/s."""
+"""What driving shows of a pair of halves. Source: docs/contrast.md, "Certificate of a pair". Units: m, s, m/s."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Whatever they do, others must do the same in both halves of a pair until the ego waits at its line, or cannot stop any
 more before it meets them.
-Source: docs/spec/contrast.md, "Reaction must not be enough". Units: m, s, m/s, m/s2.
+Source: docs/contrast.md, "Reaction must not be enough". Units: m, s, m/s, m/s2.
 """
 
 from __future__ import annotations

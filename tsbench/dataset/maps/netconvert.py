@@ -98,14 +98,12 @@ def convert_extract(extract: Path, out: Path) -> ExtractFacts:
     return facts
 
 
-def convert_to_plain(extract: Path, folder: Path, prefix: str) -> ExtractFacts:
-    """Convert an extract to plain XML files of a folder: `prefix.nod.xml`, `prefix.edg.xml` (and others).
+def convert_to_plain(extract: Path, folder: Path) -> ExtractFacts:
+    """Convert an extract to plain XML files of a folder: `net.nod.xml`, `net.edg.xml` (and others).
 
     Where traffic keeps to the left in the city in use, the files are of the image in a mirror.
     """
-    return _convert(
-        extract, folder, ("--plain-output-prefix", prefix), in_mirror=chosen_city().frame.mirrored
-    )
+    return _convert(extract, folder, ("--plain-output-prefix", "net"), in_mirror=chosen_city().frame.mirrored)
 
 
 def _convert(

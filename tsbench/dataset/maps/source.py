@@ -67,10 +67,6 @@ class SourceNetwork:
     notes: list[str]
 
     @cached_property
-    def node_row(self) -> dict[str, int]:
-        return {name: row for row, name in enumerate(self.node_ids)}
-
-    @cached_property
     def edge_row(self) -> dict[str, int]:
         return {name: row for row, name in enumerate(self.edge_ids)}
 
@@ -141,7 +137,7 @@ def load_source(name: str, osm_dir: Path) -> SourceNetwork:
 
 def _convert(extract: Path) -> SourceNetwork:
     with tempfile.TemporaryDirectory(prefix="tsbench-source-") as folder:
-        facts = convert_to_plain(extract, Path(folder), "net")
+        facts = convert_to_plain(extract, Path(folder))
         node_file = Path(folder) / "net.nod.xml"
         nodes, used = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
         frame = replace(used, mirrored=chosen_city().frame.mirrored)

@@ -1,6 +1,6 @@
 """Closed-road scenes: navigation leads into an exit that 3.2 closes, or 3.2 closes another exit.
 
-Source: docs/spec/scenes.md, "Closed road". Units: m.
+Source: docs/scenes.md, "Closed road". Units: m.
 """
 
 from __future__ import annotations

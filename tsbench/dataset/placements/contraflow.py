@@ -1,4 +1,4 @@
-"""A one-way road whose leftmost lane others use against the ego's direction. Source: docs/spec/scenes.md. Units: m.
+"""A one-way road whose leftmost lane others use against the ego's direction. Source: docs/scenes.md. Units: m.
 
 The network is rebuilt: from the plate on that lane is an edge of its own, the other way round.
 """

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TypedDict
 
-from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
@@ -97,7 +96,7 @@ def _posts_holding(
             s = place_along(swap[int(task.rng.integers(2))][0], line.length, task)
             post = bare_post(task, arrangement, edge, s, len(found))
             free = on_its_place(post, line) and is_apart(post, (*arrangement.signs, *others))
-            if free and in_sight(task, arrangement.start, post, SIGN_RANGE_M):
+            if free and in_sight(task, arrangement.start, post):
                 hung = [*found, (post, *swap)]
                 ours = tuple(replace(p, code=code, value=value) for p, (code, value), _ in hung)
                 theirs = tuple(replace(p, code=code, value=value) for p, _, (code, value) in hung)

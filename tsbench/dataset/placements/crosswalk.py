@@ -1,4 +1,4 @@
-"""Crosswalk scenes: people who cross where the ego comes. Source: docs/spec/scenes.md, "Crosswalk".
+"""Crosswalk scenes: people who cross where the ego comes. Source: docs/scenes.md, "Crosswalk".
 
 Units: m, s, m/s.
 """

@@ -1,6 +1,6 @@
 """Detour scenes: an obstacle on the ego's lane, to be passed on a side that its plate allows.
 
-Source: docs/spec/scenes.md, "Detour". Units: m.
+Source: docs/scenes.md, "Detours". Units: m.
 """
 
 from __future__ import annotations

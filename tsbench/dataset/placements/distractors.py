@@ -1,4 +1,4 @@
-"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/spec/contrast.md.
+"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/contrast.md.
 
 Units: m.
 """

@@ -1,4 +1,4 @@
-"""Dual-path scenes: the short way is prohibited by one plate, a longer one is open. Source: docs/spec/scenes.md."""
+"""Dual-path scenes: the short way is prohibited by one plate, a longer one is open. Source: docs/scenes.md."""
 
 from __future__ import annotations
 

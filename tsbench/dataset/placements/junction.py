@@ -1,6 +1,6 @@
 """Junction scenes where the ego gives way: its arm, the arms with priority, a convoy on one of these.
 
-Source: docs/spec/scenes.md, "Junction".
+Source: docs/scenes.md, "Priority at junctions".
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from types import MappingProxyType
 
 from lxml import etree
 
-from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.junction_arms import (
     Arms,
@@ -166,7 +165,7 @@ class GiveWayPlacement(ScenePlacement):
             plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
         if self._faces == "main_arms":
             for post in plates:
-                require(in_sight(task, start, post, SIGN_RANGE_M), "a plate is out of the ego's sight")
+                require(in_sight(task, start, post), "a plate is out of the ego's sight")
         return tuple(plates)
 
 

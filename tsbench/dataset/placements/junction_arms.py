@@ -1,6 +1,6 @@
 """Roles of a junction's arms: which are the main road, on which the ego comes, to which it gives way.
 
-Source: docs/spec/scenes.md, "Junction"; docs/spec/rules.md, "Give way" (who has priority).
+Source: docs/scenes.md, "Priority at junctions"; docs/rules.md, "Give way" (who has priority).
 """
 
 from __future__ import annotations

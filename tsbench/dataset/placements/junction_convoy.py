@@ -1,6 +1,6 @@
 """Pairs of paths through a junction that meet, and a convoy that is there when the ego is. Units: m, m/s, s.
 
-Source: docs/spec/scenes.md, "Junction".
+Source: docs/scenes.md, "Priority at junctions".
 """
 
 from __future__ import annotations

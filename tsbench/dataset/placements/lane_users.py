@@ -1,6 +1,6 @@
 """Users of a contraflow lane: buses or cyclists, held until they would meet an ego that keeps its lane.
 
-Source: docs/spec/scenes.md, "Reserved lane". Units: m, s, m/s.
+Source: docs/scenes.md, "Reserved lanes". Units: m, s, m/s.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scenes with a least speed (4.6), ahead of a driver who is too slow for it. Source: docs/spec/scenes.md, "Speed"."""
+"""Minimum speed (4.6) ahead of a driver that is too slow for it. Source: docs/scenes.md, "Minimum speed"."""
 
 from __future__ import annotations
 

@@ -59,11 +59,11 @@ def shuffled(words: Sequence[str], task: SceneTask) -> list[str]:
     return [words[int(k)] for k in task.rng.permutation(len(words))]
 
 
-def in_sight(task: SceneTask, start: EgoStart, post: SignInstance, within_m: float) -> bool:
+def in_sight(task: SceneTask, start: EgoStart, post: SignInstance) -> bool:
     """Is a post near enough to the ego's start, and at a junction to its line too?"""
     way = task.network.lane(start.lane).line
     places = (start.s, *((way.length,) if task.row.family == "junction" else ()))
-    return all(math.dist(way.point_at(s), (post.x, post.y)) < within_m for s in places)
+    return all(math.dist(way.point_at(s), (post.x, post.y)) < SIGN_RANGE_M for s in places)
 
 
 def on_its_place(post: SignInstance, line: Polyline) -> bool:

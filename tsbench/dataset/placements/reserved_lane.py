@@ -1,6 +1,6 @@
 """A lane for buses or cyclists in the ego's own direction, where the ego drives.
 
-Source: docs/spec/scenes.md, "Reserved lane". Units: m.
+Source: docs/scenes.md, "Reserved lanes". Units: m.
 """
 
 from __future__ import annotations

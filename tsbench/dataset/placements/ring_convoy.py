@@ -1,6 +1,6 @@
 """A convoy that comes round a ring and is at the entry when the ego is. Units: m, m/s, s.
 
-Source: docs/spec/scenes.md, "Roundabout".
+Source: docs/scenes.md, "Roundabout".
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Roundabout scenes: the ego enters a ring on which a convoy comes round, and leaves it on another arm.
 
-Source: docs/spec/scenes.md, "Roundabout". Units: m, m/s.
+Source: docs/scenes.md, "Roundabout". Units: m, m/s.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: docs/spec/scenes.md, "Speed"."""
+"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: docs/scenes.md, "Speed zones"."""
 
 from __future__ import annotations
 

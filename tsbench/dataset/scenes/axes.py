@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import mean
 
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.scenarios.store import SceneFiles, SceneStore
+from tsbench.scenarios.store import SceneStore
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.sim.scene import SceneLayout
 from tsbench.sim.scene_file import read_layout
@@ -64,11 +64,9 @@ def asked_of(layout: SceneLayout) -> Asked:
     )
 
 
-def type_axes(
-    specs: Sequence[ScenarioSpec], progress: Progress, files: SceneFiles | None = None
-) -> list[TypeAxes]:
+def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
-    store = SceneStore() if files is None else files
+    store = SceneStore()
     # Rows of a map one after the other: the store unpacks a map at a time.
     signed = sorted(
         (s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant)

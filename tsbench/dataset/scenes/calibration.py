@@ -1,6 +1,6 @@
 """How near the built scenarios come to nuPlan's traffic: empirical CDFs and KS distances.
 
-Source: docs/spec/simulation.md, "Traffic". The published nuPlan figures are quantiles; between them their CDF is taken
+Source: docs/simulation.md, "Traffic". The published nuPlan figures are quantiles; between them their CDF is taken
 as linear, beyond the outermost nothing is compared. Units: m/s, and moving cars per lane within 150 m.
 """
 

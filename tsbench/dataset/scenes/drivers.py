@@ -1,4 +1,4 @@
-"""Background drivers drawn from the nuPlan figures. Source: docs/spec/simulation.md, "Traffic"."""
+"""Background drivers drawn from the nuPlan figures. Source: docs/simulation.md, "Traffic"."""
 
 from __future__ import annotations
 

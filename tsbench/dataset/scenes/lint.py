@@ -1,4 +1,4 @@
-"""Is a scene what it says? Source: docs/spec/scenes.md, "Certification" (sane). Units: m, rad."""
+"""Is a scene what it says? Source: docs/scenes.md, "Certificates" (sane). Units: m, rad."""
 
 from __future__ import annotations
 

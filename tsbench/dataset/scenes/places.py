@@ -1,4 +1,4 @@
-"""Which maps are one place, so that their figures are correlated. Source: docs/spec/metrics.md, "Aggregation"."""
+"""Which maps are one place, so that their figures are correlated. Source: docs/metrics.md, "Aggregation"."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Recipe:
     placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
-    (docs/spec/scenes.md, "Certification"). violating_baseline: a driver that should break it in a draw, "" = none. It
+    (docs/scenes.md, "Certificates"). violating_baseline: a driver that should break it in a draw, "" = none. It
     is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
     """
 
@@ -152,6 +152,6 @@ def _check_choice(path: Path, where: str, entry: object, kind: Any) -> None:
             _check_choice(path, f"{where}: {part}", value, _PARTS[part])
 
 
-def recipe_types(folder: Path | None = None) -> tuple[str, ...]:
+def recipe_types() -> tuple[str, ...]:
     """Types that have a recipe, sorted."""
-    return tuple(sorted(p.stem for p in (folder or recipes_folder()).glob("*.yaml")))
+    return tuple(sorted(p.stem for p in recipes_folder().glob("*.yaml")))

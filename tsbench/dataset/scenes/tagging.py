@@ -10,11 +10,11 @@ from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import stratum_of
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.split import split_pool
-from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
-# Of a routing type's test maps at most this share is to be from the generalised extract (docs/spec/scenes.md).
+# Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
 GOAL = 0.3
 ROUTING = "routing"
 
@@ -42,9 +42,9 @@ class Tagging:
         return self.maps - self.plain
 
 
-def tagging(specs: Sequence[ScenarioSpec], pool: Sequence[PoolRow] | None = None) -> list[Tagging]:
+def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     """One entry per type and split, in alphabetical order. Raises InputError."""
-    pool = read_pool(pool_file()) if pool is None else pool
+    pool = read_pool(pool_file())
     known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
     catalog = load_catalog()
     groups = {kind.id: kind.group for kind in catalog.types}

@@ -1,4 +1,4 @@
-"""The ten variants of a map. Source: docs/spec/scenes.md, "Ten variants per map"."""
+"""The ten variants of a map. Source: docs/scenes.md, "Variants"."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks scenario rows: hashes, and whether each scene is what it says (docs/spec/scenes.md, "Certification", sane)."""
+"""Checks scenario rows: hashes, and whether each scene is what it says (docs/scenes.md, "Certificates", sane)."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _PART = "train"
 
 @dataclass(frozen=True, kw_only=True)
 class FineTuning(TrainingRecipe):
-    """Figures of a fine-tuning; the defaults are docs/spec/planners.md's.
+    """Figures of a fine-tuning; the defaults are docs/finetuning.md's.
 
     mask_signs: are posts shown in place of plates? Then the network is `plant2-blind`'s, here and wherever weights of
     `plant2-ft` are asked for below.

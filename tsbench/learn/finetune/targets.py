@@ -1,6 +1,6 @@
 """What `plant2-ft` learns of an obedient drive: targets by rule, and which ticks are decisions.
 
-Source: docs/spec/planners.md; where it says little, this is how it was read:
+Source: docs/finetuning.md; where it says little, this is how it was read:
 * Path: the way that was driven, 20 m of it by metres (4 s at 5 m/s), never the route. The route that is seen is the
   navigation's: at manoeuvre and travel-direction signs it leads into the prohibited branch until the ego has left it.
 * Speed: the least of the driver's from `Sampling.speed_s` on to 4 s ahead, where a rule is about speed, and in the

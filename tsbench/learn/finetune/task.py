@@ -1,4 +1,4 @@
-"""`tsbench train plant2-ft`: imitation of obedient driving, from `plant2`'s weights. Source: docs/spec/planners.md."""
+"""`tsbench train plant2-ft`: imitation of obedient driving, from `plant2`'s weights. Source: docs/finetuning.md."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Training frames: what a planner would have seen at a tick of a drive, and what the driver then did.
 
 Frames are made from the record of a drive (its snapshots), which deterministic simulation gives again at any time.
-Source: docs/spec/planners.md. Units: m, s, m/s, rad; targets are in the frame of the pose that the frame is seen from.
+Source: docs/planners.md. Units: m, s, m/s, rad; targets are in the frame of the pose that the frame is seen from.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,6 @@ class CollectOptions:
     learned_variants: int = VARIANTS
     tries: int = TRIES
     workers: int | None = None
-    limits: Limits = field(default_factory=Limits)
     redrive: bool = False
 
 
@@ -103,7 +102,7 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
     contract = basis()
     check_folder(options.out, {"contract": contract, "effective": effective})
     most = len(plan.scenarios) * len(options.request.planners)
-    with make_executor("local", options.workers, most, options.limits) as pool:
+    with make_executor("local", options.workers, most, Limits()) as pool:
         planners = probe(pool, options.request)
         for planner in planners:
             if not planner.privileged:

@@ -1,6 +1,6 @@
 """One expert on one scenario, tried until it obeys and arrives: what the oracle has the workers of `tsbench.run` do.
 
-Source: docs/spec/planners.md, "Oracle". Every try is driven with rounded commands, so that successes can be replayed.
+Source: docs/oracle.md, "select". Every try is driven with rounded commands, so that successes can be replayed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """`tsbench oracle select`: of each scenario the best two drives that obeyed and arrived.
 
-Source: docs/spec/planners.md, "Oracle". Of the experts without a network (the IDM kind) only the fastest counts; drives
+Source: docs/oracle.md, "select". Of the experts without a network (the IDM kind) only the fastest counts; drives
 are ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of
-drives stand that of all tries and what they were made with: a collection can be begun again from these
-(`oracle_restore`).
+drives stand that of all tries and what they were made with.
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ def part_of(spec: ScenarioSpec) -> str:
 
 
 def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
-    """Choose from a collection and write the table `path`, and beside it what the collection is restored from.
+    """Choose from a collection and write the table `path`, and beside it all tries and what they were made with.
 
     Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
     """

@@ -216,11 +216,11 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     return old
 
 
-def read_collection(folder: Path, origin: str, name: str = NAME) -> Manifest:
+def read_collection(folder: Path, origin: str) -> Manifest:
     """The manifest of a collection. Raises InputError, which says its origin (a command), where there is none."""
-    manifest = read_manifest(folder, name)
+    manifest = read_manifest(folder)
     if manifest is None or manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{folder / name}: no collection ({origin})")
+        raise InputError(f"{folder / NAME}: no collection ({origin})")
     return manifest
 
 

@@ -187,13 +187,11 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
         save_table(pa.Table.from_arrays(arrays, schema=SCHEMA), path, _ENCODINGS)
 
 
-def read_trajectories(path: Path) -> list[Recorded]:
-    """The drives of a table, in its order. Raises InputError for a missing, broken or foreign file."""
-    return list(stream_trajectories(path))
-
-
 def stream_trajectories(path: Path) -> Iterator[Recorded]:
-    """The drives of a table, in its order, of which only a few hundred are objects at a time."""
+    """The drives of a table, in its order, of which only a few hundred are objects at a time.
+
+    Raises InputError for a missing, broken or foreign file.
+    """
     table = open_table(path, SCHEMA, ORIGIN)
     for start in range(0, len(table), _DRIVES_AT_ONCE):
         yield from _recorded(table.slice(start, _DRIVES_AT_ONCE).combine_chunks())

@@ -1,6 +1,6 @@
 """The bird's-eye raster that `carl` sees: nine channels, 2 px/m, the ego's heading up. Blind to signs.
 
-Source: docs/spec/planners.md; Jaeger et al., "CaRL", arXiv 2504.17838, whose raster is 256 x 256. Here it is 128 x 128:
+Source: docs/planners.md; Jaeger et al., "CaRL", arXiv 2504.17838, whose raster is 256 x 256. Here it is 128 x 128:
 48 m ahead, 16 m behind and 32 m to each side, which a CPU can learn from. The channels keep the reference's layout:
 
 0 drivable, 1 route, 2 lane lines, 3 lights (the maps have none), 4 stop signs (empty: no sign is seen), 5 speed limits

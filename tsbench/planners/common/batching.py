@@ -1,7 +1,7 @@
-"""Planners whose network one process can answer for many episodes at once.
+"""Planners with a network that answers records: on the CPU, or by torch on another device.
 
 Such a planner turns an observation into a record, has its network answer records with records, and turns the answer
-into a command; what it remembers of an episode stays with it. So only records travel, and a network is loaded once.
+into a command.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.core.errors import InputError
+
 DEVICES = ("cpu", "cuda")
 
 Records = npt.NDArray[np.void]
@@ -21,21 +23,23 @@ Infer = Callable[[Records], Records]
 
 @runtime_checkable
 class Batched(Protocol):
-    """What the class of such a planner has besides `reset` and `act`. Its constructor takes `infer`: Infer | None,
-    who answers its records; None = a network of its own on the CPU.
+    """What the class of such a planner has besides `reset` and `act`. Its constructor takes `infer`: Infer | None, the
+    network that answers its records; None = its network on the CPU.
 
-    inputs, outputs: dtypes of the records. served_on: devices on which a batch costs less than its parts.
+    inputs: dtype of the records. served_on: devices that its network runs on besides the CPU.
     """
 
     inputs: ClassVar[np.dtype[Any]]
-    outputs: ClassVar[np.dtype[Any]]
     served_on: ClassVar[tuple[str, ...]]
 
     @staticmethod
     def network(device: str) -> Infer:
-        """Load the network on `cpu` or `cuda`."""
+        """Load the network on `cpu` or a device of `served_on`."""
 
 
-def is_served(planner: object, device: str) -> bool:
-    """Is it a class whose network is worth a process of its own on a device?"""
-    return isinstance(planner, type) and isinstance(planner, Batched) and device in planner.served_on
+def check_device(device: str) -> None:
+    """Raises InputError where torch does not see the device."""
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: torch sees no CUDA device here")

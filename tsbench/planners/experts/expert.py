@@ -7,6 +7,7 @@ constraint's route for its own, and its command is capped by what the constraint
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -18,12 +19,45 @@ from tsbench.planners.base import Control, Observation, Planner, PlannerContext,
 from tsbench.planners.common.lane_change import LaneChanges
 from tsbench.planners.common.pure_pursuit import follow
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
-from tsbench.planners.experts.obstacle_filter import ObstacleFilter
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
 from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
+
+_HALF_WIDTH_M = 1.0
+_CLEARANCE_M = 0.3
+_WINDOW_M = 60.0
+
+
+class ObstacleFilter:
+    """A base planner without the obstacles beside its route, and without those that it has begun to pass.
+
+    Learned planners stop before an obstacle on the lane, as their teachers did, and know no route that leads around it;
+    an expert that leads them past such an obstacle would wait for ever.
+    """
+
+    def __init__(self, base: Planner) -> None:
+        self._base = base
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control | Trajectory:
+        o = observation
+        if not o.obstacles:
+            return self._base.act(o)
+        line, s = o.route.path.line, o.route.s
+        kept = []
+        for thing in o.obstacles:
+            at, aside = line.project(thing.x, thing.y, s - _WINDOW_M, s + _WINDOW_M)
+            turned = thing.heading - line.heading_at(at)
+            c, n = abs(math.cos(turned)), abs(math.sin(turned))
+            wide = 0.5 * (c * thing.width + n * thing.length)
+            if at > s - HALF_LENGTH_M and abs(aside) - wide < _HALF_WIDTH_M + _CLEARANCE_M:
+                kept.append(thing)
+        return self._base.act(replace(o, obstacles=tuple(kept)))
+
 
 # By kind of rule: the constraint in the file of its name.
 CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = load_rule_classes(

@@ -7,21 +7,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, obstacle_ahead
 from tsbench.planners.experts.rules.constraint import RuleConstraint
-from tsbench.planners.experts.rules.manoeuvre import u_turns
+from tsbench.planners.experts.rules.manoeuvre import Without, u_turns
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.floor.lanes import BesideUsers, OwnPath, oncoming_path
 from tsbench.planners.floor.polite import Polite
 from tsbench.planners.floor.speeds import BehindLeader, HeldStop, SlowFrom, least_speed, limit_of
-from tsbench.planners.floor.ways import OtherWay, other_way
 from tsbench.planners.helpers import sign_ahead
-from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.lane_graph import RoutePath, Turn
 from tsbench.roads.road_map import RoadMap
-from tsbench.sim.world import ActorKind
+from tsbench.sim.navigation import Navigator, RouteView
+from tsbench.sim.world import ActorKind, EgoState
 
 # Where scenes have their posts, in metres: into an exit that may be closed, before the end of a zone, after the start.
 _CLOSED_EXIT_M = (7.5, 12.5)
@@ -44,6 +45,26 @@ def guess(context: PlannerContext, seen: Observation) -> RuleConstraint | None:
     if fork - route.s < _FORK_WITHIN_M:
         return _at_junction(context, seen, posts)
     return _on_road(context, seen, posts)
+
+
+def other_way(context: PlannerContext, ego: EgoState, banned: AbstractSet[Turn]) -> Navigator | None:
+    """Navigation without some turns, such as its own at the first fork; None where no other way leads there."""
+    navigator = Navigator(Without(context.graph, banned), context.destination)
+    try:
+        navigator.update(ego)
+    except ValueError:
+        return None
+    return navigator
+
+
+class OtherWay(RuleConstraint):
+    """Leads by a navigation of `other_way`, to the end."""
+
+    def __init__(self, navigator: Navigator) -> None:
+        self._navigator = navigator
+
+    def route(self, observation: Observation) -> RouteView:
+        return self._navigator.update(observation.ego)
 
 
 def first_fork(roads: RoadMap, path: RoutePath) -> float:

@@ -1,6 +1,7 @@
-"""`plant2-ft` without what is written by hand beside its network, to see what that is worth. Not registered.
+"""`plant2-ft` varied for experiments: trained with another seed, or without its hand-written parts.
 
-`tsbench run --planner tsbench.planners.plant2.ablations:WithoutHalts`
+The second seed is registered as `plant2-ft-seed1`; `make train SEED=1` made its weights. The others are named by their
+place: `tsbench run --planner tsbench.planners.plant2.ablations:WithoutHalts`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,12 @@ from typing import ClassVar
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
 from tsbench.planners.plant2.signs import SignMemory
+
+
+class SecondSeed(Plant2Ft):
+    """The same network, lessons and hand-written parts; other draws everywhere."""
+
+    weights: ClassVar[str] = "plant2-ft-seed1"
 
 
 class WithoutHalts(Plant2Ft):

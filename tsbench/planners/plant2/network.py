@@ -1,6 +1,6 @@
 """The network: tokens through a BERT-like encoder, heads for path, waypoints, speed and forecast.
 
-Source: PlanT 2.0 (arXiv 2511.07292), docs/spec/planners.md. Batch-first tensors of float32. Results of one sample do
+Source: PlanT 2.0 (arXiv 2511.07292), docs/planners.md. Batch-first tensors of float32. Results of one sample do
 not depend on the others of its batch, to the bit: no batch statistics, and small matrices are multiplied per sample.
 """
 

@@ -1,4 +1,4 @@
-"""How many parameters stand where, beside what was published (docs/spec/planners.md)."""
+"""How many parameters stand where, beside what was published (docs/planners.md)."""
 
 from __future__ import annotations
 

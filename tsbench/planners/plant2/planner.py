@@ -4,20 +4,61 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.batching import Infer
-from tsbench.planners.plant2.control import Gains, control
+from tsbench.planners.common.batching import Infer, check_device
 from tsbench.planners.plant2.engine import Plant2Engine
-from tsbench.planners.plant2.layout import PLAN, RANGE_M, TOKENS, Record, Records
+from tsbench.planners.plant2.layout import RANGE_M, TOKENS, Record, Records
 from tsbench.planners.plant2.sizes import size_of
 from tsbench.planners.plant2.tokens import Tokeniser, to_frame
 from tsbench.planners.weights import fitted, network
+from tsbench.sim.ego import pursue
 from tsbench.sim.world import EgoState
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """speed_p (1/s), speed_d (-): on speed and acceleration; yaw_d (s): on the yaw rate that the path does not ask for.
+
+    ahead_s, ahead_m: where on the path is steered for. most, least: m/s2. halt: a slower target (m/s) is a halt.
+    """
+
+    speed_p: float = 1.5
+    speed_d: float = 0.1
+    yaw_d: float = 0.02
+    ahead_s: float = 0.4
+    ahead_m: float = 2.0
+    most: float = 2.5
+    least: float = -6.0
+    halt: float = 0.4
+
+
+def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: float = 0.0) -> Control:
+    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a target speed (m/s).
+
+    driven: metres since the place that the path begins at. PD control on path and speed, in m, s, m/s and rad. There is
+    no integral part: the vehicle does exactly what the command says, and without memory the plan and the ego's state
+    alone give the command.
+    """
+    target_speed = 0.0 if speed < gains.halt else speed
+    acceleration = gains.speed_p * (target_speed - ego.speed) - gains.speed_d * ego.acceleration
+    ahead = max(gains.ahead_m, gains.ahead_s * ego.speed)
+    place = min(driven + ahead, float(len(path))) - 1.0
+    k = min(int(place), len(path) - 2)
+    share = place - k
+    tx = float(path[k, 0] + share * (path[k + 1, 0] - path[k, 0]))
+    ty = float(path[k, 1] + share * (path[k + 1, 1] - path[k, 1]))
+    steering = pursue(0.0, 0.0, 0.0, tx, ty) if math.hypot(tx, ty) > 0.5 else 0.0
+    asked = 2.0 * math.sin(math.atan2(ty, max(tx, 0.1))) / max(math.hypot(tx, ty), 1.0) * ego.speed
+    steering -= gains.yaw_d * (ego.yaw_rate - asked)
+    return Control(min(max(acceleration, gains.least), gains.most), steering)
+
 
 # Ticks that a plan is followed.
 HOLD_TICKS = 2
@@ -26,16 +67,14 @@ HOLD_TICKS = 2
 class Plant2:
     """The planner. Its network plans every second tick; each tick follows the last plan from where the ego is.
 
-    infer: who answers its records; folder: of the weights of its own network (None: tsbench's).
+    infer: answers its records (None: its network on the CPU); folder: of that network's weights (None: tsbench's).
     """
 
     privileged = False
     sign_access = False
     weights: ClassVar[str] = "plant2"
     inputs: ClassVar[np.dtype[Any]] = TOKENS
-    outputs: ClassVar[np.dtype[Any]] = PLAN
     side_m: ClassVar[float] = RANGE_M
-    # On a CPU eight together cost half of eight alone, and the way to another process more than that.
     served_on: ClassVar[tuple[str, ...]] = ("cuda",)
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
@@ -53,7 +92,8 @@ class Plant2:
             return fitted(cls.weights, folder, lambda weights: Plant2Engine(size, weights))
         from tsbench.planners.plant2.torch_inference import inference, network_of
 
-        return fitted(cls.weights, folder, lambda weights: inference(network_of(size, weights), device))
+        check_device(device)
+        return inference(fitted(cls.weights, folder, lambda weights: network_of(size, weights)), device)
 
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; what is drawn of a network of roads is kept for the next episode on it."""

@@ -27,7 +27,7 @@ class Ppo(LearnedPlanner):
     """The planner."""
 
     inputs: ClassVar[np.dtype[Any]] = RECORD
-    # At this size an answer costs less than the way to another process.
+    # A GPU gains nothing at this size.
     served_on: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:

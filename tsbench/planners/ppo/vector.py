@@ -1,6 +1,6 @@
 """The 275 numbers that `ppo` sees: 9 ego, 10 navigation, 16 neighbours, 240 lidar. Sign-blind.
 
-Source: docs/spec/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them is not:
+Source: docs/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them is not:
 that is `tsbench.adapters.metadrive.MetaDriveEyes`. All are about -1..1, float32:
 
 * ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the
@@ -22,9 +22,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.measurements import ahead, clip, motion, on_route, pace
 from tsbench.planners.common.recent import Recent
-from tsbench.planners.common.road_area import road_edges
 from tsbench.planners.common.route_speed import RouteSpeed
-from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar
+from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar, road_edges
 from tsbench.roads.road_map import RoadMap
 
 Vector = npt.NDArray[np.float32]

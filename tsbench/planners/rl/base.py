@@ -37,7 +37,6 @@ class LearnedPlanner(ABC):
     sign_access = False
     follows_route = False
     inputs: ClassVar[np.dtype[Any]]
-    outputs: ClassVar[np.dtype[Any]] = ACTIONS
 
     def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
         self.infer = self.network("cpu", folder) if infer is None else infer

@@ -1,11 +1,12 @@
 """SCD of every planner in tables: the main table with conventional metrics, by type, and above the floor.
 
-Published figures stand below a planner's own. Source of the floor: docs/spec/contrast.md, "What is reported".
+Published figures stand below a planner's own. Source of the floor: docs/contrast.md, "What is reported".
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -206,18 +207,40 @@ def floor(pool: RunPool) -> Analysis:
         rows += _block(planners, "all" if panel == ALL else "group", panel)
     for kind, _ in present_types(planners):
         rows += _block(planners, "type", kind)
-    columns = (
-        *text_columns("over", "types", "planner"), *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
-        Column("n", "n", Kind.COUNT), Column("places", "places", Kind.TEXT),
-    )  # fmt: skip
     floors = ", ".join(p.planner for p in planners if p.floor)
-    notes = (
-        f"{SCD_NOTE}. Below each figure its {INTERVAL_NOTE}",
-        "strict: error outcomes count as failures. n: pairs, or halves where there are none; places: theirs",
-        f"floor: {floors} read no plate" if floors else "none of the planners is a floor",
-    )
+    notes = (*_FLOOR_NOTES, f"floor: {floors} read no plate" if floors else "none of the planners is a floor")
     title = pool.title("Planners and the sign-blind floor")
+    columns = (*text_columns("over", "types", "planner"), *_SCD_COLUMNS)
     return Analysis("floor", title, pool.contract, Table(columns, tuple(rows), 3), notes)
+
+
+_SCD_COLUMNS = (
+    *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
+    Column("n", "n", Kind.COUNT),
+    Column("places", "places", Kind.TEXT),
+)
+_FLOOR_NOTES = (
+    f"{SCD_NOTE}. Below each figure its {INTERVAL_NOTE}",
+    "strict: error outcomes count as failures. n: pairs, or halves where there are none; places: theirs",
+)
+
+
+def campaign_table(name: str, runs: Mapping[str, Summary]) -> Analysis:
+    """A block of rows for each run of a campaign, by its name; in it the planners, those that are floors last."""
+    rows: list[Row] = []
+    for run, summary in runs.items():
+        planners = sorted(summary.planners, key=lambda p: p.floor)
+        rows += [replace(row, cells=(run, *row.cells[2:])) for row in _block(planners, "all", ALL)]
+    contracts = list(dict.fromkeys(summary.contract_hash for summary in runs.values()))
+    several = [
+        f"contract {contract}: {', '.join(run for run, s in runs.items() if s.contract_hash == contract)}"
+        for contract in contracts
+        if len(contracts) > 1
+    ]
+    partial = "PARTIAL: " if any(summary.partial for summary in runs.values()) else ""
+    table = Table((*text_columns("run", "planner"), *_SCD_COLUMNS), tuple(rows), 2)
+    contract = "" if several else contracts[0]
+    return Analysis("campaign", f"{partial}Campaign {name}", contract, table, (*_FLOOR_NOTES, *several))
 
 
 def _block(planners: list[PlannerSummary], over: str, name: str) -> Iterator[Row]:

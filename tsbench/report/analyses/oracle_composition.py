@@ -1,6 +1,6 @@
 """The oracle's composition: whose drives are learned from, by group, and how many scenarios have one.
 
-Reference: docs/spec/planners.md, "Oracle": 36,828 drives of 23,200 scenarios, 29,462 to train and 7,366 to validate on.
+Reference: docs/oracle.md, "What is in it": 36,828 drives of 23,200 scenarios, 29,462 to train and 7,366 to validate on.
 """
 
 from __future__ import annotations

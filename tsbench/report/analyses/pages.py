@@ -10,6 +10,8 @@ A page asks by comments, which readers do not see:
 <!-- end -->
 <!-- analysis floor | planners idm, coin -->     the rows of these planners
 <!-- end -->
+<!-- analysis floor | csv floor-types -->     a link to tables/floor-types.csv beside the page; the last word
+<!-- end -->
 <!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them
 <!-- end -->
 <!-- figure types -->                types.png is copied to where the next line's picture is
@@ -17,11 +19,13 @@ A page asks by comments, which readers do not see:
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.text import csv_text
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.report.analyses.analysis import markdown_row
 from tsbench.report.analyses.columns import NAMES
@@ -33,6 +37,7 @@ _FIGURE = re.compile(r"<!-- figure (\S+) -->\n!\[[^\]]*\]\(([^)]+)\)")
 _CONTRACT = re.compile(r"Contract `[0-9a-f]+`")
 _BESIDE = ("n", "figure")
 _BY_GROUP = frozenset(f"{figure} {group}" for figure in NAMES.values() for group in GROUPS)
+_VALUE = re.compile(r"(\S+) \((\S+)–(\S+)\)")
 _INTERVAL = re.compile(r" \([^()]*\)$")
 
 
@@ -50,14 +55,24 @@ def refresh(page: Path, folder: Path) -> list[Path]:
             f"{page}: an <!-- analysis … --> has no <!-- end -->, or options that cannot be read"
         )
 
+    tables: dict[Path, str] = {}
+
     def fill(found: re.Match[str]) -> str:
         name, options, _ = found.groups()
         told = _told(page, folder / f"{name}.md")
         words = [word.strip() for word in options.split(" | ") if word.strip()]
-        return f"<!-- analysis {name}{options} -->\n{_table(page, told, words)}\n<!-- end -->"
+        *_, last = words or [""]
+        if not last.startswith("csv "):
+            return f"<!-- analysis {name}{options} -->\n{_table(page, told, words)}\n<!-- end -->"
+        place = f"tables/{last.removeprefix('csv ')}.csv"
+        tables[page.parent / place] = _csv(_table(page, told, words[:-1]))
+        return f"<!-- analysis {name}{options} -->\n[`{place}`]({place})\n<!-- end -->"
 
     filled = _BLOCK.sub(fill, text)
-    written = []
+    for path, table in tables.items():
+        with io_errors_as_input_errors(path):
+            write_atomic(path, table.encode())
+    written = list(tables)
     for name, place in _FIGURE.findall(text):
         target = page.parent / place
         with io_errors_as_input_errors(folder / f"{name}.png"):
@@ -114,11 +129,28 @@ def _table(page: Path, told: str, words: list[str]) -> str:
             columns = [_place(page, head, name) for name in asked if name in head or name not in _BY_GROUP]
         else:
             raise InputError(
-                f"{page}: {word!r} is none of: bare, contract, columns A, B, …, planners A, B, …, where A = x"
+                f"{page}: {word!r} is none of: bare, contract, columns A, B, …, planners A, B, …, where A = x, csv NAME"
             )
     lines = [markdown_row(row[i] for i in columns) for row in rows]
     lines.insert(1, f"|{'|'.join(rule[i] for i in columns)}|")
     return "\n".join([*lines, *lines_after])
+
+
+def _csv(table: str) -> str:
+    """A Markdown table as CSV. A column with intervals becomes three: the value, `_low` and `_high`."""
+    cells = [line[2:-2].split(" | ") for line in table.splitlines() if line.startswith("| ")]
+    plain = [[html.unescape(re.sub(r"\\(.)", r"\1", cell)) for cell in row] for row in cells]
+    columns = []
+    for head, *column in zip(*plain, strict=True):
+        parts = [_VALUE.fullmatch(cell) for cell in column]
+        if any(parts):
+            split = [
+                part.groups() if part else (cell, "", "") for cell, part in zip(column, parts, strict=True)
+            ]
+            columns += [list(c) for c in zip((head, f"{head}_low", f"{head}_high"), *split, strict=True)]
+        else:
+            columns.append([head, *column])
+    return csv_text(zip(*columns, strict=True))
 
 
 def _place(page: Path, head: list[str], name: str) -> int:

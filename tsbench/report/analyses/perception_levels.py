@@ -1,4 +1,4 @@
-"""Paired SCD over perception levels: what wrong perception costs each planner. Source: docs/spec/perception.md."""
+"""Paired SCD over perception levels: what wrong perception costs each planner. Source: docs/perception.md."""
 
 from __future__ import annotations
 

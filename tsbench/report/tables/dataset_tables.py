@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -128,10 +129,23 @@ def _tagging_note(found: Sequence[Tagging]) -> str:
     return goal + "Routing types, " + "; ".join(parts) + reason if parts else ""
 
 
-def dataset_page(tables: Sequence[Analysis]) -> str:
-    """The page docs/dataset.md."""
+def dataset_page(tables: Sequence[Analysis], folder: str) -> str:
+    """The page docs/dataset.md: the test split of the first table, and what stands in the files of all in `folder`."""
     head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
-    return "\n".join([head, *map(to_markdown, tables)])
+    first, *others = tables
+    split = [column.key for column in first.table.columns].index("split")
+    rows = tuple(row for row in first.table.rows if row.cells[split] == "test")
+    parts = [head, to_markdown(replace(first, table=replace(first.table, rows=rows)))]
+    parts.append(f"The table shows the test split. All splits: {_link(first, folder)}.\n\n## More tables\n")
+    for analysis in others:
+        columns = ", ".join(column.head for column in analysis.table.columns)
+        notes = "".join(f" {note.removesuffix('.')}." for note in analysis.notes if note)
+        parts.append(f"* {_link(analysis, folder)}: **{analysis.title}.** Columns: {columns}.{notes}")
+    return "\n".join(parts) + "\n"
+
+
+def _link(analysis: Analysis, folder: str) -> str:
+    return f"[`{folder}/{analysis.name}.csv`]({folder}/{analysis.name}.csv)"
 
 
 def _percent(share: float) -> str:

@@ -42,8 +42,11 @@ class Executor(Protocol):
 
     def __exit__(self, kind: object, *_: object) -> None: ...
 
-    def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
-        """What each planner is. Raises InputError: it does not exist, does not import, or takes too long to."""
+    def probe(self, specs: Sequence[str], device: str = "cpu") -> list[PlannerInfo]:
+        """What each planner is, made with its network on a device.
+
+        Raises InputError: it does not exist, does not import, cannot be made there, or takes too long to.
+        """
 
     def run(
         self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]

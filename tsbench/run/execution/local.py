@@ -16,7 +16,6 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.run.execution.child import cause_of_end
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.inference_client import InferenceServer
 from tsbench.run.execution.memory import MemoryUse, resident_mb
 from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
 from tsbench.run.execution.own_folder import remove_abandoned
@@ -36,11 +35,8 @@ _FROM_OUTSIDE = (-signal.SIGKILL, -signal.SIGTERM)
 class Pool:
     """The executor of this machine: worker processes."""
 
-    def __init__(self, count: int, limits: Limits | None = None, oversubscribed: int | None = None) -> None:
-        """oversubscribed: how many workers, where they mostly wait for an inference process; None = `count`."""
+    def __init__(self, count: int, limits: Limits | None = None) -> None:
         self._limits = limits or Limits()
-        self._most = oversubscribed or count
-        self._server: InferenceServer | None = None
         self._memory: list[MemoryUse] = []
         self._workers: list[WorkerProcess | None] = [None] * count
         self._selector = selectors.DefaultSelector()
@@ -71,26 +67,24 @@ class Pool:
             worker.end()
         self._workers = [None] * len(self._workers)
         self._selector.close()
-        if self._server is not None:
-            self._server.close()
         # Those that were killed could not remove their folders.
         remove_abandoned()
 
-    def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
+    def probe(self, specs: Sequence[str], device: str = "cpu") -> list[PlannerInfo]:
         """What each planner is, asked in a worker that has met no other: making one may change or end a process."""
         found: list[PlannerInfo] = []
         count = len(self._workers)
         for first in range(0, len(specs), count):
             some = specs[first : first + count]
             for slot, spec in enumerate(some):
-                self._untouched(slot, spec).send_probe(spec)
+                self._untouched(slot, spec).send_probe(spec, device)
             found += [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
         return found
 
     def run(
         self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
     ) -> None:
-        setup = self._setup = self._served(setup)
+        self._setup = setup
         for slot, worker in enumerate(self._workers):
             if worker is not None and self._index_of(worker.planner) not in (None, tasks.planner):
                 # It was asked about a planner whose turn has not come.
@@ -98,8 +92,6 @@ class Pool:
             elif worker is not None:
                 worker.configure(setup)
         while not stop():
-            if self._server is not None:
-                self._server.revive()
             self._fill(tasks)
             idle = not tasks.left and not any(worker and worker.held for worker in self._workers)
             if idle and not tasks.requeue_alone():
@@ -111,21 +103,6 @@ class Pool:
             if worker is not None and worker.held:
                 # It would go on, and write its trace behind our back.
                 self._drop(slot, worker)
-
-    def _served(self, setup: Setup) -> Setup:
-        """The setup with an inference process, where a planner's batches pay: on a GPU always."""
-        wanted = any(setup.device in planner.served_on for planner in setup.planners)
-        if not wanted or (setup.device == "cpu" and self._most == 1):
-            return setup
-        if self._server is None:
-            with io_errors_as_input_errors(Path("starting the inference process")):
-                self._server = InferenceServer(setup.device)
-        for slot, worker in enumerate(self._workers):
-            if worker is not None and worker.planner:
-                # It has a network of its own from being asked.
-                self._drop(slot, worker)
-        self._workers += [None] * (self._most - len(self._workers))
-        return replace(setup, inference=self._server.address)
 
     def memory(self) -> list[MemoryUse]:
         return [use for use in self._memory if use.episodes]

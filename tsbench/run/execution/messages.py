@@ -27,11 +27,11 @@ ISOLATED_ALONE = "tsbench.run.isolation.loading:load_alone"
 class Setup:
     """What all workers of a run are told.
 
-    planners: by `Task.planner`. out: the run folder, for traces. trace: none, violations, all. split, contract: what a
-    worker on another machine must have too. inference: where the inference process listens, "" = each worker has
-    networks of its own. runner: module:Class of what runs episodes, made with a `LoadedPlanner`, `perception`,
-    `heartbeat` and `options`; recorder: module:function from its result to a record. loader: module:function from a
-    `PlannerInfo` and `hidden` to a `LoadedPlanner`, "" = planners run in the worker; hidden: what they must not find.
+    planners: by `Task.planner`. device: where their networks run. out: the run folder, for traces. trace: none,
+    violations, all. split, contract: what a worker on another machine must have too. runner: module:Class of what runs
+    episodes, made with a `LoadedPlanner`, `perception`, `heartbeat` and `options`; recorder: module:function from its
+    result to a record. loader: module:function from a `PlannerInfo` and `hidden` to a `LoadedPlanner`, "" = planners
+    run in the worker; hidden: what they must not find.
     """
 
     planners: tuple[PlannerInfo, ...]
@@ -41,7 +41,6 @@ class Setup:
     out: str
     split: str
     contract: str
-    inference: str = ""
     runner: str = RUNNER
     recorder: str = "tsbench.run.log.score:make_record"
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -58,9 +57,10 @@ class Start:
 
 @dataclass(frozen=True)
 class Probe:
-    """The question what a planner is."""
+    """The question what a planner is. device: where its network runs."""
 
     spec: str
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)

@@ -117,8 +117,10 @@ class RayExecutor:
         """None: the workers are elsewhere."""
         return []
 
-    def probe(self, specs: Sequence[str]) -> list[PlannerInfo]:
+    def probe(self, specs: Sequence[str], device: str = "cpu") -> list[PlannerInfo]:
         """What each planner is, asked at the actor that is up first."""
+        if device != "cpu":
+            raise InputError(f"--device {device}: actors of the ray executor have CPUs only")
         lines = [encode(Probe(spec)) for spec in specs]
         asked = {handle.actor.probe.remote(lines): handle for handle in self._actors}
         end = time.monotonic() + _PATIENCE_S
@@ -141,8 +143,6 @@ class RayExecutor:
     def run(
         self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
     ) -> None:
-        if setup.device != "cpu":
-            raise InputError(f"--device {setup.device}: actors of the ray executor have CPUs only")
         self._setup = setup
         for handle in self._actors:
             self._configure(handle, setup)

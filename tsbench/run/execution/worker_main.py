@@ -28,7 +28,6 @@ from tsbench.run import opened_files
 from tsbench.run.execution import messages
 from tsbench.run.execution.fresh_episode import end_as, run_in_child
 from tsbench.run.execution.heartbeat import Heartbeat
-from tsbench.run.execution.inference_client import InferenceClient
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record, cut_short, error_row, last_seconds, lost_timing, make_timing
 from tsbench.run.planner_info import PlannerInfo, describe, place_of, resolve_unchanged
@@ -129,7 +128,7 @@ class Worker:
     def _probe(self, asked: messages.Probe) -> messages.Probed:
         self._heartbeat.beat(Phase.PLANNING)
         try:
-            return messages.Probed(describe(asked.spec))
+            return messages.Probed(describe(asked.spec, asked.device))
         except InputError as problem:
             return messages.Probed(None, str(problem))
         finally:
@@ -207,12 +206,11 @@ class Worker:
         setup = self._setup
         loaded = _named(setup.loader)(who, setup.hidden) if setup.loader else resolve_unchanged(who)
         self._place = place_of(loaded)
-        if setup.inference and setup.device in who.served_on:
-            assert loaded.batched is not None
-            outputs = loaded.batched.outputs
-            loaded = loaded.answered_by(lambda: InferenceClient(setup.inference, who.spec, outputs))
         runner: Runner = _named(setup.runner)(
-            loaded, perception=setup.perception, heartbeat=self._heartbeat.beat, **setup.options
+            loaded.on(setup.device),
+            perception=setup.perception,
+            heartbeat=self._heartbeat.beat,
+            **setup.options,
         )
         return runner
 

@@ -89,9 +89,9 @@ class WorkerProcess:
         self.held.append(task)
         self._send(task)
 
-    def send_probe(self, spec: str) -> None:
+    def send_probe(self, spec: str, device: str) -> None:
         self.planner = spec
-        self._send(Probe(spec))
+        self._send(Probe(spec, device))
 
     def _send(self, message: Any) -> None:
         try:

@@ -56,7 +56,7 @@ def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -
     ):
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
     remembers = facts.get("keeps_process") is True and not begins_afresh(spec)
-    # Its network is its own: none is served by a process that others use too.
+    # Isolated networks run on the CPU.
     info = PlannerInfo(
         name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
         code_sha256=code_hash(inner), privileged=bool(facts.get("privileged", False)),

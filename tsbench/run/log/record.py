@@ -21,6 +21,7 @@ SPEC_COLUMNS = (
     "variant", "split", "seed", "pair_id", "half", "place",
 )  # fmt: skip
 _STORY_CHARS = 1 << 16
+_SHOWN_TICKS = 30
 
 
 @dataclass(frozen=True)
@@ -81,12 +82,12 @@ def cut_short(story: str) -> str:
     return story if len(story) <= _STORY_CHARS else f"{story[:half]}\n(...)\n{story[-half:]}"
 
 
-def last_seconds(result: EpisodeResult, ticks: int = 30) -> str:
+def last_seconds(result: EpisodeResult) -> str:
     """The ego's last ticks as a table in plain text, "" if there was not even a first one."""
     if result.facts is None:
         return ""
     lines = ["  time_s        x        y  heading   speed  lane  asked acceleration, steering"]
-    first = max(len(result.facts.snapshots) - ticks, 0)
+    first = max(len(result.facts.snapshots) - _SHOWN_TICKS, 0)
     for number, snapshot in enumerate(result.facts.snapshots[first:], start=first):
         ego = snapshot.ego
         asked = (

@@ -1,0 +1,224 @@
+"""`tsbench campaign`: the runs that a file lists, with one table over them. Source: docs/run.md, "Campaigns"."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import copy
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tsbench.cli import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, options
+from tsbench.cli.analyse import KINDS
+from tsbench.cli.config import given_options, long_name
+from tsbench.cli.console import show_analysis
+from tsbench.cli.run import drive
+from tsbench.cli.run import run as run_command
+from tsbench.core.errors import InputError
+from tsbench.core.text import written_out
+from tsbench.core.textfile import read_yaml
+from tsbench.episode.perception_level import EXACT
+from tsbench.run.log.folder import TRACES
+from tsbench.run.log.read import is_run
+
+if TYPE_CHECKING:
+    from tsbench.metrics.aggregate import Summary
+
+# Options of `tsbench run` that the command line may give for all runs; they go before the file.
+_FOR_ALL = ("types", "limit", "variants", "workers", "executor", "trace")
+# The campaign has them itself.
+_NOT_IN_FILE = ("out", "overwrite")
+
+
+@dataclass(frozen=True)
+class CampaignRun:
+    """A run of a campaign. given: the file's values, as `Context.default_map` of `tsbench run` takes them."""
+
+    name: str
+    given: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class CampaignAnalysis:
+    """An analysis over runs of a campaign. kind: its command. name: of its files."""
+
+    kind: str
+    name: str
+    runs: tuple[CampaignRun, ...]
+
+
+def read_campaign(path: Path) -> tuple[tuple[CampaignRun, ...], tuple[CampaignAnalysis, ...]]:
+    """The runs and the analyses of a file, checked. Raises InputError with the place in it."""
+    content = _mapping(read_yaml(path, "campaign"), f"{path}", ("runs", "defaults", "analyses"))
+    defaults = _mapping(content.get("defaults", {}), f"{path}: defaults")
+    entries = _list(content.get("runs"), f"{path}: runs")
+    runs = tuple(one for n, entry in enumerate(entries, 1) for one in _runs(entry, defaults, path, n))
+    names = [one.name for one in runs]
+    if twice := [name for k, name in enumerate(names) if name in names[:k]]:
+        raise InputError(f"{path}: runs: {twice[0]}: two runs have this name: rename one")
+    for one in runs:
+        with options_of(one, {}, path):
+            pass
+    wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
+    made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1))
+    return runs, tuple(made)
+
+
+def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> Iterator[CampaignRun]:
+    """The run of an entry, or one for each of its levels of perception."""
+    told = _mapping(entry, f"{path}: runs {number}")
+    name = _name(told.get("name"), f"{path}: runs {number}")
+    values = {key: value for key, value in {**defaults, **told}.items() if key != "name"}
+    if own := [key for key in _NOT_IN_FILE if key in values]:
+        raise InputError(f"{path}: {name}: {own[0]}: a campaign gives it itself: leave it out")
+    levels = values.get("perception")
+    for level in levels if isinstance(levels, list) else [None]:
+        one = values if level is None else {**values, "perception": level}
+        suffix = "" if level in (None, EXACT) else f"-{Path(str(level)).stem}"
+        yield CampaignRun(name + suffix, given_options(run_command, one, f"{path}: {name}:"))
+
+
+def _analysis(entry: Any, runs: Sequence[CampaignRun], where: str) -> CampaignAnalysis:
+    told = _mapping(entry, where, ("analysis", "name", "runs"))
+    kind = told.get("analysis")
+    if kind not in KINDS:
+        raise InputError(f"{where}: analysis: {kind!r}: expected one of {', '.join(KINDS)}")
+    chosen = _named(_list(told.get("runs"), f"{where}: runs"), runs, f"{where}: runs")
+    return CampaignAnalysis(kind, _name(told.get("name", kind), where), chosen)
+
+
+def _named(names: Sequence[Any], runs: Sequence[CampaignRun], where: str) -> tuple[CampaignRun, ...]:
+    """The runs of these names, in the file's order. Raises InputError for a name that no run has."""
+    known = [one.name for one in runs]
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(f"{where}: {unknown[0]}: no such run; there are {', '.join(known)}")
+    return tuple(one for one in runs if one.name in names)
+
+
+def _mapping(value: Any, where: str, keys: Collection[str] = ()) -> Mapping[str, Any]:
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
+        raise InputError(f"{where}: expected keys with values")
+    if unknown := [key for key in value if keys and key not in keys]:
+        raise InputError(f"{where}: {unknown[0]}: no such key; there are {', '.join(keys)}")
+    return value
+
+
+def _list(value: Any, where: str) -> Sequence[Any]:
+    if not isinstance(value, list) or not value:
+        raise InputError(f"{where}: expected a list of at least one")
+    return value
+
+
+def _name(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not re.fullmatch(r"(?!analyses$)\w[\w.+-]*", value):
+        raise InputError(f"{where}: name: {value!r}: expected the name of a folder, other than 'analyses'")
+    return value
+
+
+@contextmanager
+def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterator[dict[str, Any]]:
+    """The values of all options of `tsbench run`, with the run's data set in use. Raises InputError for a wrong one."""
+    context = click.Context(run_command, info_name=one.name, default_map={**one.given, **over})
+    with context:
+        try:
+            run_command.parse_args(context, [])
+        except click.BadParameter as problem:
+            key = long_name(problem.param) if isinstance(problem.param, click.Option) else ""
+            raise InputError(f"{path}: {one.name}: {key}: {problem.message or 'is missing'}") from None
+        except InputError as problem:
+            raise InputError(f"{path}: {one.name}: {problem}") from None
+        yield context.params
+
+
+def _for_all(option: click.Parameter) -> click.Parameter:
+    again = copy(option)
+    again.default = None  # as in the file
+    return again
+
+
+@click.command(params=[_for_all(option) for option in run_command.params if option.name in _FOR_ALL])
+@click.argument("file", metavar="FILE", type=options.FILE)
+@options.out("Folder of the runs, each in a folder of its name. Default: runs/FILE.", type=options.FOLDER)
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="Only this run; give it several times for several runs."
+)
+@click.option("--no-drive", is_flag=True, help="Only the table and the analyses of runs that are there.")
+def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool, **others: Any) -> None:
+    """Drive the runs that FILE lists; the same command again goes on where it was stopped. Print a table over all.
+
+    FILE is YAML: `runs` is a list; each has a `name` and options of `tsbench run` by their names, of which `defaults`
+    gives those of all. A list of levels of `perception` makes a run of each. `analyses`, a list of commands of
+    `tsbench analyse` with their `runs`, are made when all runs are complete.
+
+    Exit codes: as of `tsbench run`; 2 also where a run could not be driven, while the others were.
+    """
+    runs, analyses = read_campaign(file)
+    chosen = _named(only, runs, "--only") if only else runs
+    folder = Path("runs") / file.stem if out is None else out
+    over = {name: value for name, value in others.items() if value not in (None, ())}
+    code, summaries = (0, _stored(chosen, folder)) if no_drive else _driven(chosen, over, file, folder)
+    if summaries:
+        from tsbench.report.analyses.main_table import campaign_table  # brings statistics
+
+        show_analysis(campaign_table(file.stem, summaries), folder / "analyses")
+    for analysis in analyses:
+        if missing := [one.name for one in analysis.runs if one.name not in summaries]:
+            click.echo(f"analysis {analysis.name}: not made without {', '.join(missing)}")
+        else:
+            _make(analysis, folder)
+    sys.exit(code)
+
+
+def _driven(
+    runs: Sequence[CampaignRun], over: Mapping[str, Any], file: Path, folder: Path
+) -> tuple[int, dict[str, Summary]]:
+    """Drive runs, one after the other: the exit code, and the summaries of those that are complete."""
+    code, summaries = 0, {}
+    for one in runs:
+        try:
+            with options_of(one, over, file) as given:
+                ended = drive(**{**given, "out": folder / one.name})
+        except InputError as problem:
+            click.echo(f"{one.name}: {written_out(' '.join(str(problem).split()))}", err=True)
+            code = EXIT_INPUT
+            continue
+        click.echo(
+            f"{one.name}: {ended.finished} of {ended.asked} episodes finished, "
+            f"{ended.errors} with an error outcome"
+        )
+        if ended.status == "interrupted":
+            sys.exit(EXIT_INTERRUPTED)
+        if ended.errors or ended.finished < ended.asked:
+            code = max(code, EXIT_FAILED)
+        if ended.summary is not None:
+            summaries[one.name] = ended.summary
+    return code, summaries
+
+
+def _stored(runs: Sequence[CampaignRun], folder: Path) -> dict[str, Summary]:
+    from tsbench.report.analyses.run_pool import read_pool  # brings statistics
+
+    there = [one.name for one in runs if is_run(folder / one.name)]
+    return {name: read_pool([folder / name], allow_partial=False).summary for name in there}
+
+
+def _make(analysis: CampaignAnalysis, folder: Path) -> None:
+    """Write an analysis below the `analyses` of a campaign's folder."""
+    out, paths = folder / "analyses", tuple(folder / one.name for one in analysis.runs)
+    # Why plates were not read in time is found in traces. Where these are gone, the analysis stays as it is.
+    eyes = [one for one in analysis.runs if one.given.get("perception", EXACT) != EXACT]
+    traced = all((folder / one.name / TRACES).is_dir() for one in eyes)
+    if analysis.kind == "perception" and not traced and (out / f"{analysis.name}.md").is_file():
+        click.echo(f"analysis {analysis.name}: stays as it is, as traces are gone")
+        return
+    from tsbench.report.analyses.analyses_by_name import analyse_runs  # brings matplotlib
+
+    with click.Context(campaign) as context:
+        options.of_their_city(context, campaign.params[0], paths)
+        made = analyse_runs(analysis.kind, paths, allow_partial=False)
+    show_analysis(replace(made, name=analysis.name), out, printed=False)
