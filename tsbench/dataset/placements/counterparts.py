@@ -1,6 +1,6 @@
 """The same plates in both halves of a pair: a plate of the one half alone hangs in the other where it binds others.
 
-Source: docs/spec/contrast.md. Units: m.
+Source: docs/contrast.md. Units: m.
 """
 
 from __future__ import annotations
