@@ -45,7 +45,8 @@ def tee() -> tuple[PoolRow, PlainNet]:
 
 MAPS = {"X": (crossroads(), cross_plain()), "T": tee()}
 Key = tuple[str, str]
-KEYS: list[Key] = [(t, shape) for t in TYPES for shape in MAPS]
+# On a T no opposite approach has the other half's plate of `secondary_road`.
+KEYS: list[Key] = [(t, shape) for t in TYPES for shape in MAPS if (t, shape) != ("secondary_road", "T")]
 
 
 def recipe_of(type_id: str) -> Recipe:
@@ -209,19 +210,21 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
         assert (chosen.ego_in, chosen.prior_in) == (f"{one}_in", (f"{other}_in",))
 
 
-def test_plates_of_a_secondary_road_face_the_main_arms(networks: dict[Key, RoadNetwork]) -> None:
+def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(
+    networks: dict[Key, RoadNetwork],
+) -> None:
     for layout in LAYOUTS:
         a = place(networks, ("secondary_road", "X"), layout)
-        assert {s.code for s in a.signs} == {"2.3.1"}
-        a = place(networks, ("secondary_road", "T"), layout)
-        # The side road comes from the south: from the right for those who drive east, from the left for the others.
-        assert {s.edge: s.code for s in a.signs} == {"w_in": "2.3.2", "e_in": "2.3.3"}
         assert a.convoy is not None
-        assert a.signs[0].edge == a.convoy.edges[0]
-        assert [s.role for s in a.signs] == ["target", "context"]
+        met = a.convoy.edges[0]
+        assert [(s.code, s.edge, s.role) for s in a.signs] == [
+            ("2.3.1", met, "target"),
+            ("2.4", "n_in", "distractor"),
+        ]
         assert a.signs[1].params is None
-        heading = {"w_in": 0.0, "e_in": math.pi}[a.signs[0].edge]
-        assert math.cos(a.signs[0].heading - heading) == pytest.approx(1.0)
+        assert math.cos(a.signs[0].heading - {"w_in": 0.0, "e_in": math.pi}[met]) == pytest.approx(1.0)
+        # The fourth arm has no plate, and no vehicle comes from there.
+        assert a.closed_edges == {"w_in", "e_in"} - {met}
 
 
 @pytest.mark.parametrize(("type_id", "code"), [("yield", "2.4"), ("stop", "2.5"), ("main_road", "2.1")])
@@ -245,7 +248,7 @@ def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
     assert told.pop(main_in) == "2.1"
     assert set(told.values()) == {"2.4"}
     assert len(told) == 2
-    assert all(s.params is None and s.role == "context" for s in others)
+    assert all(s.params is None and s.role == "distractor" for s in others)
 
 
 def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNetwork]) -> None:
@@ -303,8 +306,7 @@ NEW_PLATES = {
     # The ego comes from the south; in the T of `main_road` the main road then leads from there to the west, or is the
     # through pair.
     "yield": {"s_in": "2.1", "n_in": "2.1", "w_in": "2.4", "e_in": "2.4"},
-    "stop": {"s_in": "2.1", "n_in": "2.1", "w_in": "2.4", "e_in": "2.4"},
-    "secondary_road": {"w_in": "2.4", "e_in": "2.4"},
+    "stop": {"s_in": "2.1", "n_in": "2.1", "w_in": "2.5", "e_in": "2.5"},
 }
 
 
@@ -336,7 +338,9 @@ def test_in_the_contrast_half_the_convoy_gives_way(
         replace(s, code="2.4", params=None) for s in signed.signs
     ]
     codes = {s.edge: s.code for s in other.signs}
-    if key[0] in NEW_PLATES:
+    if key[0] == "secondary_road":
+        assert codes == {convoy: "2.4", "n_in": "2.3.1"}
+    elif key[0] in NEW_PLATES:
         assert codes == {e: c for e, c in NEW_PLATES[key[0]].items() if key[1] == "X" or e != "n_in"}
     else:
         assert (codes[signed.start.lane[:-2]], codes[convoy]) == ("2.1", "2.4")
@@ -366,8 +370,10 @@ def test_where_nobody_comes_to_a_stop_the_other_plate_asks_for_none(
     signed, other = halves(networks, contrast_networks, key, 0, empty_share=1.0)
     assert signed.convoy is other.convoy is None
     codes = [{s.edge: s.code for s in a.signs} for a in (signed, other)]
-    assert codes[0] == {e: "2.5" if e in ("s_in", "n_in") else "2.1" for e in codes[0]}
-    assert codes[1] == {e: {"2.5": "2.4"}.get(c, c) for e, c in codes[0].items()}
+    # The ego's plate and that of the opposite approach, if there is one, change places.
+    told = {"s_in": "2.5", "n_in": "2.4"}
+    assert codes[0] == {e: told.get(e, "2.1") for e in codes[0]}
+    assert codes[1] == {e: {"2.5": "2.4", "2.4": "2.5"}.get(c, c) for e, c in codes[0].items()}
     assert other.signs[0].params == signed.signs[0].params
     network = contrast_networks[key, 1.0]
     assert {c.state for c in network.outgoing[network.lane_index["s_in_0"]]} == {"m"}

@@ -34,6 +34,10 @@ from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import EgoStart
 
 
+# From layout to layout, so that they differ in approach, exit and closed exit; prime to the usual numbers of ways.
+_STRIDE = 7
+
+
 @dataclass(frozen=True)
 class _Way:
     """Into the closed exit: the ego's lane on its approach, the exit edge, and the other half's closed exit.
@@ -67,7 +71,7 @@ class ClosedRoadPlacement(ScenePlacement):
         ways = _ways(task.row, network, graph, recipe)
         if not ways:
             raise UnfitMapError("no way from the main road into an exit that could be closed")
-        way = ways[variant.layout % len(ways)]
+        way = ways[variant.layout * _STRIDE % len(ways)]
         lane = way.lane
         start = EgoStart(
             lane.id,
