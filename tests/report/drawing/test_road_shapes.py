@@ -16,9 +16,9 @@ from tsbench.core.paths import using_city
 from tsbench.geometry.polyline import Polyline
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.hud import _plain
-from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
+from tsbench.report.drawing.road_shapes import ground_shapes, mark_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import tick_shapes
-from tsbench.report.drawing.shapes import Area, Line, lane_area, rounded, rounded_along
+from tsbench.report.drawing.shapes import Area, lane_area, rounded, rounded_along
 from tsbench.report.page.page_format import drawing
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
@@ -58,15 +58,17 @@ def test_lanes_before_a_fork_say_where_they_lead() -> None:
     rows = {row.scenario_type: row for row in read_table(table_path("dev")) if row.half == "signed"}
     loader = SceneLoader()
 
-    def heads(kind: str) -> list[Area]:
+    def heads(kind: str, *, plates: bool = True) -> int:
         scene, _ = loader.load(rows[kind])
-        found = [s for s in road_shapes(scene.network) if isinstance(s, Area) and s.colour == "marking"]
-        return [area for area in found if len(area.polygon.exterior.coords) == 4]
+        shapes = [*road_shapes(scene.network), *mark_shapes(scene.network, scene.signs if plates else ())]
+        found = [s.polygon for s in shapes if isinstance(s, Area) and s.colour == "marking"]
+        return sum(len(one.exterior.coords) == 4 for one in found)
 
-    assert len(heads("yield")) >= 4
-    assert heads("crosswalk") == []
-    crossed, _ = loader.load(rows["crosswalk"])
-    assert any(isinstance(s, Line) for s in road_shapes(crossed.network))
+    assert heads("yield") >= 4
+    assert heads("speed_limit") == 0
+    # At a junction whose plate says which ways are open, none contradicts the plate of either half.
+    for kind in ("no_turn_left", "one_way_left", "no_entry"):
+        assert heads(kind) < heads(kind, plates=False)
 
 
 def test_a_one_way_road_says_again_and_again_which_way_it_goes() -> None:

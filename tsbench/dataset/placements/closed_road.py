@@ -33,7 +33,6 @@ from tsbench.signs.contrast import ContrastClause, PassageParams, WayParams
 from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import EgoStart
 
-
 # From layout to layout, so that they differ in approach, exit and closed exit; prime to the usual numbers of ways.
 _STRIDE = 7
 

@@ -21,6 +21,7 @@ from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import CrosswalkParams, ReservedLaneParams
 
 _ROUND_M = 0.15
@@ -33,6 +34,9 @@ _SOLID_STATES = frozenset("swoOrRyYuUgG")
 _GIVE_WAY_STATES = frozenset("m=")
 _TOOTH_M = (0.35, 0.75)
 _ZEBRA_M = (0.5, 0.5)
+# Rules whose plates stand on an approach, and at the mouth of an exit, and say which ways are open.
+_APPROACH_RULES = frozenset({"manoeuvre", "one_way_exit"})
+_MOUTH_RULES = frozenset({"no_entry", "closed_road"})
 # Where people wait, beyond the kerb: as deep as netconvert makes it, and wider than the crossing.
 _APRON_M = (3.0, 1.6)
 
@@ -51,8 +55,8 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
         if edge.internal or not lanes:
             continue
         yield from _edge_marks(lanes, edge.id in two_way, network.to_kerb)
-        for lane in lanes:
-            yield from _arrows(network, lane, one_way=edge.id not in two_way)
+        for lane in lanes if edge.id not in two_way else ():
+            yield from _one_way_arrows(network, lane)
 
 
 def _two_way(network: RoadNetwork) -> set[str]:
@@ -73,7 +77,8 @@ def _two_way(network: RoadNetwork) -> set[str]:
 def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Iterator[Area | Line]:
     """What plates have painted: reserved lanes, stop and give-way lines, the stripes of a crossing with its plate.
 
-    An arm without a plate of priority has the line that the network's rights of way ask for.
+    An arm without a plate of priority has the line that the network's rights of way ask for. Lanes have arrows before
+    a fork, except where a plate of the scene says which ways are open: the other half's plate says otherwise.
     """
     reserved = {name for s in signs if isinstance(s.params, ReservedLaneParams) for name in s.params.lanes}
     for name in sorted(reserved):
@@ -82,10 +87,26 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
         yield Area("reserved", lane_area(lane.line, lane.width - 2.0 * _LINES_M))
     for index, line in stop_lines(network, signs).items():
         yield from _end_marks(network.lanes[index], line)
+    regulated = _regulated(network, signs)
+    for lane in network.lanes:
+        if not lane.internal and network.edges[lane.edge].target not in regulated:
+            yield from _turn_arrows(network, lane)
     striped = {sign.params.crossing for sign in signs if isinstance(sign.params, CrosswalkParams)}
     for crossing in network.crossings.values():
         for dash in dashes(crossing.line.points, *_ZEBRA_M) if crossing.id in striped else ():
             yield Area("marking", strip(Polyline(dash), crossing.width))
+
+
+def _regulated(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
+    """Nodes at which plates say which ways are open."""
+    nodes, catalog = set[str](), load_catalog()
+    for sign in signs:
+        edge, rule = network.edges[sign.edge], catalog.sign(sign.code).rule.name
+        if rule in _APPROACH_RULES:
+            nodes.add(edge.target)
+        elif rule in _MOUTH_RULES:
+            nodes.add(edge.source)
+    return nodes
 
 
 def _aprons(crossing: Crossing) -> list[shapely.Geometry]:
@@ -177,23 +198,34 @@ _BEFORE_END_M, _APART_M, _LEAST_LANE_M = 12.0, 35.0, 9.0
 _LENGTH_M = 5.6  # of an arrow straight on
 
 
-def _arrows(network: RoadNetwork, lane: Lane, one_way: bool) -> Iterator[Area | Line]:
-    """Where a lane leads, painted before a fork; on a one-way road again and again which way it goes."""
+def _turns(network: RoadNetwork, lane: Lane) -> set[str]:
+    """Ways that a lane leads before a fork; none where it has no arrow."""
     if not lane.permits("passenger") or lane.line.length < _LEAST_LANE_M:
-        return
+        return set()
     turns = {_LEANS.get(c.direction, c.direction) for c in network.outgoing[lane.index]}
     turns &= {*_WAYS_M, *_MIRRORED}
     forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - _BACK) > 1
-    length, plain = lane.line.length, 0.0
-    if forks and turns - _BACK:
-        middle = 0.5 * (length + _LENGTH_M)
-        yield from _arrow(lane, max(length - _BEFORE_END_M, middle) - _POINT_M, turns)
-        plain = _BEFORE_END_M + _APART_M / 2
-    if one_way and length - plain >= _LEAST_LANE_M:
-        count = max(round((length - plain) / _APART_M), 1)
-        apart = (length - plain) / count
+    return turns if forks and turns - _BACK else set()
+
+
+def _turn_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
+    """Where a lane leads, painted before a fork."""
+    if turns := _turns(network, lane):
+        length = lane.line.length
+        front = max(length - _BEFORE_END_M, 0.5 * (length + _LENGTH_M)) - _POINT_M
+        yield from _arrow(lane, front, turns)
+
+
+def _one_way_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
+    """Again and again which way a one-way road goes."""
+    if not lane.permits("passenger"):
+        return
+    plain = _BEFORE_END_M + _APART_M / 2 if _turns(network, lane) else 0.0
+    length = lane.line.length - plain
+    if length >= _LEAST_LANE_M:
+        count = max(round(length / _APART_M), 1)
         for k in range(count):
-            yield from _arrow(lane, (k + 0.5) * apart + 0.5 * _LENGTH_M - _POINT_M, {"s"})
+            yield from _arrow(lane, (k + 0.5) * length / count + 0.5 * _LENGTH_M - _POINT_M, {"s"})
 
 
 def _beside(network: RoadNetwork, lane: Lane) -> tuple[int, ...]:
