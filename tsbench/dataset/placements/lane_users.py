@@ -28,18 +28,19 @@ def lane_users(
     edges: tuple[str, ...],
     before: Lane,
     start: EgoStart,
+    across: float,
 ) -> ConvoySetup:
-    """The users of `lane`, who then drive over `edges`; `before`: the ego's lane up to the plate.
+    """The users of `lane`, who then drive over `edges`; `before`: the ego's lane, `across` from its end to theirs.
 
-    They come towards the ego, close behind one another, and meet it front to front a little past the plate. Raises
-    UnfitMapError.
+    They come towards the ego, close behind one another, and meet it front to front a little way along their lane.
+    Raises UnfitMapError.
     """
     recipe, variant = task.recipe, task.variant
     driver = user_driver(recipe)
     length_m = lane.line.length
     meet = min(recipe.number("meet_m"), recipe.number("meet_share") * length_m)
     to_line = before.line.length - start.s - EGO_LENGTH_M / 2
-    eta = predicted_arrival(to_line, to_line + meet, start.speed, before.speed, before.speed)
+    eta = predicted_arrival(to_line, to_line + across + meet, start.speed, before.speed, before.speed)
     zone = length_m - meet
     way = way_from_standstill(driver, recipe.number("user_time_share") * eta)
     first = driver.length + _END_ROOM_M
@@ -52,7 +53,7 @@ def lane_users(
     require(bool(places) and zone - lead >= _LEAST_WAY_M, f"the reserved lane is {length_m:.0f} m long")
     return ConvoySetup(
         drivers=(driver,) * len(places), places=places, lane=lane.id, edges=edges, zone_m=zone, line_lane=before.id,
-        ego_zone_m=meet, ego_cruise_mps=before.speed, ego_turn_mps=before.speed, vclass=vclass,
+        ego_zone_m=across + meet, ego_cruise_mps=before.speed, ego_turn_mps=before.speed, vclass=vclass,
     )  # fmt: skip
 
 
