@@ -212,10 +212,8 @@ def test_the_other_plate_of_a_least_speed(networks: dict[str, RoadNetwork], aske
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
 @pytest.mark.parametrize("seed", range(6))
 def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
-    network, recipe = networks["min_speed"], recipe_of("min_speed")
-    a = place(networks, "min_speed", initial, seed)
+    recipe, a = recipe_of("min_speed"), place(networks, "min_speed", initial, seed)
     (plate,) = a.signs
-    lane = network.lane(a.start.lane)
     minimum = float(plate.value or 0.0)
     assert minimum == 40.0  # the road's own limit is 50
     assert 12.0 - 1e-6 <= minimum - a.start.speed * 3.6 <= 18.0 + 1e-6
